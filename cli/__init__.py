@@ -1,0 +1,1 @@
+"""The command line: the composition root. May import everything; nothing imports it."""

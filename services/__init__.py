@@ -1,0 +1,1 @@
+"""The microservices. Each is its own process; none imports another."""

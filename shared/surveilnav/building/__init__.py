@@ -1,0 +1,1 @@
+"""Simulated buildings: sources, scene, renderer, navigation, camera placement. No bus in here."""

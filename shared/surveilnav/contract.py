@@ -1,0 +1,193 @@
+"""THE table: every key expression of the system, what it carries, who owns it, how fresh it must be.
+
+A key string appears nowhere else. ``docs/contract.md`` is generated from this file
+(``python -m surveilnav.contract > docs/contract.md``); a test keeps them equal.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from surveilnav import messages as m
+from surveilnav.messages.base import Message
+
+VERSION = 1
+ROOT = f"surveilnav/{VERSION}"
+LIVELINESS = "@surveilnav/" + str(VERSION) + "/{building}/{kind}/{id}"
+
+Priority = Literal["control", "data", "bulk"]
+_FIELD = re.compile(r"\{(\w+)\}")
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """One line of the table.
+
+    ``kind`` is "put" or "query" ("put+query": both). ``request`` is what a query carries, ``message`` what is
+    put or replied. ``payload`` says that raw bytes travel as the payload, the message then being the
+    attachment. ``max_age_ms``: older is stale. ``rate_hz``: None means on change.
+    """
+
+    name: str
+    key: str
+    message: type[Message]
+    owner: str
+    kind: Literal["put", "query", "put+query"]
+    rate_hz: float | None
+    max_age_ms: int
+    priority: Priority
+    carries: str
+    request: type[Message] | None = None
+    payload: bool = False
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The names in braces, in order."""
+        return tuple(_FIELD.findall(self.key))
+
+    def key_for(self, **ids: object) -> str:
+        """The concrete key, or a key expression where a field is left out (``*``).
+
+        Raises:
+            ValueError: an id that can't stand in a key; it names the characters allowed.
+        """
+        unknown = set(ids) - set(self.fields)
+        if unknown:
+            raise ValueError(f"{self.name} has no field {sorted(unknown)}; it has {self.fields}")
+
+        def put(match: re.Match[str]) -> str:
+            value = str(ids.get(match.group(1), "*"))
+            if value != "*" and not _ID.fullmatch(value):
+                raise ValueError(f"an id has letters, digits, '_', '.', '-' (at most 64), got {value!r}")
+            return value
+
+        return f"{ROOT}/{_FIELD.sub(put, self.key)}"
+
+    def ids_of(self, key: str) -> dict[str, str] | None:
+        """The ids in a concrete key, or None if it isn't one of this stream's."""
+        pattern = re.escape(ROOT + "/") + re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>[^/*]+)", re.escape(self.key))
+        match = re.fullmatch(pattern, key)
+        return match.groupdict() if match else None
+
+    @property
+    def schema(self) -> str:
+        """Name and minor version of the message, put into Zenoh's encoding."""
+        return schema_of(self.message)
+
+
+def schema_of(message: type[Message]) -> str:
+    """The schema string of a message type: a change that old readers can't read raises ``VERSION`` instead."""
+    return f"surveilnav.{message.__name__}/{VERSION}.0"
+
+
+CAMERA_INFO = Stream(
+    "camera_info", "{building}/{floor}/camera/{camera}/info", m.CameraInfo, "camera_node", "put+query", None, 10_000,
+    "data", "place, intrinsics, views, mounting offset, tier",
+)  # fmt: skip
+CAMERA_FRAME = Stream(
+    "camera_frame", "{building}/{floor}/camera/{camera}/frame/{view}", m.FrameHeader, "camera_node", "put", None, 10_000,
+    "bulk", "RGB-D of one view, while somebody listens", payload=True,
+)  # fmt: skip
+CAMERA_SUMMARY = Stream(
+    "camera_summary", "{building}/{floor}/camera/{camera}/summary", m.CameraSummary, "camera_node", "put", 0.2, 15_000,
+    "data", "labels and confidences last seen, at most 512 bytes: for choosing the floor",
+)  # fmt: skip
+CAMERA_REQUEST = Stream(
+    "camera_request", "{building}/{floor}/camera/{camera}/request", m.Ack, "camera_node", "query", None, 5_000,
+    "control", "send views again (no payload); a viewer's thumbnail (a JPEG)", request=m.CameraRequest, payload=True,
+)  # fmt: skip
+CAMERA_SLOT = Stream(
+    "camera_slot", "{building}/camera_slot/{slot}", m.Ack, "camera_node", "query", None, 2_000,
+    "control", "who holds a slot of the camera plan answers; the others look for a free one", request=m.SlotClaim,
+)  # fmt: skip
+ROBOT_OBSERVATION = Stream(
+    "robot_observation", "{building}/robot/{robot}/observation", m.Observation, "robot_node", "put", None, 2_000,
+    "bulk", "RGB-D, pose and sequence number after an action", payload=True,
+)  # fmt: skip
+ROBOT_STATUS = Stream(
+    "robot_status", "{building}/robot/{robot}/status", m.RobotStatus, "robot_node", "put+query", 1.0, 3_000,
+    "data", "state, floor, pose",
+)  # fmt: skip
+ROBOT_COMMAND = Stream(
+    "robot_command", "{building}/robot/{robot}/command", m.CommandReply, "robot_node", "query", None, 2_000,
+    "control", "one action, the sequence number it expects, a deadline", request=m.Command,
+)  # fmt: skip
+PERCEPTION_INFER = Stream(
+    "perception_infer", "{building}/perception/{worker}/infer", m.InferReply, "perception", "query", None, 30_000,
+    "data", "a picture in, detections and embeddings out", request=m.InferRequest,
+)  # fmt: skip
+PERCEPTION_TEXT = Stream(
+    "perception_text", "{building}/perception/{worker}/text", m.TextReply, "perception", "query", None, 30_000,
+    "data", "texts in, embeddings out", request=m.InferRequest,
+)  # fmt: skip
+PERCEPTION_LOAD = Stream(
+    "perception_load", "{building}/perception/{worker}/load", m.WorkerLoad, "perception", "put+query", 1.0, 3_000,
+    "data", "queue and latency of a worker, and which backend runs",
+)  # fmt: skip
+MAP_LAYER = Stream(
+    "map_layer", "{building}/map/{floor}/{layer}", m.LayerHeader, "fusion", "query", None, 5_000,
+    "data", "occupancy, explored, frontier, value (parameter target=...), cloud", payload=True,
+)  # fmt: skip
+MAP_REVISION = Stream(
+    "map_revision", "{building}/map_revision/{floor}", m.Revision, "fusion", "put+query", None, 5_000,
+    "data", "the observations and frames that the maps of a floor now hold",
+)  # fmt: skip
+OBJECTS = Stream(
+    "objects", "{building}/objects/{floor}", m.ObjectList, "fusion", "query", None, 5_000,
+    "data", "objects with their histories",
+)  # fmt: skip
+MISSION_GOAL = Stream(
+    "mission_goal", "{building}/mission/{mission}/goal", m.MissionAck, "planner", "query", None, 5_000,
+    "control", "submit a mission", request=m.MissionGoal,
+)  # fmt: skip
+MISSION_CANCEL = Stream(
+    "mission_cancel", "{building}/mission/{mission}/cancel", m.MissionAck, "planner", "query", None, 5_000,
+    "control", "cancel a mission", request=m.MissionCancel,
+)  # fmt: skip
+MISSION_STATUS = Stream(
+    "mission_status", "{building}/mission/{mission}/status", m.MissionStatus, "planner", "put+query", None, 5_000,
+    "data", "state, feedback, name of the error",
+)  # fmt: skip
+MISSION_PLAN = Stream(
+    "mission_plan", "{building}/mission/{mission}/plan", m.Plan, "planner", "put+query", None, 5_000,
+    "data", "waypoint, path, candidates",
+)  # fmt: skip
+TRAFFIC = Stream(
+    "traffic", "{building}/traffic/{node}", m.TrafficReport, "every node", "put+query", 1.0, 5_000,
+    "data", "bytes offered and delivered per key, bytes on the wire",
+)  # fmt: skip
+TRUTH = Stream(
+    "truth", "{building}/truth/{source}/{view}", m.Truth, "simulator nodes", "put", None, 10_000,
+    "bulk", "simulation only: instance ids for the backends oracle and simulated", payload=True,
+)  # fmt: skip
+
+STREAMS: tuple[Stream, ...] = tuple(v for v in list(globals().values()) if isinstance(v, Stream))
+
+
+def markdown() -> str:
+    """docs/contract.md."""
+    lines = [
+        "# The contract",
+        "",
+        "Generated from `shared/surveilnav/contract.py`; don't edit (`python -m surveilnav.contract > docs/contract.md`).",
+        f"Every key lies below `{ROOT}/`. Liveliness tokens: `{LIVELINESS}`.",
+        "",
+        "| stream | key | kind | owner | message (request) | rate | stale after | priority | carries |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for s in STREAMS:
+        request = f" ({s.request.__name__})" if s.request else ""
+        rate = f"{s.rate_hz:g} Hz" if s.rate_hz else "on change"
+        raw = "; raw payload, message as attachment" if s.payload else ""
+        lines.append(
+            f"| {s.name} | `{s.key}` | {s.kind} | {s.owner} | {s.message.__name__}{request} | {rate} "
+            f"| {s.max_age_ms / 1000:g} s | {s.priority} | {s.carries}{raw} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(markdown(), end="")

@@ -1,0 +1,56 @@
+"""Every error a user can cause.
+
+    SurveilNavError                 the base: the command line prints its text and exits 1, no traceback
+    ├── BuildingError               a building can't be found or read
+    │   └── AssetError              furniture or example homes can't be had
+    ├── TargetError                 a target name nobody can search for
+    ├── ConfigError                 a setting is wrong or missing
+    ├── PerceptionError             a perception backend can't run or answer
+    ├── WireError                   bytes that are no message of the contract
+    ├── BusError                    the router can't be reached, or a port is taken
+    └── MissionError                a mission can't be accepted; carries a name from the contract
+
+Each message says what was expected, what arrived, and what to do.
+"""
+
+from __future__ import annotations
+
+
+class SurveilNavError(Exception):
+    """The base of all errors that are the user's, the network's or the data's, not the programmer's."""
+
+
+class BuildingError(SurveilNavError):
+    """A building can't be found or read."""
+
+
+class AssetError(BuildingError):
+    """Furniture or example homes can't be had."""
+
+
+class TargetError(SurveilNavError):
+    """A target name that nobody can search for."""
+
+
+class ConfigError(SurveilNavError):
+    """A setting is wrong or missing."""
+
+
+class PerceptionError(SurveilNavError):
+    """A perception backend can't run or can't answer."""
+
+
+class WireError(SurveilNavError):
+    """Bytes that are no message of the contract: wrong schema, wrong version, or undecodable."""
+
+
+class BusError(SurveilNavError):
+    """The router can't be reached, or a port is taken."""
+
+
+class MissionError(SurveilNavError):
+    """A mission can't be accepted. ``name`` is one of the contract's failure names."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name

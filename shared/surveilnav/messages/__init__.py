@@ -1,0 +1,29 @@
+"""Every message of the contract: frozen structs without behaviour, encoded as MessagePack.
+
+Frames and units stand in the docstrings. Every message carries ``stamp_ns``, nanoseconds since the epoch
+of the sender's clock (simulated time in a benchmark).
+"""
+
+from surveilnav.messages.camera import CameraInfo, CameraRequest, CameraSummary, CameraViewInfo, SlotClaim
+from surveilnav.messages.maps import (
+    DEFAULT_LAYERS,
+    CameraUse,
+    LayerHeader,
+    ObjectEvent,
+    ObjectList,
+    ObjectRecord,
+    Revision,
+)
+from surveilnav.messages.mission import Candidate, MissionAck, MissionCancel, MissionGoal, MissionStatus, Plan
+from surveilnav.messages.node import Ack, ErrorReply, TrafficReport, TrafficRow
+from surveilnav.messages.perception import Detection, InferReply, InferRequest, TextReply, WorkerLoad
+from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Observation, RobotStatus
+from surveilnav.messages.view import FrameHeader, Part
+from surveilnav.messages.truth import Truth
+
+__all__ = [
+    "ACTIONS", "Ack", "CameraInfo", "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate", "Command",
+    "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FrameHeader", "InferReply", "InferRequest", "LayerHeader",
+    "MissionAck", "MissionCancel", "MissionGoal", "MissionStatus", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation",
+    "Part", "Plan", "Revision", "RobotStatus", "SlotClaim", "TextReply", "TrafficReport", "TrafficRow", "Truth", "WorkerLoad",
+]  # fmt: skip

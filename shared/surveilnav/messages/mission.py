@@ -1,0 +1,89 @@
+"""Missions: find a target."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from surveilnav.messages.base import Message
+
+MissionState = Literal["queued", "active", "confirming", "done", "failed", "cancelled"]
+#: How a mission can end badly.
+FailureName = Literal[
+    "not_found", "unreachable", "out_of_steps", "robot_lost", "perception_down", "fusion_down", "stuck", "bad_target"
+]
+
+
+class MissionGoal(Message, frozen=True, kw_only=True):
+    """Find ``target`` with ``robot`` (empty: any free one)."""
+
+    mission: str
+    target: str
+    robot: str = ""
+    max_steps: int = 500
+
+
+class MissionAck(Message, frozen=True, kw_only=True):
+    """Answer to a goal or a cancel: taken or refused, with the error's name and text."""
+
+    mission: str
+    accepted: bool
+    state: MissionState
+    robot: str = ""
+    error: str = ""
+    message: str = ""
+
+
+class MissionCancel(Message, frozen=True, kw_only=True):
+    """Cancel a mission; its robot stops."""
+
+    mission: str
+    reason: str = ""
+
+
+class MissionStatus(Message, frozen=True, kw_only=True):
+    """State and feedback of a mission. ``phase`` is for people: waiting, scanning, exploring, approaching, ..."""
+
+    mission: str
+    target: str
+    robot: str
+    state: MissionState
+    phase: str
+    step: int
+    max_steps: int
+    path_m: float
+    floor: str = ""
+    distance_remaining_m: float | None = None
+    found: bool = False
+    object_id: int | None = None
+    error: str = ""
+    message: str = ""
+    started_ns: int = 0
+    finished_ns: int = 0
+
+
+class Candidate(msgspec.Struct, frozen=True):
+    """A place the planner weighed: kind, (x, y) in the world, score, and why it was or wasn't taken."""
+
+    kind: Literal["target", "candidate", "frontier", "stairs"]
+    x_m: float
+    y_m: float
+    score: float
+    chosen: bool = False
+    note: str = ""
+    object_id: int | None = None
+
+
+class Plan(Message, frozen=True, kw_only=True):
+    """The planner's present plan: waypoint, path (x, y in the world, metres), and what else it weighed."""
+
+    mission: str
+    robot: str
+    floor: str
+    step: int
+    seq: int
+    action: str
+    waypoint: Candidate | None
+    path_m: list[tuple[float, float]]
+    candidates: list[Candidate]

@@ -1,0 +1,42 @@
+"""What every node says of itself."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from surveilnav.messages.base import Message
+
+
+class Ack(Message, frozen=True, kw_only=True):
+    """A plain yes, with a word about what was done."""
+
+    message: str = ""
+
+
+class ErrorReply(Message, frozen=True, kw_only=True):
+    """Why a query wasn't answered: a name from the contract and a text for people."""
+
+    name: str
+    message: str
+
+
+class TrafficRow(msgspec.Struct, frozen=True):
+    """Bytes and messages of one key expression at one node since it started."""
+
+    key: str
+    direction: Literal["offered", "delivered"]
+    messages: int
+    n_bytes: int
+
+
+class TrafficReport(Message, frozen=True, kw_only=True):
+    """The three numbers of a node. ``wire_*``: the kernel's count on this node's own sockets (None: unknown)."""
+
+    node: str
+    kind: str
+    rows: list[TrafficRow]
+    wire_sent_bytes: int | None = None
+    wire_received_bytes: int | None = None
+    rejected: dict[str, int] = {}

@@ -1,0 +1,62 @@
+"""Robots: observations, state, commands."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from surveilnav.geometry import Pose
+from surveilnav.messages.base import Message
+from surveilnav.messages.view import FrameHeader
+
+ActionName = Literal["move_forward", "turn_left", "turn_right", "look_up", "look_down", "stop", "take_stairs"]
+
+#: move_forward 0.25 m; turns and looks 30 degrees; take_stairs goes to another floor over a stair transit.
+ACTIONS: tuple[str, ...] = (
+    "move_forward", "turn_left", "turn_right", "look_up", "look_down", "stop", "take_stairs",
+)  # fmt: skip
+
+
+class Observation(FrameHeader, frozen=True, kw_only=True):
+    """What a robot sees after its last action: a frame, and its base's pose on the floor.
+
+    ``T_world_base``: x forward, z up, on the floor. ``last_action`` led here; ``collided`` says that it was
+    cut short; ``path_m`` is the length of the way so far since ``mission`` (or since start-up).
+    """
+
+    T_world_base: Pose
+    last_action: ActionName | None = None
+    collided: bool = False
+    path_m: float = 0.0
+
+
+class RobotStatus(Message, frozen=True, kw_only=True):
+    """State of a robot, at 1 Hz and on change. ``seq`` is that of its newest observation."""
+
+    robot: str
+    floor: str
+    seq: int
+    state: Literal["ready", "moving", "stopped", "error"]
+    T_world_base: Pose
+    message: str = ""
+
+
+class Command(Message, frozen=True, kw_only=True):
+    """One action, valid only if the robot's newest observation is ``seq_expected``.
+
+    ``observe`` is the sequence wanted back; ``to_floor`` belongs to take_stairs. A robot that hears no
+    command within ``deadline_ms`` after this one stops.
+    """
+
+    action: ActionName
+    seq_expected: int
+    deadline_ms: int = 60_000
+    to_floor: str | None = None
+    mission: str = ""
+
+
+class CommandReply(Message, frozen=True, kw_only=True):
+    """Whether a command was carried out, and the observation it led to (``seq``)."""
+
+    accepted: bool
+    seq: int
+    error: str = ""

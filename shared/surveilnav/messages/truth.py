@@ -1,0 +1,19 @@
+"""Simulation only: the key that real backends never subscribe to."""
+
+from __future__ import annotations
+
+from surveilnav.messages.base import Message
+
+
+class Truth(Message, frozen=True, kw_only=True):
+    """Instance ids of a view; the payload is a zstd-compressed uint16 image (height, width), 0: nothing.
+
+    ``labels`` maps instance ids to class names.
+    """
+
+    source: str
+    view: int
+    seq: int
+    width_px: int
+    height_px: int
+    labels: dict[int, str]

@@ -1,0 +1,62 @@
+"""Messages to bytes and back, with the schema checked: what can't be read is a ``WireError``, never a crash."""
+
+from __future__ import annotations
+
+import time
+from functools import lru_cache
+from typing import Any, TypeVar
+
+import msgspec
+
+from surveilnav.contract import VERSION, schema_of
+from surveilnav.errors import BusError, WireError
+from surveilnav.messages.base import Message
+
+M = TypeVar("M", bound=Message)
+_encoder = msgspec.msgpack.Encoder()
+
+
+class Unanswered(BusError):
+    """A query that nobody answered in time."""
+
+
+class Refused(BusError):
+    """A query that was answered with an error; ``name`` is from the contract."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
+def clock_ns() -> int:
+    """Nanoseconds since the epoch: the stamp of everything sent."""
+    return time.time_ns()
+
+
+def encode(message: Message) -> bytes:
+    """Plain MessagePack."""
+    return _encoder.encode(message)
+
+
+@lru_cache(maxsize=None)
+def _decoder(kind: type[Message]) -> msgspec.msgpack.Decoder[Any]:
+    return msgspec.msgpack.Decoder(kind)
+
+
+def decode(kind: type[M], data: bytes, schema: str | None) -> M:
+    """The message in ``data``.
+
+    ``schema`` is what the sender put into the encoding ("surveilnav.Observation/1.0"); another minor version
+    is read, another name or major version refused.
+
+    Raises:
+        WireError: wrong schema or version, or bytes that don't decode.
+    """
+    expected = schema_of(kind)
+    name, _, version = (schema or "").partition("/")
+    if name != expected.partition("/")[0] or version.partition(".")[0] != str(VERSION):
+        raise WireError(f"expected schema {expected}, got {schema!r:.80}")
+    try:
+        return _decoder(kind).decode(data)  # type: ignore[no-any-return]
+    except (msgspec.DecodeError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise WireError(f"expected a {kind.__name__}, got {len(data)} bytes that don't decode: {error}") from error
