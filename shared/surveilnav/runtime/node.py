@@ -209,6 +209,8 @@ class Node:
     # --- life -----------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Node:
+        if hasattr(self, "session"):  # entered already: a lease hands its node over
+            return self
         try:
             self.session = zenoh.open(zenoh.Config.from_json5(self.settings.client_config()))
         except zenoh.ZError as error:
@@ -376,9 +378,7 @@ class Node:
         header = encode(answer.message)
         options: dict[str, Any] = {
             "encoding": zenoh.Encoding("application/msgpack").with_schema(schema_of(type(answer.message))),
-            "congestion_control": zenoh.CongestionControl.BLOCK,
-            "priority": _PRIORITY[stream.priority],
-        }
+        }  # priority and congestion control are the query's
         if stream.payload:
             query.reply(key, answer.payload, attachment=header, **options)
         else:

@@ -1,0 +1,96 @@
+"""What this machine has, what it lacks, and how to get it."""
+
+from __future__ import annotations
+
+import importlib
+import platform
+import shutil
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from rich.console import Console
+
+from surveilnav.config import cache_dir, models_dir
+from surveilnav.errors import SurveilNavError
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at. ``level``: ok, note (works without it, less well), missing (must be mended)."""
+
+    what: str
+    level: Literal["ok", "note", "missing"]
+    detail: str
+    remedy: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def examine() -> list[Finding]:
+    """Looks at Python, packages, furniture, weights, disk and Docker."""
+    return [_python(), *_packages(), _assets(), _weights(), _disk(), _docker()]
+
+
+def _python() -> Finding:
+    ok = (3, 10) <= sys.version_info[:2] <= (3, 12)
+    return Finding("Python", "ok" if ok else "missing", platform.python_version(), "" if ok else "use Python 3.10 to 3.12")
+
+
+def _packages() -> list[Finding]:
+    findings = []
+    remedies = {"open3d": "apt-get install libusb-1.0-0 libgl1 libgomp1 libx11-6"}
+    for name in ("zenoh", "open3d", "numba", "onnxruntime", "cv2", "fastapi"):
+        try:
+            version = getattr(importlib.import_module(name), "__version__", "present")
+            findings.append(Finding(name, "ok", str(version)))
+        except Exception as error:
+            findings.append(Finding(name, "missing", str(error), remedies.get(name, "make setup")))
+    return findings
+
+
+def _assets() -> Finding:
+    from surveilnav.building import sources
+
+    try:
+        count = len([name for name, _ in sources.list_buildings() if name in sources.EXAMPLE_HOMES])
+        return Finding("example homes", "ok", f"{count} of Sweet Home 3D's")
+    except SurveilNavError as error:
+        return Finding("example homes", "note", str(error), "make setup (needs apt); parametric_flat works without")
+
+
+def _weights() -> Finding:
+    try:
+        folder = models_dir()
+    except SurveilNavError as error:
+        return Finding("detector weights", "missing", str(error), "unset SURVEILNAV_MODELS_DIR or point it at a folder")
+    if folder is None:
+        detail = "SURVEILNAV_MODELS_DIR isn't set: they are downloaded when first needed"
+        return Finding("detector weights", "note", detail, "without a network, perception is `simulated`")
+    names = sorted(p.name for p in folder.glob("*.onnx"))
+    if not names:
+        return Finding("detector weights", "note", f"no .onnx in {folder}", "see docs/perception.md for the files and their hashes")
+    return Finding("detector weights", "ok", ", ".join(names))
+
+
+def _disk() -> Finding:
+    folder: Path = cache_dir()
+    free_gb = shutil.disk_usage(folder).free / 1e9
+    level: Literal["ok", "note"] = "ok" if free_gb > 4 else "note"
+    return Finding("disk", level, f"{free_gb:.1f} GB free at {folder}", "" if level == "ok" else "set SURVEILNAV_CACHE_DIR")
+
+
+def _docker() -> Finding:
+    if shutil.which("docker"):
+        return Finding("docker", "ok", "for `docker compose up` (whether an engine runs isn't asked)")
+    return Finding("docker", "note", "not installed: only `docker compose up` needs it", "apt-get install docker.io")
+
+
+def show(findings: list[Finding], console: Console) -> None:
+    """A line a finding."""
+    marks = {"ok": "[green]ok[/]     ", "note": "[yellow]note[/]   ", "missing": "[red]missing[/]"}
+    for finding in findings:
+        remedy = f"  -> {finding.remedy}" if finding.remedy else ""
+        console.print(f"{marks[finding.level]} {finding.what}: {finding.detail}{remedy}")

@@ -1,0 +1,169 @@
+"""``surveilnav``: the command line."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+from rich.console import Console
+
+from surveilnav.errors import SurveilNavError
+
+app = typer.Typer(
+    name="surveilnav", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+    help="Surveillance cameras and a robot search a building together.",
+)  # fmt: skip
+console = Console(stderr=True, highlight=False)
+
+
+class OnOff(str, Enum):
+    on = "on"
+    off = "off"
+
+
+Building = Annotated[str, typer.Option(help="An example home (see `surveilnav buildings`) or the path of a .sh3d file.")]
+Seed = Annotated[int, typer.Option(min=0, help="Draws furniture models, textures, start and sensor noise.")]
+Cameras = Annotated[int | None, typer.Option(min=0, max=10_000, help="So many cameras in all, instead of by area.")]
+Area = Annotated[float, typer.Option(min=1.0, help="One camera for so many square metres of floor.")]
+Perception = Annotated[str, typer.Option(help="auto, onnx-coco, oracle or simulated.")]
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
+Url = Annotated[str, typer.Option(envvar="SURVEILNAV_URL", help="The gateway.")]
+DEFAULT_URL = "http://127.0.0.1:8080"
+
+
+@app.command()
+def demo(
+    building: Building = "2_bedroom",
+    seed: Seed = 0,
+    target: Annotated[str, typer.Option(help="What to find: bed, couch, chair, toilet, tv, potted plant, ...")] = "tv",
+    perception: Perception = "auto",
+    surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
+    cameras: Cameras = 4,
+    area_per_camera: Area = 100.0,
+    max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
+    runs: Annotated[Path, typer.Option(help="Where run folders go.")] = Path("runs"),
+    as_json: AsJson = False,
+) -> None:
+    """Search a simulated home, end to end, and write a report. Exit 0 only if the stop was right."""
+    from cli.demo import DemoOptions, run_demo
+
+    options = DemoOptions(
+        building=building, seed=seed, target=target, perception=perception, surveillance=surveillance is OnOff.on,
+        cameras=cameras, area_per_camera_m2=area_per_camera, max_steps=max_steps, runs=runs,
+    )  # fmt: skip
+    outcome = run_demo(options, console)
+    if as_json:
+        print(json.dumps(outcome))
+    raise typer.Exit(0 if outcome["success"] else 1)
+
+
+@app.command()
+def up(
+    building: Building = "2_bedroom",
+    seed: Seed = 0,
+    perception: Perception = "auto",
+    surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
+    cameras: Cameras = 4,
+    area_per_camera: Area = 100.0,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="The gateway's port.")] = 8080,
+    router: Annotated[str, typer.Option(help="The router's endpoint.")] = "tcp/127.0.0.1:7447",
+    logs: Annotated[Path, typer.Option(help="Where the services' logs go.")] = Path("runs/up"),
+) -> None:
+    """Start router and services for a simulated home and keep them running until Ctrl-C."""
+    from cli.up import run_up
+
+    run_up(
+        console, building=building, seed=seed, perception=perception, surveillance=surveillance is OnOff.on,
+        cameras=cameras, area_per_camera_m2=area_per_camera, port=port, router=router, logs=logs,
+    )  # fmt: skip
+
+
+@app.command()
+def find(
+    target: str,
+    robot: Annotated[str, typer.Option(help="A robot; empty: any free one.")] = "",
+    max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Send a robot of the running system to find TARGET. Exit 0 only if it was found."""
+    from cli.remote import follow_mission
+
+    mission = follow_mission(url, target, robot, max_steps, console)
+    if as_json:
+        print(json.dumps(mission))
+    raise typer.Exit(0 if mission.get("found") else 1)
+
+
+@app.command()
+def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """What the running system is doing: services, robots, cameras, missions."""
+    from cli.remote import system_status
+
+    system_status(url, console, as_json)
+
+
+@app.command()
+def doctor(as_json: AsJson = False) -> None:
+    """Say what is missing on this machine, and how to get it."""
+    from cli.doctor import examine, show
+
+    findings = examine()
+    if as_json:
+        print(json.dumps([f.as_dict() for f in findings]))
+    else:
+        show(findings, console)
+    raise typer.Exit(1 if any(f.level == "missing" for f in findings) else 0)
+
+
+@app.command()
+def buildings(as_json: AsJson = False) -> None:
+    """List the buildings that can be simulated."""
+    from surveilnav.building.sources import list_buildings
+
+    rows = list_buildings()
+    if as_json:
+        print(json.dumps([{"name": name, "about": about} for name, about in rows]))
+    else:
+        for name, about in rows:
+            console.print(f"[bold]{name}[/]  {about}")
+
+
+@app.command()
+def prepare() -> None:
+    """Make once what every node of a simulated building needs: baked light, camera plan, camera views.
+
+    The building comes from the environment (SURVEILNAV_SIM__BUILDING, ...): the first step of `docker compose up`.
+    """
+    from cli.progress import bar
+    from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+
+    with bar(console) as progress:
+        plan = SimulatedBuilding(SimulationSettings(), progress).prepare()
+    console.print(f"{plan.building} is ready: {len(plan.cameras)} cameras")
+
+
+def main() -> None:
+    """The console script: a user's mistake is one line, never a traceback."""
+    try:
+        app(standalone_mode=True)
+    except ValidationError as error:
+        from surveilnav.runtime.main import explain
+
+        print(explain(error), file=sys.stderr)
+        sys.exit(1)
+    except SurveilNavError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+"""Listens to one mission and keeps what its report needs: observations, plans, maps, objects, traffic."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from surveilnav.contract import (
+    CAMERA_INFO,
+    MAP_REVISION,
+    MISSION_PLAN,
+    MISSION_STATUS,
+    PERCEPTION_LOAD,
+    ROBOT_OBSERVATION,
+    ROBOT_STATUS,
+    TRAFFIC,
+)
+from surveilnav.messages import CameraInfo, MissionStatus, Observation, Plan, Revision, TrafficReport
+from surveilnav.runtime import Node
+
+TERMINAL = ("done", "failed", "cancelled")
+
+
+@dataclass
+class Recorder:
+    """Everything heard about ``mission``. Call ``poll`` often: observations come through a slot of one."""
+
+    node: Node
+    mission: str
+    robot: str
+    observations: dict[int, tuple[Observation, bytes]] = field(default_factory=dict)
+    plans: dict[int, Plan] = field(default_factory=dict)
+    timeline: list[tuple[float, str, str]] = field(default_factory=list)
+    cameras_used: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._began_s = time.monotonic()
+        self._observation = self.node.slot(ROBOT_OBSERVATION, robot=self.robot)
+        self._plan = self.node.table(MISSION_PLAN, mission=self.mission)
+        self._status = self.node.table(MISSION_STATUS, mission=self.mission)
+        self._revisions = self.node.table(MAP_REVISION)
+        self._traffic = self.node.table(TRAFFIC)
+        self._loads = self.node.table(PERCEPTION_LOAD)
+        self._infos = self.node.table(CAMERA_INFO)
+        self._robots = self.node.table(ROBOT_STATUS)
+
+    def poll(self) -> MissionStatus | None:
+        """Takes in what has come; the mission's newest status."""
+        if received := self._observation.poll():
+            header = received.message
+            # The picture alone: the depth behind it would be most of the bytes.
+            self.observations[header.seq] = (header, received.payload[: header.image.n_bytes])
+        if rows := self._plan.rows():
+            plan = rows[0].message
+            self.plans[plan.seq] = plan
+        for row in self._revisions.rows():
+            for use in row.message.cameras:
+                self.cameras_used[use.camera] = max(use.views_held, self.cameras_used.get(use.camera, 0))
+        rows = self._status.rows()
+        status: MissionStatus | None = rows[0].message if rows else None
+        if status is not None:
+            entry = (status.phase, status.message)
+            if not self.timeline or self.timeline[-1][1:] != entry:
+                self.timeline.append((time.monotonic() - self._began_s, *entry))
+        return status
+
+    def watch(self, on_change: Callable[[MissionStatus], None], check: Callable[[], None]) -> MissionStatus:
+        """Follows the mission to its end. ``check`` is called often and may raise."""
+        shown: tuple[object, ...] | None = None
+        while True:
+            status = self.poll()
+            if status is not None:
+                now = (status.state, status.phase, status.step, status.message)
+                if now != shown:
+                    shown = now
+                    on_change(status)
+                if status.state in TERMINAL:
+                    self._settle()
+                    return status
+            check()
+            time.sleep(0.01)
+
+    def _settle(self) -> None:
+        """The last traffic reports come within a second."""
+        until_s = time.monotonic() + 1.3
+        while time.monotonic() < until_s:
+            self.poll()
+            time.sleep(0.02)
+
+    def traffic(self) -> list[TrafficReport]:
+        return [row.message for row in self._traffic.rows()]
+
+    def revisions(self) -> list[Revision]:
+        return [row.message for row in self._revisions.rows()]
+
+    def camera_infos(self) -> list[CameraInfo]:
+        return [row.message for row in self._infos.rows()]
+
+    def perception(self) -> tuple[str, str]:
+        """(backend, why it was chosen)."""
+        rows = self._loads.rows()
+        return (rows[0].message.backend, rows[0].message.why) if rows else ("unknown", "no worker said what it runs")
+
+    def invoked_cameras(self) -> list[str]:
+        return sorted(name for name, held in self.cameras_used.items() if held)

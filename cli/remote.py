@@ -1,0 +1,70 @@
+"""A running system, through its gateway."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+import httpx
+from rich.console import Console
+
+from cli.recorder import TERMINAL
+from surveilnav.errors import SurveilNavError
+
+
+def call(url: str, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
+    """One REST call; every failure becomes a SurveilNavError that says what to do."""
+    try:
+        response = httpx.request(method, url.rstrip("/") + path, json=body, timeout=30.0)
+    except (httpx.HTTPError, httpx.InvalidURL) as error:
+        raise SurveilNavError(
+            f"no gateway answers at {url} ({error}). Start one with `surveilnav up` or `docker compose up`, or name its "
+            "address with --url or SURVEILNAV_URL."
+        ) from error
+    try:
+        answer = response.json()
+    except ValueError:
+        raise SurveilNavError(f"{url} isn't a SurveilNav gateway: {path} answered {response.status_code} without JSON") from None
+    if response.is_error:
+        raise SurveilNavError(str(answer.get("detail") or answer.get("title") or response.reason_phrase))
+    return answer
+
+
+def follow_mission(url: str, target: str, robot: str, max_steps: int, console: Console) -> dict[str, Any]:
+    """Submits a mission and shows its progress to the end; the mission's last state."""
+    body: dict[str, Any] = {"target": target, "max_steps": max_steps} | ({"robot": robot} if robot else {})
+    mission: dict[str, Any] = call(url, "POST", "/api/v1/missions", body)
+    shown = ""
+    try:
+        while True:
+            mission = call(url, "GET", f"/api/v1/missions/{mission['mission']}")
+            line = f"{mission['phase']}  step {mission['step']}/{mission['max_steps']}  {mission.get('message', '')}"
+            if line != shown:
+                shown = line
+                console.print(line)
+            if mission["state"] in TERMINAL:
+                break
+            time.sleep(0.5)
+    except KeyboardInterrupt:
+        call(url, "POST", f"/api/v1/missions/{mission['mission']}/cancel")
+        console.print("cancelled: the robot stops")
+        raise
+    colour = "green" if mission.get("found") else "red"
+    console.print(f"[{colour}]{mission['state']}[/] {mission.get('error', '')} {mission.get('message', '')}")
+    return mission
+
+
+def system_status(url: str, console: Console, as_json: bool) -> None:
+    """Prints what the gateway knows."""
+    paths = {name: f"/api/v1/{name}" for name in ("robots", "cameras", "perception", "missions")}
+    answer = {name: call(url, "GET", path) for name, path in paths.items()}
+    if as_json:
+        print(json.dumps(answer))
+        return
+    for name, rows in answer.items():
+        items = rows.get("items", []) if isinstance(rows, dict) else rows
+        console.print(f"[bold]{name}[/] ({len(items)})")
+        for row in items:
+            facts = {k: v for k, v in row.items() if isinstance(v, (str, int, float, bool)) and v != ""}
+            console.print("  " + "  ".join(f"{k}={v}" for k, v in list(facts.items())[:8]))

@@ -1,0 +1,155 @@
+"""The whole system as processes of this machine: started in order, watched, stopped together."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+
+from surveilnav.errors import SurveilNavError
+from surveilnav.runtime import BusSettings, Node
+
+#: Kinds that must be on the bus before a mission can begin.
+CORE_KINDS = ("robot", "perception", "fusion", "planner")
+
+
+@dataclass
+class Stack:
+    """Router and services below one settings environment. Use it as a context manager.
+
+    ``environment`` goes to every process; logs land in ``log_dir``, one file a service.
+    """
+
+    environment: dict[str, str]
+    log_dir: Path
+    cameras: list[str] = field(default_factory=list)
+    gateway: bool = False
+    processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
+
+    @property
+    def bus(self) -> BusSettings:
+        return BusSettings(
+            router=self.environment["SURVEILNAV_BUS__ROUTER"], building=self.environment["SURVEILNAV_BUS__BUILDING"]
+        )
+
+    def __enter__(self) -> Stack:
+        self.log_dir.mkdir(parents=True, exist_ok=True)
+        try:
+            self._start("router", "surveilnav.runtime.router", "--listen", self.environment["SURVEILNAV_BUS__ROUTER"])
+            for name in ("perception", "fusion", "planner"):
+                self.start_service(name)
+            self._start("robot", "services.robot_node")
+            for camera in self.cameras:
+                self._start(f"camera-{camera}", "services.camera_node", SURVEILNAV_CAMERA__ID=camera)
+            if self.gateway:
+                self.start_service("gateway")
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.stop()
+
+    def start_service(self, name: str) -> None:
+        """Starts (again) the service of that name."""
+        self._start(name, f"services.{name}")
+
+    def _start(self, name: str, module: str, *arguments: str, **more: str) -> None:
+        log = (self.log_dir / f"{name}.log").open("ab")
+        with log:
+            self.processes[name] = subprocess.Popen(
+                [sys.executable, "-m", module, *arguments], env={**os.environ, **self.environment, **more},
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+            )  # fmt: skip
+
+    def kill(self, name: str) -> None:
+        """SIGKILL, as a power cut would: for tests."""
+        self.processes[name].send_signal(signal.SIGKILL)
+        self.processes[name].wait()
+
+    def wait_ready(self, node: Node, timeout_s: float, progress: Callable[[str], None] = lambda text: None) -> None:
+        """Waits until every service is on the bus.
+
+        Raises:
+            SurveilNavError: a process ended, or not all came in time; with the end of its log.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        while missing := self.missing(node):
+            self.check()
+            if time.monotonic() > deadline_s:
+                raise SurveilNavError(
+                    f"after {timeout_s:g} s these services aren't on the bus: {', '.join(missing)}; "
+                    f"their logs are in {self.log_dir}"
+                )
+            progress(f"waiting for {', '.join(missing)}")
+            time.sleep(0.1)
+
+    def missing(self, node: Node) -> list[str]:
+        """What isn't on the bus yet."""
+        kinds = [*CORE_KINDS, *(["gateway"] if self.gateway else [])]
+        missing = [kind for kind in kinds if not node.alive(kind)]
+        present = node.alive("camera")
+        return missing + [f"camera {c}" for c in self.cameras if c not in present]
+
+    def check(self) -> None:
+        """Raises if a process has ended by itself, with the last lines of its log."""
+        for name, process in self.processes.items():
+            if (code := process.poll()) is not None:
+                lines = (self.log_dir / f"{name}.log").read_text(errors="replace").strip().splitlines()
+                tail = "\n  ".join(lines[-8:]) or "(its log is empty)"
+                raise SurveilNavError(f"{name} ended with exit code {code}. The end of its log:\n  {tail}")
+
+    def stop(self) -> None:
+        """SIGTERM to all but the router, then the router; SIGKILL to what doesn't go."""
+        services = [p for name, p in self.processes.items() if name != "router"]
+        _terminate(services)
+        _terminate([p for name, p in self.processes.items() if name == "router"])
+
+
+def _terminate(processes: list[subprocess.Popen[bytes]]) -> None:
+    for process in processes:
+        if process.poll() is None:
+            process.terminate()
+    deadline_s = time.monotonic() + 5.0
+    for process in processes:
+        try:
+            process.wait(timeout=max(0.1, deadline_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def environment(
+    *, router: str, building: str, seed: int, cameras: int | None, area_per_camera_m2: float, perception: str,
+    surveillance: bool, robot_start: str = "",
+) -> dict[str, str]:  # fmt: skip
+    """The settings of a stack as environment variables."""
+    settings = {
+        "SURVEILNAV_BUS__ROUTER": router,
+        "SURVEILNAV_BUS__BUILDING": bus_name(building),
+        "SURVEILNAV_SIM__BUILDING": building,
+        "SURVEILNAV_SIM__SEED": str(seed),
+        "SURVEILNAV_SIM__AREA_PER_CAMERA_M2": str(area_per_camera_m2),
+        "SURVEILNAV_PERCEPTION__BACKEND": perception,
+        "SURVEILNAV_FUSION__SURVEILLANCE": str(surveillance).lower(),
+        "SURVEILNAV_ROBOT__START": robot_start,
+        # Two cores: every process with a pool of its own would only wait for the others.
+        "OMP_NUM_THREADS": "2",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    if cameras is not None:
+        settings["SURVEILNAV_SIM__CAMERAS"] = str(cameras)
+    return settings
+
+
+def bus_name(building: str) -> str:
+    """A building's name as it can stand in a key."""
+    name = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "-" for c in Path(building).stem)
+    return name.strip("-_") or "building"

@@ -1,0 +1,40 @@
+"""``surveilnav up``: the whole system on this machine until Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from pathlib import Path
+
+from rich.console import Console
+
+from cli.progress import bar
+from cli.stack import Stack, environment
+from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.runtime import Node
+
+
+def run_up(
+    console: Console, *, building: str, seed: int, perception: str, surveillance: bool, cameras: int | None,
+    area_per_camera_m2: float, port: int, router: str, logs: Path,
+) -> None:  # fmt: skip
+    """Prepares the building, starts everything, and waits."""
+    variables = environment(
+        router=router, building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
+        perception=perception, surveillance=surveillance,
+    ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}  # fmt: skip
+    settings = SimulationSettings(building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2)
+    with bar(console) as progress:
+        plan = SimulatedBuilding(settings, progress).prepare()
+    names = [camera.name for camera in plan.cameras] if surveillance else []
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    with Stack(variables, logs, names, gateway=True) as stack:
+        with Node("cli", "up", stack.bus, alive=False) as node:
+            stack.wait_ready(node, 120.0)
+        console.print(f"ready: http://127.0.0.1:{port}/  (building {plan.building}, {len(names)} cameras; logs in {logs})")
+        console.print('try: surveilnav find "tv"    stop: Ctrl-C')
+        while not stopping.wait(1.0):
+            stack.check()
+    console.print("stopped")

@@ -1,0 +1,1 @@
+"""One surveillance camera: renders, encodes and publishes views while somebody listens."""

@@ -1,0 +1,73 @@
+"""What a camera node decides: which views to send now, which slot of the camera plan to take, what its summary says."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+import msgspec
+
+from surveilnav.messages import CameraSummary
+
+#: A summary is for choosing the floor: it must stay this small whatever the camera sees.
+SUMMARY_LIMIT_BYTES = 512
+
+
+@dataclass(frozen=True, slots=True)
+class SendState:
+    """What each view's listeners already have. ``sent``: content version last put, by view."""
+
+    sent: Mapping[int, int] = field(default_factory=dict)
+
+
+def views_to_send(
+    state: SendState, *, versions: Mapping[int, int], matched: Collection[int], requested: Collection[int] = ()
+) -> tuple[SendState, tuple[int, ...]]:
+    """Decides which views to put now: those that somebody listens to and doesn't have, or asks for again.
+
+    Args:
+        versions: version of what each view shows now, by view; a new number means that the picture changed.
+        matched: views whose publishers have a listener. Nobody listens: nothing is rendered, encoded or sent.
+        requested: views that someone asked to have again; they too need a listener.
+
+    Returns:
+        The next state, assuming that all are put, and the views, those asked for first. A view that loses its last
+        listener is forgotten, so that the next listener gets it at once.
+    """
+    listened = [v for v in sorted(versions) if v in matched]
+    due = [v for v in listened if v in requested or state.sent.get(v) != versions[v]]
+    sent = {v: versions[v] if v in due else state.sent[v] for v in listened}
+    return SendState(sent), tuple(sorted(due, key=lambda v: (v not in requested, v)))
+
+
+def choose_slot(claimed: Collection[int], total: int, node_id: str) -> int | None:
+    """A free slot of the camera plan, or None if all are taken.
+
+    Every node begins at a place of its own, so that replicas that start together seldom try the same slot.
+    """
+    if total <= 0:
+        return None
+    start = zlib.crc32(node_id.encode()) % total
+    return next((s % total for s in range(start, start + total) if s % total not in claimed), None)
+
+
+def keeps_slot(node_id: str, rivals: Collection[str]) -> bool:
+    """Whether a node that finds others on its slot keeps it: the smallest id does, the others choose again."""
+    return all(node_id <= rival for rival in rivals)
+
+
+def summary(
+    camera: str, floor: str, labels: Mapping[str, float], *, stamp_ns: int, limit_bytes: int = SUMMARY_LIMIT_BYTES
+) -> CameraSummary:
+    """The summary with as many labels as fit into ``limit_bytes`` of MessagePack, the surest first."""
+    ranked = sorted(labels.items(), key=lambda item: (-item[1], item[0]))
+    kept: dict[str, float] = {}
+    message = CameraSummary(stamp_ns=stamp_ns, camera=camera, floor=floor, labels=kept)
+    for label, confidence in ranked:
+        kept = {**kept, label: round(float(confidence), 3)}
+        larger = CameraSummary(stamp_ns=stamp_ns, camera=camera, floor=floor, labels=kept)
+        if len(msgspec.msgpack.encode(larger)) > limit_bytes:
+            break
+        message = larger
+    return message

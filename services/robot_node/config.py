@@ -1,0 +1,17 @@
+"""Settings of a robot node: environment variables ``SURVEILNAV_ROBOT__<FIELD>``."""
+
+from __future__ import annotations
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class RobotSettings(BaseSettings):
+    """One simulated robot."""
+
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_ROBOT__", extra="ignore")
+
+    id: str = Field("r1", pattern=r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+    start: str = Field("", description="x,y,floor,yaw_deg in the world; empty: a place drawn by the seed")
+    start_for: str = Field("", description="begin out of sight and at least 5 m away from this target")
+    jpeg_quality: int = Field(90, ge=10, le=100)

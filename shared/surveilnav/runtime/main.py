@@ -1,0 +1,38 @@
+"""How every service's process begins and ends: logs set up, a user's mistake as one line, exit 1."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+from pydantic import ValidationError
+
+from surveilnav.errors import SurveilNavError
+from surveilnav.runtime import logs
+from surveilnav.runtime.settings import BusSettings
+
+
+def run_service(main: Callable[[], None]) -> int:
+    """Runs ``main``; returns the process's exit code."""
+    try:
+        settings = BusSettings()
+        logs.configure(settings.log_format, settings.log_level)
+        main()
+    except ValidationError as error:
+        print(explain(error), file=sys.stderr)
+        return 1
+    except SurveilNavError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def explain(error: ValidationError) -> str:
+    """A wrong setting in one line per fault: variable, what was expected, what arrived."""
+    lines = []
+    for fault in error.errors():
+        name = ".".join(str(part) for part in fault["loc"])
+        lines.append(f"error: setting {error.title}.{name}: {fault['msg']}, got {fault.get('input')!r}")
+    return "\n".join(lines)

@@ -1,0 +1,56 @@
+"""Fusion and planner get pixels, depth and poses only: no message of theirs can carry ground truth."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import msgspec
+
+from surveilnav import contract
+from surveilnav.messages import FrameHeader, InferReply, InferRequest, Observation
+
+ROOT = Path(__file__).parents[2]
+
+#: What a view may say of itself. A new field has to be justified here.
+FRAME_FIELDS = {
+    "stamp_ns", "source", "view", "seq", "floor", "T_world_camera", "camera", "mounting_offset_m", "depth_range_m",
+    "image", "depth",
+}  # fmt: skip
+ODOMETRY_FIELDS = {"T_world_base", "last_action", "collided", "path_m"}
+
+
+def fields(kind: type) -> set[str]:
+    return {f.name for f in msgspec.structs.fields(kind)}
+
+
+def test_frames_carry_pixels_depth_and_poses_only():
+    assert fields(FrameHeader) == FRAME_FIELDS
+    assert fields(Observation) == FRAME_FIELDS | ODOMETRY_FIELDS
+    encodings = msgspec.json.schema(FrameHeader)["$defs"]["Part"]["properties"]["encoding"]["enum"]
+    assert sorted(encodings) == ["depth-invq-zstd", "jpeg"]
+
+
+def test_a_request_to_perception_carries_no_truth():
+    assert fields(InferRequest) == {
+        "stamp_ns", "source", "view", "seq", "camera", "image", "depth", "depth_range_m", "prompts", "texts", "deadline_ms",
+    }  # fmt: skip
+    assert fields(InferReply) == {
+        "stamp_ns", "worker", "backend", "source", "view", "seq", "detections", "image_embedding", "latency_ms",
+    }  # fmt: skip
+
+
+def test_only_simulators_and_perception_name_the_truth_key():
+    users = set()
+    for path in (ROOT / "services").rglob("*.py"):
+        names = {n.id for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Name)}
+        if "TRUTH" in names:
+            users.add(path.relative_to(ROOT / "services").parts[0])
+    assert users <= {"camera_node", "robot_node", "perception"}
+    assert contract.TRUTH.owner == "simulator nodes"
+
+
+def test_fusion_and_planner_cannot_import_the_building():
+    for service in ("fusion", "planner", "gateway", "perception"):
+        for path in (ROOT / "services" / service).rglob("*.py"):
+            assert "surveilnav.building" not in path.read_text(), f"{path}: the building is the simulator's alone"
