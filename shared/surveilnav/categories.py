@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
+
 from surveilnav.errors import TargetError
 
 #: COCO's 80 classes in the order that its detectors number them.
@@ -42,10 +44,8 @@ def closed_set_target(name: str) -> str:
     target = canonical(name)
     if target in COCO:
         return target
-    from difflib import get_close_matches
-
     near = get_close_matches(target, COCO, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    hint = f"; did you mean {near[0]!r}?" if near else "."
     raise TargetError(
         f"{name!r} is not a class that this detector knows{hint} "
         f"Usual targets: {', '.join(TARGETS)}. Any of COCO's 80 classes can be named."

@@ -1,0 +1,285 @@
+"""``surveilnav demo``: one search in a simulated home, every service its own process, judged by the simulator."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+import uuid
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+from rich.console import Console
+
+from cli.progress import bar
+from cli.recorder import Recorder
+from cli.report import (
+    DecidingView,
+    Moment,
+    RunRecord,
+    Step,
+    human_bytes,
+    run_json,
+    traffic_lines,
+    write_report,
+)
+from cli.report import outcome as in_words
+from cli.stack import Stack, environment
+from surveilnav.building.goals import Goals, Start, Verdict, find_goals, judge, sample_start
+from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.contract import CAMERA_REQUEST, MAP_LAYER, MISSION_CANCEL, MISSION_GOAL, OBJECTS
+from surveilnav.errors import BusError, MissionError, SurveilNavError
+from surveilnav.geometry import Grid, yaw_of
+from surveilnav.messages import CameraRequest, MissionCancel, MissionGoal, MissionStatus, ObjectRecord
+from surveilnav.runtime import Node, Refused, clock_ns
+from surveilnav.runtime.router import free_port
+from surveilnav.sensing.packing import unpack_array
+
+ROBOT = "r1"
+_READY_S = 180.0
+_REPORT_LAYERS = ("occupancy", "explored", "frontier", "value")
+_MOST_DECIDING_VIEWS = 6
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """What ``surveilnav demo`` was asked for."""
+
+    building: str
+    seed: int
+    target: str
+    perception: str
+    surveillance: bool
+    cameras: int | None
+    area_per_camera_m2: float
+    max_steps: int
+    runs: Path
+
+
+def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
+    """Prepares the building, starts the system, searches, judges, and writes the run's folder.
+
+    Returns:
+        The fields of ``run.json``.
+
+    Raises:
+        SurveilNavError: a user's mistake, or a service that ended; its text says what to do.
+    """
+    began_s, started = time.monotonic(), datetime.now(timezone.utc)
+    building, goals, start = _prepare(options, console)
+    run_dir = options.runs / f"{started:%Y%m%d-%H%M%S}-{uuid.uuid4().hex[:4]}"
+    cameras = [camera.name for camera in building.plan.cameras] if options.surveillance else []
+    variables = environment(
+        router=f"tcp/127.0.0.1:{free_port()}", building=options.building, seed=options.seed, cameras=options.cameras,
+        area_per_camera_m2=options.area_per_camera_m2, perception=options.perception, surveillance=options.surveillance,
+        robot_start=f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}",
+    )  # fmt: skip
+    try:
+        with Stack(variables, run_dir / "logs", cameras) as stack, Node("cli", "demo", stack.bus, alive=False) as node:
+            with console.status("starting the services") as spinner:
+                stack.wait_ready(node, _READY_S, spinner.update)
+            recorder = Recorder(node, f"demo-{uuid.uuid4().hex[:8]}", ROBOT)
+            backend, why = recorder.perception()
+            console.print(f"perception: [bold]{backend}[/] ({why})")
+            status = _search(node, stack, recorder, options, goals.label, console)
+            verdict = _judge(recorder, goals, start)
+            record = _record(options, building, recorder, node, status, verdict, start, started)
+    except KeyboardInterrupt:
+        console.print(f"interrupted; logs are in {run_dir / 'logs'}")
+        raise
+    record.seconds = time.monotonic() - began_s
+    report = run_dir / "report.html"
+    write_report(record, report)
+    outcome = run_json(record, report.resolve())
+    (run_dir / "run.json").write_text(json.dumps(outcome, indent=2) + "\n")
+    _say(outcome, record, console)
+    return outcome
+
+
+def _prepare(options: DemoOptions, console: Console) -> tuple[SimulatedBuilding, Goals, Start]:
+    console.print(f"building: [bold]{options.building}[/] seed {options.seed}")
+    settings = SimulationSettings(
+        building=options.building, seed=options.seed, area_per_camera_m2=options.area_per_camera_m2,
+        cameras=options.cameras if options.surveillance else 0,
+    )  # fmt: skip
+    with bar(console) as progress:
+        building = SimulatedBuilding(settings, progress)
+        goals = find_goals(building.scene, building.navigation, options.target, caster=building.caster)
+        start = sample_start(building.scene, building.navigation, goals, seed=options.seed, caster=building.caster)
+        building.prepare()
+    for note in (*building.scene.notes, *start.notes):
+        console.print(f"note: {note}")
+    console.print(
+        f"target: [bold]{goals.label}[/] ({len(goals.instances)} in the building, the nearest {start.shortest_path_m:.1f} m "
+        f"away and {'in sight' if start.notes else 'out of sight'})"
+    )
+    return building, goals, start
+
+
+def _search(
+    node: Node, stack: Stack, recorder: Recorder, options: DemoOptions, target: str, console: Console
+) -> MissionStatus:
+    goal = MissionGoal(
+        stamp_ns=clock_ns(), mission=recorder.mission, target=target, robot=ROBOT, max_steps=options.max_steps
+    )
+    _submit(node, goal, stack)
+    with console.status("searching") as spinner:
+
+        def show(status: MissionStatus) -> None:
+            left = f", {status.distance_remaining_m:.1f} m to go" if status.distance_remaining_m is not None else ""
+            text = f"{status.phase}: step {status.step}/{status.max_steps}, {status.path_m:.1f} m{left}  {status.message}"
+            spinner.update(text)
+            if not console.is_terminal and (status.step % 10 == 0 or status.state != "active"):
+                console.print("  " + text)
+
+        try:
+            return recorder.watch(show, stack.check)
+        except KeyboardInterrupt:
+            cancel = MissionCancel(stamp_ns=clock_ns(), mission=recorder.mission, reason="interrupted")
+            node.ask(MISSION_CANCEL, cancel, mission=recorder.mission)
+            raise
+
+
+def _submit(node: Node, goal: MissionGoal, stack: Stack) -> None:
+    """Hands the goal over; the planner may still be meeting the robot."""
+    until_s = time.monotonic() + 30.0
+    while True:
+        stack.check()
+        try:
+            ack = node.ask(MISSION_GOAL, goal, mission=goal.mission).message
+        except Refused as error:
+            raise MissionError(error.name, str(error)) from error
+        except BusError:
+            if time.monotonic() > until_s:
+                raise
+            continue
+        if ack.accepted:
+            return
+        if ack.error != "no_free_robot" or time.monotonic() > until_s:
+            raise MissionError(ack.error, ack.message)
+        time.sleep(0.2)
+
+
+def _judge(recorder: Recorder, goals: Goals, start: Start) -> Verdict:
+    """The simulator's own check at the robot's last pose."""
+    last = recorder.observations[max(recorder.observations)][0] if recorder.observations else None
+    if last is None:
+        raise SurveilNavError("the robot was never heard of: see its log")
+    state = SimpleNamespace(
+        p_world=last.T_world_base.translation_m, floor=last.floor, path_m=last.path_m, stopped=last.last_action == "stop"
+    )
+    return judge(goals, state, shortest_path_m=start.shortest_path_m)
+
+
+def _record(
+    options: DemoOptions, building: SimulatedBuilding, recorder: Recorder, node: Node, status: MissionStatus,
+    verdict: Verdict, start: Start, started: datetime,
+) -> RunRecord:  # fmt: skip
+    floors = [revision.floor for revision in recorder.revisions()]
+    objects = [o for floor in floors for o in _objects(node, floor)]
+    backend, why = recorder.perception()
+    return RunRecord(
+        building=building.scene.name, seed=options.seed, target=status.target, perception=backend, perception_why=why,
+        surveillance=options.surveillance, started=started, seconds=0.0, status=status,
+        verdict={
+            "found": status.state == "done" and status.found, "success": verdict.success, "steps": status.step,
+            "spl": verdict.spl, "soft_spl": verdict.soft_spl, "path_m": verdict.path_m,
+            "shortest_path_m": verdict.shortest_path_m, "distance_to_viewpoint_m": verdict.distance_to_viewpoint_m,
+            "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
+        },
+        trajectory=_trajectory(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
+        layers={floor: _layers(node, floor, status.target) for floor in floors},
+        cameras=recorder.camera_infos(), invoked=recorder.invoked_cameras(), objects=objects,
+        deciding_views=_deciding_views(node, recorder, objects, status),
+        traffic=traffic_lines(recorder.traffic()), timeline=[Moment(*entry) for entry in recorder.timeline],
+        notes=[*building.scene.notes, *start.notes],
+    )  # fmt: skip
+
+
+def _trajectory(recorder: Recorder) -> list[Step]:
+    steps = []
+    for seq in sorted(recorder.observations):
+        header = recorder.observations[seq][0]
+        T = header.T_world_base.matrix()
+        steps.append(Step(T[0, 3], T[1, 3], yaw_of(T), header.floor, seq, header.last_action or ""))
+    return steps
+
+
+def _layers(node: Node, floor: str, target: str) -> dict[str, tuple[Grid, Any]]:
+    layers = {}
+    for layer in _REPORT_LAYERS:
+        parameters = {"target": target} if layer == "value" else None
+        try:
+            answer = node.ask(MAP_LAYER, floor=floor, layer=layer, parameters=parameters)
+        except BusError as error:
+            node.log.warning("the report lacks a layer", layer=layer, error=str(error))
+            continue
+        header = answer.message
+        layers[layer] = (header.grid, unpack_array(answer.payload, header.dtype, header.shape))
+    return layers
+
+
+def _objects(node: Node, floor: str) -> list[ObjectRecord]:
+    try:
+        return list(node.ask(OBJECTS, floor=floor).message.objects)
+    except BusError as error:
+        node.log.warning("the report lacks the objects", error=str(error))
+        return []
+
+
+def _deciding_views(
+    node: Node, recorder: Recorder, objects: list[ObjectRecord], status: MissionStatus
+) -> list[DecidingView]:
+    """The views in which the object that was found was seen best, robot's and cameras'."""
+    chosen = next((o for o in objects if o.id == status.object_id), None)
+    if chosen is None:
+        return []
+    events = [e for e in chosen.history if e.box_px is not None]
+    best: dict[tuple[str, int], Any] = {}
+    for event in sorted(events, key=lambda e: e.score):
+        best[event.source, event.view if event.source.startswith("camera/") else event.seq] = event
+    views = []
+    for event in sorted(best.values(), key=lambda e: -e.score):
+        picture = _picture(node, recorder, event)
+        if picture is not None and len(views) < _MOST_DECIDING_VIEWS:
+            jpeg, scale = picture
+            box = tuple(v * scale for v in event.box_px)
+            caption = f"{event.source}, view {event.view}" if event.source.startswith("camera/") else f"robot, step {event.seq}"
+            views.append(DecidingView(caption, jpeg, [(*box, event.label, event.score)], event.source, event.view))
+    return views
+
+
+def _picture(node: Node, recorder: Recorder, event: Any) -> tuple[bytes, float] | None:
+    """(JPEG, scale of its pixels against the view's) of the view of an event."""
+    kind, _, name = event.source.partition("/")
+    if kind == "robot":
+        seen = recorder.observations.get(event.seq)
+        return (seen[1], 1.0) if seen else None
+    info = next((i for i in recorder.camera_infos() if i.camera == name), None)
+    if info is None:
+        return None
+    request = CameraRequest(stamp_ns=clock_ns(), action="thumbnail", views=[event.view])
+    try:
+        jpeg = node.ask(CAMERA_REQUEST, request, floor=info.floor, camera=name).payload
+    except BusError:
+        return None
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    return None if picture is None else (jpeg, picture.shape[1] / info.intrinsics.width_px)
+
+
+def _say(outcome: dict[str, Any], record: RunRecord, console: Console) -> None:
+    tone, sentence = in_words(record)
+    console.print(f"[{'green' if tone == 'good' else 'red'}]{sentence}[/]")
+    traffic = outcome["traffic"]
+    wire = human_bytes(traffic["wire"]) if traffic["wire"] is not None else "unknown"
+    console.print(
+        f"SPL {outcome['spl']:.2f}; {outcome['cameras']} cameras, {len(outcome['invoked_cameras'])} invoked; offered "
+        f"{human_bytes(traffic['offered'])}, delivered {human_bytes(traffic['delivered'])}, wire {wire}; "
+        f"{outcome['seconds']:.0f} s"
+    )
+    console.print(f"report: {outcome['report']}")

@@ -1,0 +1,79 @@
+"""A whole system of processes around a small home, lit flat so that it starts fast."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cli.stack import Stack, environment
+from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.contract import MISSION_GOAL, MISSION_STATUS, TRAFFIC
+from surveilnav.messages import MissionAck, MissionGoal, MissionStatus, TrafficReport
+from surveilnav.runtime import Node, clock_ns
+from surveilnav.runtime.router import free_port
+
+
+@dataclass
+class System:
+    """A running stack and a client on its bus."""
+
+    stack: Stack
+    node: Node
+    building: SimulatedBuilding
+
+    def submit(self, target: str, mission: str = "m1", max_steps: int = 200) -> MissionAck:
+        goal = MissionGoal(stamp_ns=clock_ns(), mission=mission, target=target, max_steps=max_steps)
+        return self.node.ask(MISSION_GOAL, goal, mission=mission).message
+
+    def search(self, target: str, **more: Any) -> None:
+        """Submits, once the planner has met the robot."""
+        until_s = time.monotonic() + 30
+        while not (ack := self.submit(target, **more)).accepted:
+            assert time.monotonic() < until_s, ack
+            time.sleep(0.2)
+
+    def status(self, mission: str = "m1") -> MissionStatus:
+        return self.node.ask(MISSION_STATUS, mission=mission).message
+
+    def wait(self, condition: Callable[[MissionStatus], bool], timeout_s: float, mission: str = "m1") -> MissionStatus:
+        """The first status that meets the condition."""
+        until_s = time.monotonic() + timeout_s
+        while not condition(status := self.status(mission)):
+            assert time.monotonic() < until_s, f"not within {timeout_s} s: {status}"
+            time.sleep(0.05)
+        return status
+
+    def traffic(self, kind: str, id: str) -> TrafficReport:
+        return self.node.ask(TRAFFIC, node=f"{kind}-{id}").message
+
+
+@pytest.fixture
+def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., System]]:
+    """``system(building, cameras=2, ...)`` starts one; it is stopped at the test's end."""
+    monkeypatch.setenv("SURVEILNAV_SIM__LIGHTING", "flat")
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path / "cache"))
+    with ExitStack() as exits:
+
+        def start(
+            building: str = "parametric_flat", cameras: int = 2, perception: str = "oracle", surveillance: bool = True,
+            robot_start: str = "",
+        ) -> System:  # fmt: skip
+            home = SimulatedBuilding(SimulationSettings(building=building, cameras=cameras))
+            home.prepare()
+            variables = environment(
+                router=f"tcp/127.0.0.1:{free_port()}", building=building, seed=0, cameras=cameras, area_per_camera_m2=100,
+                perception=perception, surveillance=surveillance, robot_start=robot_start,
+            )  # fmt: skip
+            names = [c.name for c in home.plan.cameras]
+            stack = exits.enter_context(Stack(variables, tmp_path / "logs", names))
+            node = exits.enter_context(Node("test", "e2e", stack.bus, alive=False))
+            stack.wait_ready(node, 90)
+            return System(stack, node, home)
+
+        yield start

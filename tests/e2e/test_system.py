@@ -1,0 +1,106 @@
+"""The whole system: what an inactive camera costs, what a dead perception does, what garbage on the bus does."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+import zenoh
+
+from surveilnav.contract import MISSION_CANCEL, ROBOT_STATUS, STREAMS
+from surveilnav.messages import MissionCancel
+from surveilnav.runtime import clock_ns
+
+TERMINAL = ("done", "failed", "cancelled")
+
+
+def frame_bytes(report) -> int:
+    return sum(row.n_bytes for row in report.rows if "/frame/" in row.key and row.direction == "offered")
+
+
+@pytest.mark.slow
+def test_only_cameras_of_the_robots_floor_send_frames(system):
+    s = system("parametric_house", cameras=2)
+    floors = {c.name: c.floor for c in s.building.plan.cameras}
+    assert sorted(floors.values()) == ["0", "1"]
+    robot_floor = s.node.ask(ROBOT_STATUS, robot="r1").message.floor
+    here = next(name for name, floor in floors.items() if floor == robot_floor)
+    other = next(name for name, floor in floors.items() if floor != robot_floor)
+    until = time.monotonic() + 60
+    while frame_bytes(s.traffic("camera", here)) == 0 and time.monotonic() < until:
+        time.sleep(0.2)
+    assert frame_bytes(s.traffic("camera", here)) > 100_000
+    began = s.traffic("camera", other)
+    time.sleep(5.0)
+    ended = s.traffic("camera", other)
+    assert frame_bytes(ended) == 0
+    # What it still sends (traffic figures for this test, keep-alives) stays under 1 kB/s.
+    sent_per_s = (ended.wire_sent_bytes - began.wire_sent_bytes) / ((ended.stamp_ns - began.stamp_ns) / 1e9)
+    assert sent_per_s < 1000
+
+
+@pytest.mark.slow
+def test_without_surveillance_no_camera_sends_a_frame(system):
+    s = system(cameras=1, surveillance=False)
+    s.search("tv", max_steps=30)
+    s.wait(lambda m: m.step >= 10 or m.state in TERMINAL, 90)
+    assert frame_bytes(s.traffic("camera", s.building.plan.cameras[0].name)) == 0
+
+
+@pytest.mark.slow
+def test_a_mission_survives_the_death_of_perception(system):
+    s = system(cameras=1)
+    s.search("tv")
+    s.wait(lambda m: m.step >= 5, 90)
+    s.stack.kill("perception")
+    held = s.wait(lambda m: "perception" in m.message.lower(), 60)
+    assert held.state in ("active", "confirming")
+    time.sleep(2.0)
+    assert s.status().step == held.step, "the robot holds still while nobody sees"
+    s.stack.start_service("perception")
+    ended = s.wait(lambda m: m.state in TERMINAL, 180)
+    assert (ended.state, ended.found) == ("done", True), ended
+    assert ended.step > held.step
+
+
+@pytest.mark.slow
+def test_garbage_on_every_key_stops_nothing(system):
+    s = system(cameras=1)
+    ids = {"building": s.node.building, "floor": "0", "camera": s.building.plan.cameras[0].name, "robot": "r1", "view": "0",
+           "worker": "perception-1", "mission": "m1", "layer": "value", "node": "robot-r1", "slot": "0", "source": "robot-r1"}  # fmt: skip
+    keys = {stream: stream.key_for(**{f: ids[f] for f in stream.fields}) for stream in STREAMS}
+    s.search("tv")
+    s.wait(lambda m: m.step >= 1, 90)
+    garbage = [b"", b"\xff" * 1000, b"\x81\xa8stamp_ns\xc0", b"{}", bytes(200_000)]
+    for stream, key in keys.items():
+        for schema in (stream.schema, "surveilnav.Other/1.0", ""):
+            for payload in garbage:
+                encoding = zenoh.Encoding("application/msgpack").with_schema(schema)
+                s.node.session.put(key, payload, encoding=encoding, attachment=payload)
+                if "query" in stream.kind:
+                    for _ in s.node.session.get(key, payload=payload, encoding=encoding, timeout=2.0):
+                        pass
+    ended = s.wait(lambda m: m.state in TERMINAL, 120)
+    assert (ended.state, ended.found) == ("done", True), ended
+    s.stack.check()
+    assert s.traffic("fusion", "fusion").rejected
+    assert s.traffic("planner", "planner").rejected
+
+
+@pytest.mark.slow
+def test_goals_that_cannot_be_met_are_refused_and_cancel_stops_the_robot(system):
+    s = system(cameras=0)
+    unknown = s.submit("unicorn", mission="bad")
+    assert (unknown.accepted, unknown.error) == (False, "bad_target")
+    assert "'unicorn'" in unknown.message
+    assert "potted plant" in unknown.message
+    s.search("tv", mission="m1")
+    s.wait(lambda m: m.step >= 2, 60)
+    second = s.submit("bed", mission="m2")
+    assert (second.accepted, second.error) == (False, "no_free_robot")
+    s.node.ask(MISSION_CANCEL, MissionCancel(stamp_ns=clock_ns(), mission="m1"), mission="m1")
+    assert s.wait(lambda m: m.state in TERMINAL, 20).state == "cancelled"
+    time.sleep(1.0)
+    before = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
+    time.sleep(1.0)
+    assert s.node.ask(ROBOT_STATUS, robot="r1").message.seq == before
