@@ -132,7 +132,9 @@ def _search(
 
         def show(status: MissionStatus) -> None:
             left = f", {status.distance_remaining_m:.1f} m to go" if status.distance_remaining_m is not None else ""
-            text = f"{status.phase}: step {status.step}/{status.max_steps}, {status.path_m:.1f} m{left}  {status.message}"
+            text = (
+                f"{status.phase}: step {status.step}/{status.max_steps}, {status.path_m:.1f} m{left}  {status.message}"
+            )
             spinner.update(text)
             if not console.is_terminal and (status.step % 10 == 0 or status.state != "active"):
                 console.print("  " + text)
@@ -171,7 +173,10 @@ def _judge(recorder: Recorder, goals: Goals, start: Start) -> Verdict:
     if last is None:
         raise SurveilNavError("the robot was never heard of: see its log")
     state = SimpleNamespace(
-        p_world=last.T_world_base.translation_m, floor=last.floor, path_m=last.path_m, stopped=last.last_action == "stop"
+        p_world=last.T_world_base.translation_m,
+        floor=last.floor,
+        path_m=last.path_m,
+        stopped=last.last_action == "stop",
     )
     return judge(goals, state, shortest_path_m=start.shortest_path_m)
 
@@ -243,13 +248,17 @@ def _deciding_views(
     best: dict[tuple[str, int], Any] = {}
     for event in sorted(events, key=lambda e: e.score):
         best[event.source, event.view if event.source.startswith("camera/") else event.seq] = event
-    views = []
+    views: list[DecidingView] = []
     for event in sorted(best.values(), key=lambda e: -e.score):
         picture = _picture(node, recorder, event)
         if picture is not None and len(views) < _MOST_DECIDING_VIEWS:
             jpeg, scale = picture
             box = tuple(v * scale for v in event.box_px)
-            caption = f"{event.source}, view {event.view}" if event.source.startswith("camera/") else f"robot, step {event.seq}"
+            caption = (
+                f"{event.source}, view {event.view}"
+                if event.source.startswith("camera/")
+                else f"robot, step {event.seq}"
+            )
             views.append(DecidingView(caption, jpeg, [(*box, event.label, event.score)], event.source, event.view))
     return views
 

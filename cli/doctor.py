@@ -36,7 +36,9 @@ def examine() -> list[Finding]:
 
 def _python() -> Finding:
     ok = (3, 10) <= sys.version_info[:2] <= (3, 12)
-    return Finding("Python", "ok" if ok else "missing", platform.python_version(), "" if ok else "use Python 3.10 to 3.12")
+    return Finding(
+        "Python", "ok" if ok else "missing", platform.python_version(), "" if ok else "use Python 3.10 to 3.12"
+    )
 
 
 def _packages() -> list[Finding]:
@@ -71,7 +73,9 @@ def _weights() -> Finding:
         return Finding("detector weights", "note", detail, "without a network, perception is `simulated`")
     names = sorted(p.name for p in folder.glob("*.onnx"))
     if not names:
-        return Finding("detector weights", "note", f"no .onnx in {folder}", "see docs/perception.md for the files and their hashes")
+        return Finding(
+            "detector weights", "note", f"no .onnx in {folder}", "see docs/perception.md for the files and their hashes"
+        )
     return Finding("detector weights", "ok", ", ".join(names))
 
 
@@ -79,7 +83,9 @@ def _disk() -> Finding:
     folder: Path = cache_dir()
     free_gb = shutil.disk_usage(folder).free / 1e9
     level: Literal["ok", "note"] = "ok" if free_gb > 4 else "note"
-    return Finding("disk", level, f"{free_gb:.1f} GB free at {folder}", "" if level == "ok" else "set SURVEILNAV_CACHE_DIR")
+    return Finding(
+        "disk", level, f"{free_gb:.1f} GB free at {folder}", "" if level == "ok" else "set SURVEILNAV_CACHE_DIR"
+    )
 
 
 def _docker() -> Finding:

@@ -26,7 +26,9 @@ class OnOff(str, Enum):
     off = "off"
 
 
-Building = Annotated[str, typer.Option(help="An example home (see `surveilnav buildings`) or the path of a .sh3d file.")]
+Building = Annotated[
+    str, typer.Option(help="An example home (see `surveilnav buildings`) or the path of a .sh3d file.")
+]
 Seed = Annotated[int, typer.Option(min=0, help="Draws furniture models, textures, start and sensor noise.")]
 Cameras = Annotated[int | None, typer.Option(min=0, max=10_000, help="So many cameras in all, instead of by area.")]
 Area = Annotated[float, typer.Option(min=1.0, help="One camera for so many square metres of floor.")]

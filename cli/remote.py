@@ -25,7 +25,9 @@ def call(url: str, method: str, path: str, body: dict[str, Any] | None = None) -
     try:
         answer = response.json()
     except ValueError:
-        raise SurveilNavError(f"{url} isn't a SurveilNav gateway: {path} answered {response.status_code} without JSON") from None
+        raise SurveilNavError(
+            f"{url} isn't a SurveilNav gateway: {path} answered {response.status_code} without JSON"
+        ) from None
     if response.is_error:
         raise SurveilNavError(str(answer.get("detail") or answer.get("title") or response.reason_phrase))
     return answer

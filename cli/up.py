@@ -33,7 +33,9 @@ def run_up(
     with Stack(variables, logs, names, gateway=True) as stack:
         with Node("cli", "up", stack.bus, alive=False) as node:
             stack.wait_ready(node, 120.0)
-        console.print(f"ready: http://127.0.0.1:{port}/  (building {plan.building}, {len(names)} cameras; logs in {logs})")
+        console.print(
+            f"ready: http://127.0.0.1:{port}/  (building {plan.building}, {len(names)} cameras; logs in {logs})"
+        )
         console.print('try: surveilnav find "tv"    stop: Ctrl-C')
         while not stopping.wait(1.0):
             stack.check()

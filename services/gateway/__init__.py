@@ -1,0 +1,1 @@
+"""The gateway: missions, cameras, robots, objects, map layers and traffic over HTTP, and a plain page."""

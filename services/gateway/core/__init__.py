@@ -1,0 +1,1 @@
+"""Pure: what the bus says, as resources, pictures, sums and problems."""

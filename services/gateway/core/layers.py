@@ -1,0 +1,115 @@
+"""Map layers as pictures: north up, one pixel a cell, transparent where there is nothing to show.
+
+| layer | colour |
+|---|---|
+| occupancy | obstacle: slate ``#39424e``; free or unknown: transparent |
+| explored | explored: pale blue ``#dbe7f0``; unexplored: transparent |
+| frontier | frontier: orange ``#f08c00``; else transparent |
+| value | viridis (``#440154`` lowest to ``#fde725`` highest of this picture); unknown: transparent |
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.errors import WireError
+from surveilnav.geometry import Grid
+from surveilnav.messages import LayerHeader
+from surveilnav.sensing.packing import unpack_array
+
+#: Layers that have a picture, and their colour (red, green, blue); the value layer has a scale.
+COLOURS: dict[str, tuple[int, int, int] | None] = {
+    "occupancy": (0x39, 0x42, 0x4E),
+    "explored": (0xDB, 0xE7, 0xF0),
+    "frontier": (0xF0, 0x8C, 0x00),
+    "value": None,
+}
+#: Larger maps are shown with several cells a pixel.
+MAX_PIXELS = 4096 * 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A PNG, the grid whose cells are its pixels (row 0 of the grid is the lowest line), and the scale of values."""
+
+    png: bytes
+    grid: Grid
+    low: float | None = None
+    high: float | None = None
+
+
+def unpack_layer(header: LayerHeader, payload: bytes) -> NDArray:
+    """The cells (rows, cols) of a layer as it came from the bus.
+
+    Raises:
+        WireError: header and payload don't fit each other, or it isn't a layer on a grid.
+    """
+    if header.layer not in COLOURS:
+        raise WireError(f"the layer {header.layer!r} isn't a picture; pictures: {', '.join(COLOURS)}")
+    expected = "float32" if header.layer == "value" else "uint8"
+    if header.dtype != expected or header.shape != header.grid.shape:
+        raise WireError(
+            f"expected {header.layer} as {expected} of shape {header.grid.shape}, got {header.dtype} {header.shape}"
+        )
+    return unpack_array(payload, header.dtype, header.shape)
+
+
+def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS) -> Picture:
+    """The picture of ``cells`` (rows, cols): uint8 0/1, or float with NaN where unknown for ``value``."""
+    grid, cells = _coarser(grid, cells, max_pixels)
+    low = high = None
+    colour = COLOURS[layer]
+    if colour is not None:
+        rgba = np.zeros((*cells.shape, 4), np.uint8)
+        rgba[cells != 0] = (*colour, 255)
+    else:
+        rgba, low, high = colour_values(cells)
+    return Picture(encode_png(rgba), grid, low, high)
+
+
+def colour_values(
+    values: NDArray, low: float | None = None, high: float | None = None
+) -> tuple[NDArray[np.uint8], float | None, float | None]:
+    """RGBA (rows, cols, 4) of values in viridis, transparent where they aren't finite; and the scale's ends.
+
+    The scale runs from the lowest to the highest finite value unless ``low`` and ``high`` are given.
+    """
+    known = np.isfinite(values)
+    rgba = np.zeros((*values.shape, 4), np.uint8)
+    if not known.any():
+        return rgba, low, high
+    low = float(values[known].min()) if low is None else low
+    high = float(values[known].max()) if high is None else high
+    span = max(high - low, 1e-9)
+    scaled = np.clip((np.where(known, values, low).astype(np.float64) - low) / span, 0.0, 1.0)
+    bgr = cv2.applyColorMap((scaled * 255).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    rgba[..., :3] = bgr[..., ::-1]
+    rgba[..., 3] = 255
+    rgba[~known] = 0
+    return rgba, low, high
+
+
+def encode_png(rgba: NDArray[np.uint8]) -> bytes:
+    """A PNG with the last row (the largest world y) on top."""
+    bgra = np.ascontiguousarray(rgba[::-1][..., [2, 1, 0, 3]])
+    ok, data = cv2.imencode(".png", bgra, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    if not ok:
+        raise ValueError(f"a picture of shape {rgba.shape} can't be encoded")
+    return data.tobytes()
+
+
+def _coarser(grid: Grid, cells: NDArray, max_pixels: int) -> tuple[Grid, NDArray]:
+    """Joins n x n cells by their maximum (a thin wall stays a wall) until they fit ``max_pixels``."""
+    n = math.ceil(math.sqrt(grid.rows * grid.cols / max_pixels))
+    if n <= 1:
+        return grid, cells
+    empty = np.nan if cells.dtype.kind == "f" else 0
+    padded = np.pad(cells, ((0, -grid.rows % n), (0, -grid.cols % n)), constant_values=empty)
+    rows, cols = padded.shape[0] // n, padded.shape[1] // n
+    joined = np.fmax.reduce(np.fmax.reduce(padded.reshape(rows, n, cols, n), axis=3), axis=1)
+    return Grid(grid.origin_x_m, grid.origin_y_m, grid.resolution_m * n, rows, cols), joined

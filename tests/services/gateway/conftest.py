@@ -1,0 +1,321 @@
+"""A building of fakes on a real bus: planner, fusion, a camera, a robot and a perception worker as plain nodes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+import uvicorn
+
+from services.gateway.__main__ import listen
+from services.gateway.app import create_app
+from services.gateway.service import Backend
+from surveilnav import contract
+from surveilnav import messages as m
+from surveilnav.geometry import Grid, Pinhole, Pose, base_pose, camera_pose
+from surveilnav.runtime import Answer, BusSettings, Node, Refused, Request, clock_ns
+from surveilnav.runtime.router import free_port, open_router
+from surveilnav.sensing.packing import pack_array
+
+GRID = Grid(-1.0, -2.0, 0.5, 12, 16)
+
+
+def wait_for(check: Callable[[], bool], why: str, timeout_s: float = 5.0) -> None:
+    """Waits for what the bus brings in its own time; fails loudly if it never comes."""
+    until = time.monotonic() + timeout_s
+    while not check():
+        assert time.monotonic() < until, why
+        time.sleep(0.02)
+
+
+class FakeBuilding:
+    """Everything that the gateway talks to. Its state is plain attributes: tests change them."""
+
+    def __init__(self, router: str) -> None:
+        self.settings = BusSettings(router=router)
+        self.stack = ExitStack()
+        self.goals: list[m.MissionGoal] = []
+        self.missions: dict[str, m.MissionStatus] = {}
+        self.layers_asked: list[tuple[str, dict[str, str]]] = []
+        self.grid = GRID
+        self.thumbnails = 0
+        self.broken_layer = False
+        self.revision = 1
+        self.planner, self.fusion = self.node("planner", "p1"), self.node("fusion", "f1")
+        self.camera, self.robot, self.worker = (
+            self.node("camera", "c1"),
+            self.node("robot", "r1"),
+            self.node("perception", "w1"),
+        )
+        self._planner()
+        self._fusion()
+        self._sources()
+
+    def node(self, kind: str, id: str) -> Node:
+        return self.stack.enter_context(Node(kind, id, self.settings))
+
+    # --- planner --------------------------------------------------------------------------------------------------
+
+    def _planner(self) -> None:
+        self.status = {}
+        self.planner.serve(contract.MISSION_GOAL, self._goal)
+        self.planner.serve(contract.MISSION_CANCEL, self._cancel)
+        self.planner.serve(contract.MISSION_STATUS, self._status)
+        self.planner.serve(contract.MISSION_PLAN, self._plan)
+
+    def put_status(self, status: m.MissionStatus) -> None:
+        self.missions[status.mission] = status
+        if status.mission not in self.status:
+            self.status[status.mission] = self.planner.publisher(contract.MISSION_STATUS, mission=status.mission)
+        self.status[status.mission].put(status)
+
+    def _goal(self, request: Request) -> Answer:
+        goal: m.MissionGoal = request.message
+        self.goals.append(goal)
+        error = {"unicorn": "bad_target", "Blumentopf 🌱": "bad_target", "busy robot": "no_free_robot"}.get(
+            goal.target, ""
+        )
+        if goal.target == "explode":
+            raise RuntimeError("a bug in the planner")
+        if error:
+            return Answer(
+                m.MissionAck(
+                    stamp_ns=clock_ns(),
+                    mission=goal.mission,
+                    accepted=False,
+                    state="failed",
+                    error=error,
+                    message=f"{goal.target!r} can't be searched: {error}",
+                )
+            )
+        self.put_status(
+            m.MissionStatus(
+                stamp_ns=clock_ns(),
+                mission=goal.mission,
+                target=goal.target,
+                robot="r1",
+                state="queued",
+                phase="waiting",
+                step=0,
+                max_steps=goal.max_steps,
+                path_m=0.0,
+                started_ns=clock_ns(),
+            )
+        )
+        return Answer(
+            m.MissionAck(stamp_ns=clock_ns(), mission=goal.mission, accepted=True, state="queued", robot="r1")
+        )
+
+    def _known(self, request: Request) -> m.MissionStatus:
+        try:
+            return self.missions[request.ids["mission"]]
+        except KeyError:
+            raise Refused("unknown_mission", f"no mission {request.ids.get('mission')!r}") from None
+
+    def _cancel(self, request: Request) -> Answer:
+        status = self._known(request)
+        if status.state in ("done", "failed", "cancelled"):
+            return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=False, state=status.state))
+        return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=True, state="cancelled"))
+
+    def _status(self, request: Request) -> Answer | list[Answer]:
+        if "mission" in request.ids:
+            return Answer(self._known(request))
+        return [Answer(s, ids={"mission": id}) for id, s in self.missions.items()]
+
+    def _plan(self, request: Request) -> Answer:
+        status = self._known(request)
+        waypoint = m.Candidate("frontier", 3.0, 1.0, 0.4, True, "nearest with value")
+        return Answer(
+            m.Plan(
+                stamp_ns=clock_ns(),
+                mission=status.mission,
+                robot="r1",
+                floor="0",
+                step=7,
+                seq=7,
+                action="move_forward",
+                waypoint=waypoint,
+                path_m=[(0.0, 0.0), (1.5, 0.2), (float("nan"), 1.0)],
+                candidates=[waypoint],
+            )
+        )
+
+    # --- fusion ---------------------------------------------------------------------------------------------------
+
+    def _fusion(self) -> None:
+        self._revision = self.fusion.publisher(contract.MAP_REVISION, floor="0")
+        self.fusion.serve(contract.MAP_LAYER, self._layer)
+        self.fusion.serve(contract.OBJECTS, self._objects)
+        self.fusion.serve(contract.MAP_REVISION, lambda _: Answer(self._held(), ids={"floor": "0"}))
+
+    def _held(self) -> m.Revision:
+        return m.Revision(
+            stamp_ns=self.revision,
+            floor="0",
+            revision=self.revision,
+            floor_z_m=0.0,
+            robots={"r1": 3},
+            cameras=[m.CameraUse("c1", 2, 13)],
+            pending_views=1,
+        )
+
+    def put_revision(self) -> None:
+        self.revision += 1
+        self._revision.put(self._held())
+
+    def _layer(self, request: Request) -> Answer:
+        floor, layer = request.ids["floor"], request.ids["layer"]
+        self.layers_asked.append((layer, request.parameters))
+        if floor != "0":
+            raise Refused("unknown_floor", f"no floor {floor!r}; floors: 0")
+        cells = np.zeros(self.grid.shape, np.float32 if layer == "value" else np.uint8)
+        cells[0, :4] = 1
+        if layer == "value":
+            cells[:] = np.nan
+            cells[0, 0], cells[5, 5] = 0.2, 0.9
+        header = m.LayerHeader(
+            stamp_ns=clock_ns(),
+            floor=floor,
+            layer=layer,
+            revision=self.revision,
+            grid=self.grid,  # type: ignore[arg-type]
+            dtype="float32" if layer == "value" else "uint8",
+            shape=cells.shape,
+            target=request.parameters.get("target", ""),
+        )
+        return Answer(header, b"not zstd" if self.broken_layer else pack_array(cells))
+
+    def _objects(self, request: Request) -> Answer:
+        if request.ids.get("floor", "0") != "0":
+            raise Refused("unknown_floor", f"no floor {request.ids['floor']!r}")
+        event = m.ObjectEvent(
+            clock_ns(), "camera/c1", 3, 1, "couch", 0.8, "confirmed", "0.80 >= 0.5", (1.0, 2.0, 30.0, 40.0)
+        )
+        common = {
+            "floor": "0",
+            "status": "confirmed",
+            "confidence": 0.8,
+            "confidence_robot": float("nan"),
+            "confidence_surveillance": 0.8,
+            "label_robot": "",
+            "n_detections": 2,
+            "n_points": 100,
+            "center_m": (1.0, 2.0, 0.4),
+            "size_m": (2.0, 1.0, 0.8),
+            "first_seen_ns": 1,
+            "last_seen_ns": clock_ns(),
+            "sources": ["camera/c1"],
+            "reason": "seen twice",
+            "history": [event],
+        }
+        objects = [
+            m.ObjectRecord(id=i, label=label, label_surveillance=label, **common)
+            for i, label in enumerate(("couch", "tv"))
+        ]  # type: ignore[arg-type]
+        return Answer(m.ObjectList(stamp_ns=clock_ns(), floor="0", revision=1, objects=objects), ids={"floor": "0"})
+
+    # --- camera, robot, perception --------------------------------------------------------------------------------
+
+    def _sources(self) -> None:
+        yaws = np.deg2rad(np.arange(0, 360, 30))
+        views = [
+            m.CameraViewInfo(i, Pose.from_matrix(camera_pose((2, 1, 1.8), yaw, -np.pi / 6)))
+            for i, yaw in enumerate(yaws)
+        ]
+        views.append(m.CameraViewInfo(12, Pose.from_matrix(camera_pose((2, 1, 1.8), 0, -np.pi / 2))))
+        self.info = m.CameraInfo(
+            stamp_ns=clock_ns(),
+            camera="c1",
+            floor="0",
+            position_m=(2.0, 1.0, 1.8),
+            mounting_offset_m=1.8,
+            intrinsics=Pinhole.from_hfov(1280, 1280, np.deg2rad(100)),
+            views=views,
+        )
+        self.camera.serve(contract.CAMERA_INFO, lambda _: Answer(self.info), floor="0", camera="c1")
+        self.camera.serve(contract.CAMERA_REQUEST, self._thumbnail, floor="0", camera="c1")
+        self._summary = self.camera.publisher(contract.CAMERA_SUMMARY, floor="0", camera="c1")
+        self._robot_status = self.robot.publisher(contract.ROBOT_STATUS, robot="r1")
+        self._load = self.worker.publisher(contract.PERCEPTION_LOAD, worker="w1")
+
+    def put_sources(self) -> None:
+        pose = Pose.from_matrix(base_pose((0.5, 0.25, 0.0), 1.0))
+        self._summary.put(m.CameraSummary(stamp_ns=clock_ns(), camera="c1", floor="0", labels={"couch": 0.8}))
+        self._robot_status.put(
+            m.RobotStatus(stamp_ns=clock_ns(), robot="r1", floor="0", seq=3, state="ready", T_world_base=pose)
+        )
+        self._load.put(
+            m.WorkerLoad(
+                stamp_ns=clock_ns(),
+                worker="w1",
+                backend="simulated",
+                why="no weights",
+                queued=0,
+                capacity=8,
+                latency_ms=1.0,
+            )
+        )
+
+    def _thumbnail(self, request: Request) -> Answer:
+        assert request.message.action == "thumbnail"
+        self.thumbnails += 1
+        _, jpeg = cv2.imencode(".jpg", np.full((48, 64, 3), 10 * request.message.views[0], np.uint8))
+        return Answer(m.Ack(stamp_ns=clock_ns()), b"no picture" if request.message.views[0] == 11 else jpeg.tobytes())
+
+
+@pytest.fixture(scope="session")
+def eventually() -> Callable[..., None]:
+    return wait_for
+
+
+@pytest.fixture(scope="session")
+def start_gateway() -> Callable[[str, ExitStack], tuple[str, Backend]]:
+    return serve_gateway
+
+
+@pytest.fixture(scope="module")
+def router() -> Iterator[str]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with open_router(endpoint):
+        yield endpoint
+
+
+def serve_gateway(endpoint: str, stack: ExitStack) -> tuple[str, Backend]:
+    """A gateway as ``python -m services.gateway`` runs it, on a thread; its address."""
+    sock = stack.enter_context(listen("127.0.0.1", 0))
+    backend = Backend(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))))
+    server = uvicorn.Server(uvicorn.Config(create_app(backend), log_config=None, access_log=False, lifespan="off"))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
+    thread.start()
+
+    def stop() -> None:
+        server.should_exit = True
+        thread.join(10)
+
+    stack.callback(stop)
+    return f"http://127.0.0.1:{sock.getsockname()[1]}", backend
+
+
+@pytest.fixture(scope="module")
+def building(router: str) -> Iterator[FakeBuilding]:
+    building = FakeBuilding(router)
+    with building.stack:
+        yield building
+
+
+@pytest.fixture(scope="module")
+def client(router: str, building: FakeBuilding) -> Iterator[httpx.Client]:
+    with ExitStack() as stack:
+        url, _ = serve_gateway(router, stack)
+        client = stack.enter_context(closing(httpx.Client(base_url=url, timeout=20)))
+        building.put_sources()
+        building.put_revision()
+        wait_for(lambda: client.get("/readyz").status_code == 200, "the gateway never became ready")
+        yield client

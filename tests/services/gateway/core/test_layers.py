@@ -1,0 +1,95 @@
+"""Pictures of layers: orientation, colours, sizes, and what a hostile header can't do."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.gateway.core.layers import COLOURS, colour_values, render, unpack_layer
+from surveilnav.errors import WireError
+from surveilnav.geometry import Grid
+from surveilnav.messages import LayerHeader
+from surveilnav.sensing.packing import pack_array
+
+
+def decode(png: bytes) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)[..., [2, 1, 0, 3]]
+
+
+@given(
+    rows=st.integers(1, 12),
+    cols=st.integers(1, 12),
+    seed=st.integers(0, 99),
+    layer=st.sampled_from(["occupancy", "explored", "frontier"]),
+)
+def test_a_pixel_is_a_cell_and_north_is_up(rows, cols, seed, layer):
+    cells = np.random.default_rng(seed).integers(0, 2, (rows, cols)).astype(np.uint8)
+    picture = decode(render(layer, Grid(0, 0, 0.05, rows, cols), cells).png)
+    for row in range(rows):
+        for col in range(cols):
+            expected = (*COLOURS[layer], 255) if cells[row, col] else (0, 0, 0, 0)
+            assert tuple(picture[rows - 1 - row, col]) == expected
+
+
+def test_values_grow_brighter_and_unknown_is_transparent():
+    values = np.array([[np.nan, -1.0, 0.0], [0.5, 1.0, np.inf]], np.float32)
+    rgba, low, high = colour_values(values)
+    assert (low, high) == (-1.0, 1.0)
+    assert (rgba[..., 3] > 0).tolist() == [[False, True, True], [True, True, False]]
+    luminance = rgba[..., :3].astype(float) @ [0.2126, 0.7152, 0.0722]
+    assert luminance[0, 1] < luminance[0, 2] < luminance[1, 0] < luminance[1, 1]
+
+
+@pytest.mark.parametrize("values", [np.full((2, 2), np.nan), np.full((2, 2), 0.3)])
+def test_values_without_a_range(values):
+    picture = render("value", Grid(0, 0, 1, 2, 2), values.astype(np.float32))
+    assert (decode(picture.png)[..., 3] > 0).all() == np.isfinite(values).all()
+
+
+@pytest.mark.parametrize(("layer", "dtype"), [("occupancy", np.uint8), ("value", np.float32)])
+def test_large_maps_are_joined_and_keep_thin_walls(layer, dtype):
+    cells = np.full((301, 299), np.nan if layer == "value" else 0, dtype)
+    cells[150] = 1
+    picture = render(layer, Grid(-3.0, 2.0, 0.05, 301, 299), cells, max_pixels=10_000)
+    assert picture.grid == Grid(-3.0, 2.0, 0.05 * 3, 101, 100)
+    rgba = decode(picture.png)
+    assert rgba.shape == (101, 100, 4)
+    assert (rgba[..., 3] > 0).any(axis=1).sum() == 1
+    assert (rgba[101 - 1 - 150 // 3, :, 3] == 255).all()
+
+
+def header(**changes: object) -> LayerHeader:
+    facts: dict[str, object] = {
+        "stamp_ns": 1,
+        "floor": "0",
+        "layer": "explored",
+        "revision": 1,
+        "grid": Grid(0, 0, 0.05, 4, 5),
+        "dtype": "uint8",
+        "shape": (4, 5),
+    }
+    return LayerHeader(**(facts | changes))  # type: ignore[arg-type]
+
+
+def test_a_layer_survives_the_wire():
+    cells = np.arange(20, dtype=np.uint8).reshape(4, 5)
+    assert (unpack_layer(header(), pack_array(cells)) == cells).all()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"shape": (5, 4)},
+        {"shape": (4, 5, 1)},
+        {"dtype": "float32"},
+        {"layer": "value"},
+        {"layer": "cloud"},
+        {"grid": Grid(0, 0, 0.05, 65536, 65536), "shape": (65536, 65536)},
+    ],
+)
+def test_headers_that_dont_fit_are_wire_errors(changes):
+    with pytest.raises(WireError):
+        unpack_layer(header(**changes), pack_array(np.zeros((4, 5), np.uint8)))

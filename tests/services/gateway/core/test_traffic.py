@@ -1,0 +1,98 @@
+"""Who offered what, and who got it."""
+
+from __future__ import annotations
+
+from services.gateway.core.traffic import sum_traffic
+from surveilnav import contract
+from surveilnav.messages import TrafficReport, TrafficRow
+
+FRAME = contract.CAMERA_FRAME.key_for(building="b", floor="0", camera="c1", view=3)
+SUMMARY = contract.CAMERA_SUMMARY.key_for(building="b", floor="0", camera="c1")
+REQUEST = contract.CAMERA_REQUEST.key_for(building="b", floor="0", camera="c1")
+OBSERVATION = contract.ROBOT_OBSERVATION.key_for(building="b", robot="r1")
+COMMAND = contract.ROBOT_COMMAND.key_for(building="b", robot="r1")
+TRUTH = contract.TRUTH.key_for(building="b", source="c1", view=3)
+
+
+def report(
+    kind: str, node: str, *rows: tuple[str, str, int, int], wire: int | None = None, stamp_ns: int = 1
+) -> TrafficReport:
+    return TrafficReport(
+        stamp_ns=stamp_ns,
+        node=node,
+        kind=kind,
+        rows=[TrafficRow(*row) for row in rows],
+        wire_sent_bytes=wire,  # type: ignore[arg-type]
+        wire_received_bytes=None,
+    )
+
+
+REPORTS = [
+    report(
+        "camera",
+        "c1",
+        (FRAME, "offered", 2, 1000),
+        (SUMMARY, "offered", 1, 100),
+        (REQUEST, "offered", 1, 30),
+        (REQUEST, "delivered", 1, 5),
+        (TRUTH, "offered", 2, 7777),
+        wire=1300,
+    ),
+    report("fusion", "f", (FRAME, "delivered", 2, 990), (OBSERVATION, "delivered", 1, 500), wire=10),
+    report("gateway", "g", (SUMMARY, "delivered", 1, 100), (REQUEST, "offered", 1, 5), (REQUEST, "delivered", 1, 30)),
+    report("planner", "p", (COMMAND, "offered", 1, 40), (COMMAND, "delivered", 1, 20), wire=50),
+    report(
+        "robot",
+        "r1",
+        (OBSERVATION, "offered", 1, 510),
+        (COMMAND, "delivered", 1, 40),
+        (COMMAND, "offered", 1, 20),
+        wire=600,
+    ),
+]
+
+
+def test_a_cameras_three_numbers():
+    (camera,) = sum_traffic(REPORTS).cameras
+    assert (camera.id, camera.node) == ("c1", "camera/c1")
+    assert (camera.offered_bytes, camera.delivered_bytes, camera.wire_sent_bytes) == (1130, 1120, 1300)
+    assert (camera.frame_bytes, camera.frames, camera.viewer_bytes) == (1000, 2, 30)
+    assert camera.by_stream == {"camera_frame": 1000, "camera_summary": 100, "camera_request": 30}
+
+
+def test_a_robots_three_numbers_leave_out_its_orders():
+    (robot,) = sum_traffic(REPORTS).robots
+    assert (robot.offered_bytes, robot.delivered_bytes, robot.frame_bytes, robot.wire_sent_bytes) == (
+        530,
+        520,
+        510,
+        600,
+    )
+
+
+def test_nodes_and_totals_leave_out_the_simulators_truth():
+    sums = sum_traffic(REPORTS)
+    nodes = {n.node: n for n in sums.nodes}
+    assert (nodes["c1"].offered_bytes, nodes["c1"].simulation_bytes) == (1130, 7777)
+    assert sums.offered_bytes == 1130 + 5 + 40 + 530
+    assert sums.delivered_bytes == 5 + 1490 + 130 + 20 + 40
+    assert sums.wire_sent_bytes == 1960
+
+
+def test_the_newest_report_of_a_node_counts():
+    old, new = (
+        report("camera", "c1", (FRAME, "offered", 1, 1), stamp_ns=1),
+        report("camera", "c1", (FRAME, "offered", 2, 2), stamp_ns=2),
+    )
+    assert sum_traffic([new, old]).cameras[0].offered_bytes == 2
+
+
+def test_a_camera_whose_own_report_is_missing_isnt_its_askers():
+    asker = report("fusion", "f", (FRAME, "delivered", 1, 9))
+    (camera,) = sum_traffic([asker]).cameras
+    assert (camera.node, camera.offered_bytes, camera.delivered_bytes, camera.wire_sent_bytes) == ("", 0, 9, None)
+
+
+def test_nothing():
+    sums = sum_traffic([])
+    assert (sums.nodes, sums.cameras, sums.robots, sums.offered_bytes, sums.wire_sent_bytes) == ([], [], [], 0, None)

@@ -1,0 +1,449 @@
+"""REST over a real bus: what is there, what isn't, and what people get wrong."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import Any
+
+import cv2
+import httpx
+import msgspec
+import numpy as np
+import pytest
+
+from surveilnav import contract
+from surveilnav import messages as m
+from surveilnav.geometry import Grid
+from surveilnav.runtime import clock_ns
+
+SURROGATE = b'{"target": "\\ud800"}'
+
+
+def problem(answer: httpx.Response, status: int) -> dict[str, Any]:
+    """The problem details of an answer, checked for their form (RFC 9457)."""
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    body: dict[str, Any] = answer.json()
+    assert body["status"] == status
+    assert body["type"].startswith("urn:surveilnav:problem:")
+    assert body["title"]
+    assert body["detail"]
+    return body
+
+
+def named(body: dict[str, Any]) -> str:
+    return str(body["type"]).rsplit(":", 1)[1]
+
+
+def submit(client: httpx.Client, target: str = "potted plant", **headers: str) -> httpx.Response:
+    return client.post("/api/v1/missions", json={"target": target}, headers=headers)
+
+
+# --- missions -----------------------------------------------------------------------------------------------------
+
+
+def test_submit_gives_a_mission_and_where_it_is(client, building):
+    answer = client.post("/api/v1/missions", json={"target": "  tv ", "robot": "r1", "max_steps": 7})
+    assert answer.status_code == 202, answer.text
+    goal = building.goals[-1]
+    assert (goal.target, goal.robot, goal.max_steps) == ("tv", "r1", 7)
+    assert answer.headers["location"] == f"/api/v1/missions/{goal.mission}"
+    mission = client.get(answer.headers["location"]).json()
+    assert (mission["id"], mission["target"], mission["state"], mission["stale"]) == (
+        goal.mission,
+        "tv",
+        "queued",
+        False,
+    )
+    assert mission["last_seen"].endswith("Z")
+
+
+def test_missions_are_listed_newest_first_and_in_pages(client, eventually):
+    ids = [submit(client).json()["id"] for _ in range(3)]
+    eventually(
+        lambda: client.get("/api/v1/missions?limit=1").json()["items"][0]["id"] == ids[-1], "the newest isn't first"
+    )
+    everything = client.get("/api/v1/missions").json()
+    page = client.get("/api/v1/missions?limit=2&offset=1").json()
+    assert [x["id"] for x in page["items"]] == [x["id"] for x in everything["items"]][1:3] == ids[1::-1]
+    assert page["total"] == everything["total"] >= 3
+
+
+def test_status_of_a_mission_follows_the_planner(client, building, eventually):
+    id = submit(client).json()["id"]
+    building.put_status(
+        m.MissionStatus(
+            stamp_ns=clock_ns(),
+            mission=id,
+            target="potted plant",
+            robot="r1",
+            state="failed",
+            phase="",
+            step=500,
+            max_steps=500,
+            path_m=float("inf"),
+            error="out_of_steps",
+            message="500 steps",
+        )
+    )
+    eventually(lambda: client.get(f"/api/v1/missions/{id}").json()["state"] == "failed", "the state never changed")
+    mission = client.get(f"/api/v1/missions/{id}").json()
+    assert (mission["error"], mission["step"], mission["path_m"]) == ("out_of_steps", 500, None)
+    problem(client.post(f"/api/v1/missions/{id}/cancel"), 409)
+
+
+def test_cancel(client, building):
+    id = submit(client).json()["id"]
+    answer = client.post(f"/api/v1/missions/{id}/cancel", json={"reason": "found it myself"})
+    assert (answer.status_code, answer.json()["state"]) == (202, "cancelled")
+
+
+def test_plan_of_a_mission(client):
+    id = submit(client).json()["id"]
+    plan = client.get(f"/api/v1/missions/{id}/plan").json()
+    assert plan["waypoint"]["kind"] == "frontier"
+    assert plan["path_m"] == [[0.0, 0.0], [1.5, 0.2], [None, 1.0]]  # what isn't finite is null, not a crash
+    assert plan["stale"] is False
+
+
+def test_the_same_idempotency_key_is_one_mission(client, building):
+    first, again = (submit(client, "couch", **{"Idempotency-Key": "k1"}) for _ in range(2))
+    assert first.json()["id"] == again.json()["id"]
+    assert first.headers["location"] == again.headers["location"]
+    assert again.status_code == 202
+    assert sum(g.mission == first.json()["id"] for g in building.goals) == 1
+    assert submit(client, "couch").json()["id"] != first.json()["id"]
+    assert submit(client, "couch", **{"Idempotency-Key": "k2"}).json()["id"] != first.json()["id"]
+    assert named(problem(submit(client, "bed", **{"Idempotency-Key": "k1"}), 422)) == "idempotency_key_reused"
+    other_effort = {"target": "couch", "max_steps": 9}
+    problem(client.post("/api/v1/missions", json=other_effort, headers={"Idempotency-Key": "k1"}), 422)
+
+
+def test_an_idempotency_key_outlives_the_gateway(client, building, router, start_gateway):
+    first = submit(client, "toilet", **{"Idempotency-Key": "before"})
+    goals = len(building.goals)
+    with ExitStack() as stack:
+        url, _ = start_gateway(router, stack)
+        with httpx.Client(base_url=url) as another:
+            assert submit(another, "toilet", **{"Idempotency-Key": "before"}).json()["id"] == first.json()["id"]
+            problem(submit(another, "bed", **{"Idempotency-Key": "before"}), 422)
+    assert len(building.goals) == goals
+
+
+@pytest.mark.parametrize(
+    ("target", "status", "name"),
+    [
+        ("unicorn", 422, "bad_target"),
+        ("Blumentopf 🌱", 422, "bad_target"),
+        ("busy robot", 409, "no_free_robot"),
+        ("explode", 502, "internal"),
+    ],
+)
+def test_the_planners_refusals(client, target, status, name):
+    assert named(problem(submit(client, target), status)) == name
+
+
+def test_a_target_in_unicode_arrives_as_it_was_typed(client, building):
+    assert submit(client, "растение в горшке 盆栽").status_code == 202
+    assert building.goals[-1].target == "растение в горшке 盆栽"
+
+
+@pytest.mark.parametrize(
+    ("body", "status"),
+    [
+        (b'{"target":', 400),
+        (b"", 422),
+        (b"\xff\xfe\x00", 400),
+        (b"[" * 50_000, 400),
+        (SURROGATE, 422),
+        (b'{"target": "tv", "\\ud800": 1}', 422),
+        (b"{}", 422),
+        (b'{"target": ""}', 422),
+        (b'{"target": "   "}', 422),
+        (b'{"target": 3}', 422),
+        (b'{"target": "tv", "robot": "../r1"}', 422),
+        (b'{"target": "tv", "max_steps": 0}', 422),
+        (b'{"target": "tv", "max_steps": 1e999}', 422),
+        (b'{"target": "tv", "steps": 3}', 422),
+        (b'{"target": "' + b"x" * 201 + b'"}', 422),
+        (b'{"target": "' + b"x" * 70_000 + b'"}', 413),
+    ],
+)
+def test_malformed_goals(client, building, body, status):
+    goals = len(building.goals)
+    problem(client.post("/api/v1/missions", content=body, headers={"content-type": "application/json"}), status)
+    assert len(building.goals) == goals
+
+
+def test_a_body_without_a_length_is_refused(client):
+    problem(client.post("/api/v1/missions", content=iter([b'{"target": "tv"}'])), 411)
+
+
+@pytest.mark.parametrize(
+    "id", ["m-unknown", "..%2F..%2Fetc", "*", "**", "%00", "a%2Fb", "a" * 65, "%F0%9F%8C%B1", "$*", "a b"]
+)
+@pytest.mark.parametrize(
+    "path",
+    [
+        "missions/{}",
+        "missions/{}/plan",
+        "cameras/{}",
+        "cameras/{}/views/0.jpg",
+        "floors/{}/layers/occupancy.png",
+        "objects?floor={}",
+    ],
+)
+def test_hostile_and_unknown_ids(client, path, id):
+    answer = client.get(f"/api/v1/{path.format(id)}")
+    problem(answer, answer.status_code)
+    assert answer.status_code in (404, 422)
+
+
+@pytest.mark.parametrize("id", ["m-unknown", "*", "a%2Fb"])
+def test_cancelling_what_isnt_there(client, id):
+    answer = client.post(f"/api/v1/missions/{id}/cancel")
+    problem(answer, answer.status_code)
+    assert answer.status_code in (404, 422)
+
+
+# --- cameras, robots, perception ----------------------------------------------------------------------------------
+
+
+def test_cameras(client):
+    (camera,) = client.get("/api/v1/cameras").json()["items"]
+    assert camera == client.get("/api/v1/cameras/c1").json() | {"last_seen": camera["last_seen"]}
+    assert (camera["id"], camera["floor"], camera["invoked"], camera["views_held"]) == ("c1", "0", True, 2)
+    assert camera["labels"] == {"couch": 0.8}
+    assert camera["views"][3]["yaw_rad"] == pytest.approx(np.pi / 2)
+    assert camera["views"][3]["pitch_rad"] == pytest.approx(-np.pi / 6)
+    assert camera["views"][12]["yaw_rad"] is None  # straight down has no azimuth
+    assert not camera["stale"]
+
+
+def test_a_view_is_fetched_from_the_camera(client, building):
+    asked = building.thumbnails
+    answer = client.get(client.get("/api/v1/cameras/c1").json()["views"][5]["picture"])
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "image/jpeg")
+    assert building.thumbnails == asked + 1
+    picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (48, 64, 3)
+    assert abs(int(picture.mean()) - 50) < 3
+
+
+@pytest.mark.parametrize(
+    ("view", "status"), [("13", 404), ("-1", 422), ("x", 422), ("11", 502), ("99999999999999999999", 422)]
+)
+def test_views_that_arent_there(client, view, status):
+    problem(client.get(f"/api/v1/cameras/c1/views/{view}.jpg"), status)
+
+
+def test_a_camera_that_left_stays_listed_as_stale(client, building, eventually):
+    passing = building.node("camera", "c9")
+    publisher = passing.publisher(contract.CAMERA_INFO, floor="0", camera="c9")
+    publisher.put(_renamed(building.info, "c9"))
+
+    def camera() -> dict[str, Any]:
+        return dict(client.get("/api/v1/cameras/c9").json())
+
+    eventually(lambda: camera().get("stale") is False, "the camera never came")
+    passing.__exit__(None, None, None)
+    eventually(lambda: camera()["stale"] is True, "the camera is gone but not stale")
+    assert named(problem(client.get("/api/v1/cameras/c9/views/1.jpg"), 503)) == "absent"
+
+
+def test_a_message_that_names_another_id_than_its_key_isnt_believed(client, building, eventually):
+    building.camera.publisher(contract.CAMERA_INFO, floor="0", camera="liar").put(_renamed(building.info, "../c1"))
+    building.camera.publisher(contract.CAMERA_INFO, floor="0", camera="honest").put(_renamed(building.info, "honest"))
+    eventually(lambda: client.get("/api/v1/cameras/honest").status_code == 200, "the honest one never came")
+    assert {c["id"] for c in client.get("/api/v1/cameras").json()["items"]}.isdisjoint({"liar", "../c1"})
+
+
+def _renamed(info: m.CameraInfo, camera: str) -> m.CameraInfo:
+    return msgspec.structs.replace(info, camera=camera, stamp_ns=clock_ns())
+
+
+def test_robots_and_perception(client, building, eventually):
+    building.put_sources()
+    eventually(lambda: not client.get("/api/v1/robots").json()["items"][0]["stale"], "the robot stays stale")
+    (robot,) = client.get("/api/v1/robots").json()["items"]
+    assert (robot["id"], robot["floor"], robot["state"]) == ("r1", "0", "ready")
+    assert robot["position_m"] == [0.5, 0.25, 0.0]
+    assert robot["yaw_rad"] == pytest.approx(1.0)
+    (worker,) = client.get("/api/v1/perception").json()["items"]
+    assert (worker["id"], worker["backend"], worker["why"], worker["stale"]) == ("w1", "simulated", "no weights", False)
+
+
+# --- maps ---------------------------------------------------------------------------------------------------------
+
+
+def test_floors(client):
+    (floor,) = client.get("/api/v1/floors").json()["items"]
+    assert (floor["id"], floor["z_m"], floor["pending_views"], floor["stale"]) == ("0", 0.0, 1, False)
+    assert floor["invoked"] == [{"camera": "c1", "views_held": 2, "views": 13}]
+    assert floor["robots"] == ["r1"]
+    assert client.get(floor["layers"]["explored"]).status_code == 200
+
+
+def decoded(answer: httpx.Response) -> np.ndarray:
+    assert answer.headers["content-type"] == "image/png"
+    bgra = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    return bgra[..., [2, 1, 0, 3]]
+
+
+@pytest.mark.parametrize(
+    ("layer", "rgb"),
+    [("occupancy", (0x39, 0x42, 0x4E)), ("explored", (0xDB, 0xE7, 0xF0)), ("frontier", (0xF0, 0x8C, 0x00))],
+)
+def test_layers_are_north_up_in_the_documented_colours(client, layer, rgb):
+    answer = client.get(f"/api/v1/floors/0/layers/{layer}.png")
+    picture = decoded(answer)
+    assert picture.shape == (12, 16, 4)
+    assert (picture[-1, :4] == (*rgb, 255)).all()  # row 0 of the grid, the southernmost, is the lowest line
+    assert (picture[:-1, :, 3] == 0).all()
+    assert (picture[-1, 4:, 3] == 0).all()
+    assert answer.headers["x-surveilnav-grid"] == "-1 -2 0.5 12 16"
+
+
+def test_the_value_layer_is_coloured_from_low_to_high(client, building):
+    answer = client.get("/api/v1/floors/0/layers/value.png", params={"target": "растение; a=b"})
+    picture = decoded(answer)
+    assert building.layers_asked[-1] == ("value", {"target": "растение; a=b"})
+    assert tuple(picture[11, 0]) == (0x44, 0x01, 0x54, 255)
+    assert tuple(picture[6, 5]) == (0xFD, 0xE7, 0x25, 255)
+    assert (picture[..., 3] > 0).sum() == 2  # NaN is transparent
+    assert answer.headers["x-surveilnav-range"] == "0.2 0.9"
+
+
+def test_fusion_is_asked_again_only_if_its_maps_changed(client, building, eventually):
+    def get() -> str:
+        return client.get("/api/v1/floors/0/layers/explored.png").headers["x-surveilnav-revision"]
+
+    building.put_revision()
+    now = str(building.revision)
+    eventually(
+        lambda: client.get("/api/v1/floors").json()["items"][0]["revision"] == building.revision, "no new revision"
+    )
+    assert get() == now
+    asked = len(building.layers_asked)
+    assert get() == now
+    assert len(building.layers_asked) == asked
+    building.put_revision()
+    eventually(lambda: get() == str(building.revision), "the old picture is served for ever")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "floors/0/layers/cloud.png",
+        "floors/0/layers/secret.png",
+        "floors/9/layers/explored.png",
+        "floors/0/layers/..%2Fx.png",
+    ],
+)
+def test_unknown_layers_and_floors(client, path):
+    problem(client.get(f"/api/v1/{path}"), 404)
+
+
+def test_a_layer_that_doesnt_decode_is_fusions_fault(client, building, eventually):
+    building.put_revision()
+    building.broken_layer = True
+    try:
+        eventually(
+            lambda: client.get("/api/v1/floors/0/layers/frontier.png").status_code == 502, "a broken layer was served"
+        )
+        assert named(problem(client.get("/api/v1/floors/0/layers/frontier.png"), 502)) == "bad_layer"
+    finally:
+        building.broken_layer = False
+
+
+def test_objects_with_their_histories(client):
+    assert client.get("/api/v1/objects").json()["total"] == 2
+    (couch,) = client.get("/api/v1/objects", params={"floor": "0", "label": "Sofa"}).json()["items"]
+    assert (couch["label"], couch["status"], couch["confidence_robot"]) == ("couch", "confirmed", None)
+    assert couch["history"][0]["what"] == "confirmed"
+    assert couch["history"][0]["box_px"] == [1.0, 2.0, 30.0, 40.0]
+    problem(client.get("/api/v1/objects?floor=7"), 404)
+
+
+@pytest.mark.parametrize("query", ["limit=0", "limit=1001", "limit=x", "offset=-1"])
+def test_limits(client, query):
+    problem(client.get(f"/api/v1/cameras?{query}"), 422)
+
+
+def test_traffic_names_nodes_and_cameras(client, eventually):
+    client.get("/api/v1/cameras/c1/views/2.jpg")
+
+    def camera() -> dict[str, Any]:
+        return next((c for c in client.get("/api/v1/traffic").json()["cameras"] if c["id"] == "c1"), {})
+
+    eventually(lambda: camera().get("viewer_bytes", 0) > 300, "the thumbnail isn't counted")
+    traffic = client.get("/api/v1/traffic").json()
+    assert camera()["node"] == "camera/c1"
+    assert camera()["frame_bytes"] == 0
+    assert camera()["wire_sent_bytes"] > 0
+    nodes = {n["id"]: n for n in traffic["nodes"]}
+    assert {"c1", "r1", "w1", "f1", "p1", "gateway"} <= set(nodes)
+    assert all(
+        {"last_seen", "stale", "offered_bytes", "delivered_bytes", "wire_sent_bytes"} <= set(n) for n in nodes.values()
+    )
+    assert traffic["offered_bytes"] == sum(n["offered_bytes"] for n in nodes.values())
+
+
+# --- the whole ----------------------------------------------------------------------------------------------------
+
+
+def test_health_and_openapi(client):
+    assert client.get("/healthz").json() == {"status": "ok"}
+    ready = client.get("/readyz").json()
+    assert (ready["ready"], ready["missing"]) == (True, [])
+    assert ready["checks"]["perception"] == "w1"
+    schema = client.get("/openapi.json").json()
+    assert "/api/v1/missions/{id}/cancel" in schema["paths"]
+    for path, methods in schema["paths"].items():
+        for operation in methods.values():
+            assert "application/problem+json" in operation["responses"]["default"]["content"], path
+    for name in (
+        "Mission",
+        "Camera",
+        "Robot",
+        "Object",
+        "Floor",
+        "Worker",
+        "NodeTraffic",
+        "SourceTraffic",
+        "MissionPlan",
+    ):
+        assert {"last_seen", "stale"} <= set(schema["components"]["schemas"][name]["properties"]), name
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [("GET", "/api/v1/nothing", 404), ("DELETE", "/api/v1/missions", 405), ("GET", "/docs", 404)],
+)
+def test_addresses_that_arent_there(client, method, path, status):
+    problem(client.request(method, path), status)
+
+
+def test_the_page_needs_nothing_from_elsewhere(client):
+    answer = client.get("/")
+    assert answer.headers["content-type"].startswith("text/html")
+    assert "default-src 'none'" in answer.headers["content-security-policy"]
+    text = answer.text.replace("http://www.w3.org/2000/svg", "")
+    assert "http://" not in text
+    assert "https://" not in text
+    assert "innerHTML" not in text  # names on the bus are hostile
+
+
+def test_a_map_that_grew_keeps_its_place_in_the_world(client, building, eventually):
+    building.grid = Grid(-3.0, -2.0, 0.5, 12, 20)
+    building.put_revision()
+    try:
+        eventually(
+            lambda: (
+                client.get("/api/v1/floors/0/layers/explored.png").headers["x-surveilnav-grid"] == "-3 -2 0.5 12 20"
+            ),
+            "the grid never grew",
+        )
+    finally:
+        building.grid = Grid(-1.0, -2.0, 0.5, 12, 16)
+        building.put_revision()
