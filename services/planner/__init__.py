@@ -1,0 +1,1 @@
+"""The planner: missions, waypoint selection and local planning."""

@@ -1,0 +1,20 @@
+"""``python -m services.planner``: missions for the robots of a building."""
+
+from __future__ import annotations
+
+import sys
+
+from services.planner.config import PlannerSettings
+from services.planner.service import PlannerService
+from surveilnav.runtime import BusSettings, Node
+from surveilnav.runtime.main import run_service
+
+
+def main() -> None:
+    settings = PlannerSettings()
+    with Node("planner", "planner", BusSettings()) as node:
+        node.run(PlannerService(node, settings).step, idle_s=0.2)
+
+
+if __name__ == "__main__":
+    sys.exit(run_service(main))

@@ -1,0 +1,29 @@
+"""Settings of the planner service: environment variables ``SURVEILNAV_PLANNER__<FIELD>``, those of the core by ``__``.
+
+``SURVEILNAV_PLANNER__CORE__STRATEGY=greedy`` changes one number of ``services.planner.core.settings``.
+"""
+
+from __future__ import annotations
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from services.planner.core import PlannerConfig
+
+
+class PlannerSettings(BaseSettings):
+    """How long the planner waits for others, and how it plans."""
+
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PLANNER__", env_nested_delimiter="__", extra="ignore")
+
+    core: PlannerConfig = PlannerConfig()
+    wait_for_cameras_s: float = Field(
+        default=120.0, ge=0, description="a mission starts when the cameras' first views are in the maps, or after this"
+    )
+    maps_timeout_s: float = Field(default=120.0, gt=0, description="maps later than this fail a mission")
+    robot_timeout_s: float = Field(default=120.0, gt=0, description="a robot silent for longer is lost")
+    late_s: float = Field(default=3.0, gt=0, description="maps later than this are spoken of in the status")
+    ask_timeout_s: float = Field(default=2.0, gt=0, description="for one query")
+    command_deadline_s: float = Field(default=60.0, gt=0, description="a robot that hears nothing for so long stops")
+    max_steps: int = Field(default=5000, ge=1, description="the most that a mission may ask for")
+    finished_missions_kept: int = Field(default=1000, ge=1, description="the oldest are forgotten first")

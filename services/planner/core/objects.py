@@ -1,0 +1,207 @@
+"""Objects as goals: which to go to, where to stand, and when to believe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from services.planner.core.settings import PlannerConfig
+from services.planner.core.state import MissionState, RobotView
+from services.planner.core.terrain import Terrain
+from surveilnav.messages import ObjectRecord
+
+Verdict = Literal["verified", "open", "contradicted"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Standoff:
+    """Where to stand to have reached an object.
+
+    Attributes:
+        goals: bool of the terrain's shape, cells to stand on: as near as a way leads, the object in sight.
+        distance_m: float32 of the terrain's shape, plan distance of every cell to the object's nearest point.
+        sight: bool of the terrain's shape: nothing known stands between the cell and the object
+            (reachable cells within ``farthest_stop_m`` of it, and the robot's own within ``inspect_m``).
+        nearest_m: distance of the ring that the goals lie on.
+    """
+
+    goals: NDArray[np.bool_]
+    distance_m: NDArray[np.float32]
+    sight: NDArray[np.bool_]
+    nearest_m: float
+
+
+def footprint(record: ObjectRecord) -> NDArray[np.float64]:
+    """Plan points (N, 2) [m, world] of an object, without the outermost tenth: stray depth pixels reach far.
+
+    An object without points has the corners and the centre of its box.
+    """
+    whole = len(record.points) // 12 * 12
+    points = np.frombuffer(record.points[:whole], dtype=np.float32).reshape(-1, 3)[:, :2].astype(np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 4:
+        (x, y, _), (w, d, _) = record.center_m, record.size_m
+        return np.array([(x + i * w / 2, y + j * d / 2) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    trimmed: NDArray[np.float64] = points[away <= np.quantile(away, 0.9)]
+    return trimmed
+
+
+def targets_of(
+    objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig, *, weak: bool = False
+) -> list[ObjectRecord]:
+    """Objects that may be the target: confirmed ones, then promising candidates; with ``weak`` all candidates.
+
+    What was judged not to be the target stays out, also under a new id at the same place, unless the robot
+    itself has confirmed it since.
+    """
+    found = []
+    for record in objects:
+        if record.status == "rejected" or not _named(record, state.target) or not _finite(record):
+            continue
+        confirmed = is_confirmed(record, state.target)
+        if record.status == "confirmed" and not confirmed:
+            continue  # surely something else
+        if not (confirmed or weak or relevance(record, state.target) >= config.promising_confidence):
+            continue
+        if record.id in state.dropped:
+            continue
+        if _near_dropped(record, state, config) and not robot_sees(record, state.target, config):
+            continue
+        found.append(record)
+    return sorted(found, key=lambda o: (not is_confirmed(o, state.target), -relevance(o, state.target)))
+
+
+def is_confirmed(record: ObjectRecord, target: str) -> bool:
+    """Fusion calls it confirmed, and by the target's name."""
+    return record.status == "confirmed" and record.label == target
+
+
+def relevance(record: ObjectRecord, target: str) -> float:
+    """How much speaks for the object being the target, 0-1."""
+    score = record.label_scores.get(target, 0.0)
+    return max(score, record.confidence) if record.label == target else score
+
+
+def robot_sees(record: ObjectRecord, target: str, config: PlannerConfig) -> bool:
+    """Whether the robot's own views call it the target, surely enough."""
+    return record.label_robot == target and record.confidence_robot >= config.verify_confidence_robot
+
+
+def verdict(record: ObjectRecord, target: str, config: PlannerConfig) -> Verdict:
+    """The first level of verification: what the joint map says now.
+
+    ``verified``: confirmed by fusion and, unless ``verification`` is ``paper``, seen as the target by the robot.
+    ``contradicted``: rejected, or the robot surely sees something else. ``open``: look once more.
+    """
+    if record.status == "rejected":
+        return "contradicted"
+    if config.verification == "paper":
+        return "verified" if is_confirmed(record, target) else "open"
+    if robot_sees(record, target, config) and is_confirmed(record, target):
+        return "verified"
+    if record.label_robot not in ("", target) and record.confidence_robot >= config.verify_confidence_robot:
+        return "contradicted"
+    return "open"
+
+
+def good_enough(record: ObjectRecord, target: str, config: PlannerConfig) -> bool:
+    """The second level, when looking again is no use: strong surveillance that no robot view contradicts."""
+    return (
+        is_confirmed(record, target)
+        and record.label_surveillance == target
+        and record.confidence_surveillance >= config.strong_confidence_surveillance
+        and record.n_detections >= config.strong_detections
+        and record.label_robot in ("", target)
+    )
+
+
+def standoff(
+    terrain: Terrain, arrival: NDArray[np.float64], record: ObjectRecord, robot: RobotView, config: PlannerConfig
+) -> Standoff | None:
+    """Where to stand before an object; None if no way leads within ``farthest_stop_m`` of it.
+
+    Rings are tried from near to far: known ground in sight of the object first, unknown ground while the
+    place hasn't been seen, at last known ground without sight (a low shelf in between hides nothing from a camera
+    above it). ``arrival``: travel time from the robot (the terrain's shape).
+    """
+    points = footprint(record)
+    cells = terrain.grid.cells_of(points)
+    cells = cells[terrain.grid.contains(cells)]
+    if not len(cells):
+        return None
+    r = terrain.grid.resolution_m
+    mask = np.ones(terrain.grid.shape, dtype=np.uint8)
+    mask[cells[:, 0], cells[:, 1]] = 0
+    distance, nearest = cv2.distanceTransformWithLabels(mask, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    distance_m = (distance * r).astype(np.float32)
+    reachable = np.isfinite(arrival)
+    near = reachable & (distance_m <= config.farthest_stop_m)
+    here = terrain.cell(robot.x_m, robot.y_m)
+    near[here] = distance_m[here] <= config.inspect_m
+    sight = _sight(terrain, mask, nearest, near, points)
+    for ring_m, seen, known in (
+        (config.standoff_m, True, True), (0.85, True, True), (1.0, True, True), (0.85, True, False),
+        (config.farthest_stop_m, True, True), (1.0, False, True),
+    ):  # fmt: skip
+        goals = reachable & (distance_m <= ring_m)
+        goals &= sight if seen else True
+        goals &= terrain.known if known else True
+        if goals.any():
+            return Standoff(goals, distance_m, sight, ring_m)
+    return None
+
+
+def _sight(
+    terrain: Terrain, mask: NDArray[np.uint8], nearest: NDArray[np.int32], near: NDArray[np.bool_],
+    points: NDArray[np.float64],
+) -> NDArray[np.bool_]:  # fmt: skip
+    """For cells in ``near``: whether the straight line to the object's nearest cell is free of obstacles.
+
+    Obstacles inside the object's own box (one cell wider) are the object itself. ``nearest`` labels the zero cells of
+    ``mask`` as OpenCV numbers them.
+    """
+    r = terrain.grid.resolution_m
+    of_label = np.zeros((int(nearest.max()) + 1, 2), dtype=np.int64)
+    zeros = np.argwhere(mask == 0)
+    of_label[nearest[zeros[:, 0], zeros[:, 1]]] = zeros
+    start = np.argwhere(near)
+    end = of_label[nearest[start[:, 0], start[:, 1]]]
+
+    obstacles = terrain.occupied.copy()
+    row0, col0 = terrain.grid.cells_of(points.min(axis=0) - r)
+    row1, col1 = terrain.grid.cells_of(points.max(axis=0) + r)
+    obstacles[max(0, row0) : row1 + 1, max(0, col0) : col1 + 1] = False
+    n = max(2, int(np.abs(end - start).max()) + 1) if len(start) else 2
+    t = np.linspace(0.0, 1.0, n)
+    line = np.rint(start[:, None, :] + t[None, :, None] * (end - start)[:, None, :]).astype(np.int64)
+    sight = np.zeros(terrain.grid.shape, dtype=bool)
+    sight[start[:, 0], start[:, 1]] = ~obstacles[line[..., 0], line[..., 1]].any(axis=1)
+    return sight
+
+
+def _named(record: ObjectRecord, target: str) -> bool:
+    names = record.label, record.label_robot, record.label_surveillance
+    return target in names or record.label_scores.get(target, 0.0) > 0.0
+
+
+def _finite(record: ObjectRecord) -> bool:
+    return all(math.isfinite(v) for v in (*record.center_m, *record.size_m))
+
+
+def _near_dropped(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:
+    return any(
+        math.hypot(record.center_m[0] - x, record.center_m[1] - y) < config.same_place_m
+        for x, y, _ in state.dropped.values()
+    )
+
+
+def by_id(objects: Sequence[ObjectRecord], object_id: int | None) -> ObjectRecord | None:
+    """The object of that id, or None."""
+    return next((o for o in objects if o.id == object_id), None)

@@ -1,0 +1,71 @@
+"""Every number of the planner's core."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerConfig:
+    """Settings of the planner's core; lengths in metres, angles in radians.
+
+    Attributes:
+        strategy: what ranks frontiers: ``greedy`` (nearest), ``object`` (relevance of objects near by),
+            ``region`` (the value map): the paper's three.
+        verification: ``two_level`` stops only at what the robot itself confirmed (or very strong surveillance
+            evidence that it doesn't contradict); ``paper`` stops at whatever fusion calls confirmed.
+        unknown_speed: how fast the front runs through unknown space, relative to known free space; 0 forbids it.
+        exploit_min_std, exploit_min_ratio: frontier values decide only if their standard deviation and their
+            max/mean reach these (ApexNav's adaptive rule, arXiv 2504.14478); otherwise the nearest wins.
+    """
+
+    strategy: Literal["greedy", "object", "region"] = "region"
+    verification: Literal["two_level", "paper"] = "two_level"
+
+    # the robot
+    robot_radius_m: float = 0.18
+    step_m: float = 0.25
+    turn_rad: float = 0.5235987755982988
+    half_fov_rad: float = 0.66
+    camera_height_m: float = 0.88
+
+    # terrain
+    comfort_m: float = 0.45
+    wall_speed: float = 0.3
+    unknown_speed: float = 0.5
+    visited_radius_m: float = 0.15
+    escape_radius_m: float = 0.30
+    crop_margin_m: float = 1.0
+    turn_cost_m: float = 0.015
+
+    # frontiers
+    frontier_min_cells: int = 8
+    frontier_piece_m: float = 2.0
+    value_radius_m: float = 0.5
+    object_radius_m: float = 3.0
+    exploit_min_std: float = 0.015
+    exploit_min_ratio: float = 1.10
+    distance_weight_per_m: float = 0.05
+    switch_margin_value: float = 0.25
+    switch_margin_m: float = 1.0
+    reached_m: float = 0.45
+    same_place_m: float = 0.5
+    dormant_steps: int = 60
+    patience_steps: int = 20
+    scan_turns: int = 12
+
+    # objects
+    promising_confidence: float = 0.25
+    standoff_m: float = 0.60
+    stop_m: float = 0.70
+    farthest_stop_m: float = 1.50
+    inspect_m: float = 2.0
+    verify_confidence_robot: float = 0.40
+    strong_confidence_surveillance: float = 0.80
+    strong_detections: int = 3
+    max_looks: int = 4
+
+    # getting stuck
+    stuck_steps: int = 24
+    max_escapes: int = 3

@@ -1,0 +1,147 @@
+"""What the planner's core is given, what it remembers, and what it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.geometry import Grid
+from surveilnav.messages import Candidate, ObjectRecord
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapView:
+    """The joint maps of one floor at one revision.
+
+    Attributes:
+        floor: the storey's id; ``floor_z_m``: its altitude [m].
+        grid: frame of all layers; each layer is (rows, cols).
+        occupancy, explored, frontier: uint8, 0 or 1.
+        value: float32, NaN where unknown: relevance to the mission's target.
+        objects: the objects of the floor.
+        revision: counts the maps' states.
+    """
+
+    floor: str
+    floor_z_m: float
+    grid: Grid
+    occupancy: NDArray[np.uint8]
+    explored: NDArray[np.uint8]
+    frontier: NDArray[np.uint8]
+    value: NDArray[np.float32]
+    objects: Sequence[ObjectRecord]
+    revision: int
+
+
+@dataclass(frozen=True, slots=True)
+class RobotView:
+    """The robot at observation ``seq``: (x, y) [m, world], yaw and camera pitch (> 0 looks up) [rad]."""
+
+    seq: int
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    pitch_rad: float
+    floor: str
+    collided: bool
+    last_action: str | None
+    path_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Commitment:
+    """The waypoint that the robot is on its way to, and how that goes.
+
+    ``best_m`` is the shortest remaining way so far, reached at ``best_step``: no progress for long ends it.
+    """
+
+    kind: Literal["target", "candidate", "frontier"]
+    x_m: float
+    y_m: float
+    since_step: int
+    best_m: float
+    best_step: int
+    object_id: int | None = None
+    last_resort: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Dormant:
+    """A place that was tried in vain: left alone until ``until_step``; after ``times`` = 2 for good."""
+
+    x_m: float
+    y_m: float
+    times: int
+    until_step: int
+
+
+@dataclass(slots=True)
+class MissionState:
+    """What the planner remembers of a mission. ``step`` works on a copy and never changes its argument.
+
+    Attributes:
+        step: actions decided so far.
+        scan_left: turns left of the first look around; None before it is decided whether there is one.
+        visited: where the robot stood [m, world]. ``collisions``: points that it bumped into.
+        dormant: frontiers and objects given up for a while. ``dropped``: objects judged not to be the
+            target, by id: (x, y, why).
+        inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
+        anchor: (x, y, step) where the robot was when it last moved on; ``escapes`` since then.
+        unreachable: why a confirmed target couldn't be reached (for the final word); empty: none was.
+    """
+
+    target: str
+    max_steps: int = 500
+    step: int = 0
+    scan_left: int | None = None
+    visited: list[tuple[float, float]] = field(default_factory=list)
+    collisions: list[tuple[float, float]] = field(default_factory=list)
+    commitment: Commitment | None = None
+    dormant: list[Dormant] = field(default_factory=list)
+    dropped: dict[int, tuple[float, float, str]] = field(default_factory=dict)
+    inspected: dict[int, int] = field(default_factory=dict)
+    looks: dict[int, int] = field(default_factory=dict)
+    peeks: int = 0
+    anchor: tuple[float, float, int] | None = None
+    escapes: int = 0
+    unreachable: str = ""
+    finished: bool = False
+
+    def copy(self) -> MissionState:
+        """A copy whose containers are its own."""
+        return replace(
+            self, visited=list(self.visited), collisions=list(self.collisions), dormant=list(self.dormant),
+            dropped=dict(self.dropped), inspected=dict(self.inspected), looks=dict(self.looks),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The next action and why.
+
+    Attributes:
+        action: one of ``surveilnav.messages.ACTIONS``; None when the mission failed.
+        to_floor: belongs to ``take_stairs``.
+        plan: the chosen waypoint; ``path``: (x, y) [m, world] from the robot to it; ``distance_m`` its length.
+        candidates: what else was weighed.
+        phase: scanning, exploring, approaching, confirming or finished.
+        finished, found: the mission's end; ``found`` comes with the action ``stop``.
+        error: the failure's name, empty if none. ``message``: for people.
+    """
+
+    action: str | None
+    phase: str
+    message: str = ""
+    to_floor: str | None = None
+    plan: Candidate | None = None
+    path: tuple[tuple[float, float], ...] = ()
+    distance_m: float | None = None
+    candidates: tuple[Candidate, ...] = ()
+    finished: bool = False
+    found: bool = False
+    error: str = ""
+    object_id: int | None = None

@@ -1,0 +1,175 @@
+"""Where the robot can drive and how fast: the speed map that the Fast Marching Method runs on.
+
+Travel time is measured in metres of comfortable free space: a cell near a wall or in unknown space counts more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import skfmm
+from numpy.typing import NDArray
+
+from services.planner.core.settings import PlannerConfig
+from services.planner.core.state import MapView, MissionState, RobotView
+from surveilnav.geometry import Grid
+
+#: Arrival at a cell that the front never reached.
+UNREACHED = np.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Terrain:
+    """A window of the map around everything known.
+
+    Attributes:
+        grid: frame of the window; all arrays are (rows, cols) of it. ``row0``, ``col0``: its corner in the map.
+        occupied: bool, obstacles as mapped, with the collisions that the robot remembers.
+        known: bool, explored and not occupied.
+        speed: float64, 0 where the robot's centre can't be, else in (0, 1].
+    """
+
+    grid: Grid
+    row0: int
+    col0: int
+    occupied: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+    speed: NDArray[np.float64]
+
+    def crop(self, layer: NDArray) -> NDArray:
+        """The window of a layer of the whole map."""
+        return layer[self.row0 : self.row0 + self.grid.rows, self.col0 : self.col0 + self.grid.cols]
+
+    def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """(row, col) of a place, clipped into the window."""
+        row, col = self.grid.cells_of((x_m, y_m))
+        return min(max(int(row), 0), self.grid.rows - 1), min(max(int(col), 0), self.grid.cols - 1)
+
+    def place(self, row: int, col: int) -> tuple[float, float]:
+        """World (x, y) [m] of a cell's centre."""
+        x, y = self.grid.centres_of((row, col))
+        return float(x), float(y)
+
+    def disc(self, x_m: float, y_m: float, radius_m: float) -> NDArray[np.bool_]:
+        """Cells whose centre lies within ``radius_m`` of a place, bool of the window's shape."""
+        mask = np.zeros(self.grid.shape, dtype=np.uint8)
+        _paint(mask, self.grid, [(x_m, y_m)], radius_m)
+        return mask.astype(bool)
+
+
+def build_terrain(
+    maps: MapView, robot: RobotView, state: MissionState, config: PlannerConfig,
+    places_m: Sequence[tuple[float, float]] = (),
+) -> Terrain:  # fmt: skip
+    """Crops the map to what is known and to ``places_m`` (plus a margin) and rates every cell.
+
+    Obstacles grow by the robot's radius; beyond it the speed rises from ``wall_speed`` to 1 at ``comfort_m``.
+    Unknown space is slower by ``unknown_speed``. Where the robot stands and has stood is never blocked, so a
+    robot that starts inside a grown obstacle can leave it.
+    """
+    r = maps.grid.resolution_m
+    row0, row1, col0, col1 = _known_window(maps, robot, places_m, config)
+    window = slice(row0, row1), slice(col0, col1)
+    grid = Grid(maps.grid.origin_x_m + col0 * r, maps.grid.origin_y_m + row0 * r, r, row1 - row0, col1 - col0)
+
+    occupancy = np.ascontiguousarray(maps.occupancy[window] != 0).astype(np.uint8)
+    _paint(occupancy, grid, state.visited[-200:], 0.0, value=0)
+    _paint(occupancy, grid, state.collisions, 0.0)
+    explored = maps.explored[window] != 0
+
+    clearance_m = cv2.distanceTransform(1 - occupancy, cv2.DIST_L2, 5) * r
+    rise = (clearance_m - config.robot_radius_m) / (config.comfort_m - config.robot_radius_m)
+    speed = (config.wall_speed + (1.0 - config.wall_speed) * np.clip(rise, 0.0, 1.0)).astype(np.float64)
+    speed[~explored] *= config.unknown_speed
+    blocked = (clearance_m < config.robot_radius_m).astype(np.uint8)
+    _paint(blocked, grid, state.visited, config.visited_radius_m, value=0)
+    _paint(blocked, grid, [(robot.x_m, robot.y_m)], config.escape_radius_m, value=0)
+    speed[(blocked != 0) | (occupancy != 0)] = 0.0
+    here = grid.cells_of((robot.x_m, robot.y_m))
+    if grid.contains(here):
+        speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
+    return Terrain(grid, row0, col0, occupancy != 0, explored & (occupancy == 0), speed)
+
+
+def arrival_m(
+    speed: NDArray[np.float64], sources: NDArray[np.bool_], resolution_m: float, limit_m: float = 0.0
+) -> NDArray[np.float64]:
+    """Travel time [m of free space] from the nearest source to every cell: |grad T| = 1/speed.
+
+    Args:
+        speed: (rows, cols), 0 where nothing passes.
+        sources: (rows, cols) bool; blocked ones don't count.
+        resolution_m: side of a cell.
+        limit_m: the front stops when it took so long; 0: never.
+
+    Returns:
+        (rows, cols) float64, ``UNREACHED`` (inf) where no way leads. Sethian 1996, first order, by scikit-fmm.
+    """
+    open_ = speed > 0.0
+    sources = sources & open_
+    out = np.full(speed.shape, UNREACHED)
+    if not sources.any():
+        return out
+    if (open_ & ~sources).sum() == 0:
+        out[sources] = 0.0
+        return out
+    phi = np.ma.MaskedArray(np.where(sources, -1.0, 1.0), mask=~open_)
+    time = skfmm.travel_time(phi, np.where(open_, speed, 1.0), dx=resolution_m, order=1, narrow=limit_m)
+    reached = ~np.ma.getmaskarray(time)
+    out[reached] = np.ma.getdata(time)[reached]
+    out[sources] = 0.0
+    return out
+
+
+def coarse_arrival_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np.float64]:
+    """Travel time from a place to every cell of the window, computed on cells of twice the size.
+
+    Four cells are passable if one of them is: grown obstacles are several cells thick, so this opens no wall.
+    """
+    rows, cols = terrain.grid.shape
+    padded = np.zeros((rows + rows % 2, cols + cols % 2))
+    padded[:rows, :cols] = terrain.speed
+    blocks = padded.reshape(padded.shape[0] // 2, 2, padded.shape[1] // 2, 2)
+    coarse = blocks.max(axis=(1, 3))
+    sources = np.zeros(coarse.shape, dtype=bool)
+    row, col = terrain.cell(x_m, y_m)
+    sources[row // 2, col // 2] = True
+    time = arrival_m(coarse, sources, 2.0 * terrain.grid.resolution_m)
+    fine = np.repeat(np.repeat(time, 2, axis=0), 2, axis=1)[:rows, :cols]
+    return np.where(terrain.speed > 0.0, fine, UNREACHED)
+
+
+def _known_window(
+    maps: MapView, robot: RobotView, places_m: Sequence[tuple[float, float]], config: PlannerConfig
+) -> tuple[int, int, int, int]:
+    """Rows and columns [row0, row1) x [col0, col1) that hold everything known, the robot, the places and a margin."""
+    known = (maps.explored != 0) | (maps.occupancy != 0)
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    cells = maps.grid.cells_of([(robot.x_m, robot.y_m), *places_m])
+    cells = np.clip(cells, 0, (maps.grid.rows - 1, maps.grid.cols - 1))
+    rows, cols = np.append(rows, cells[:, 0]), np.append(cols, cells[:, 1])
+    margin = round(config.crop_margin_m / maps.grid.resolution_m)
+    return (
+        max(0, int(rows.min()) - margin), min(maps.grid.rows, int(rows.max()) + margin + 1),
+        max(0, int(cols.min()) - margin), min(maps.grid.cols, int(cols.max()) + margin + 1),
+    )  # fmt: skip
+
+
+def _paint(
+    mask: NDArray[np.uint8], grid: Grid, places_m: list[tuple[float, float]], radius_m: float, value: int = 1
+) -> None:
+    """Sets all cells within ``radius_m`` of the places (at least the cell each lies in)."""
+    if not places_m:
+        return
+    radius = radius_m / grid.resolution_m
+    half = int(radius)
+    offsets = np.arange(-half, half + 1)
+    near = np.argwhere(offsets[:, None] ** 2 + offsets[None, :] ** 2 <= radius * radius + 1e-9) - half
+    if half == 0:
+        near = np.zeros((1, 2), dtype=np.int64)
+    cells = (grid.cells_of(np.asarray(places_m))[:, None, :] + near[None, :, :]).reshape(-1, 2)
+    cells = cells[grid.contains(cells)]
+    mask[cells[:, 0], cells[:, 1]] = value

@@ -1,0 +1,204 @@
+"""What a mission asks the others on the bus: the robot's place, the maps that hold its view, and moves."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.planner.config import PlannerSettings
+from services.planner.core import MapView
+from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS, ROBOT_COMMAND, ROBOT_STATUS
+from surveilnav.errors import WireError
+from surveilnav.geometry import Grid
+from surveilnav.messages import Command, CommandReply, LayerHeader, Revision, RobotStatus
+from surveilnav.messages.robot import ActionName
+from surveilnav.runtime import Node, Refused, Table, Unanswered, clock_ns
+from surveilnav.sensing.packing import unpack_array
+
+_LAYERS = ("occupancy", "explored", "frontier", "value")
+_POLL_S = 0.004
+_ASK_AGAIN_S = 2.0
+
+
+class LostError(Exception):
+    """A mission can't go on; ``name`` is one of the contract's failure names."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
+class CancelError(Exception):
+    """Somebody cancelled the mission, or the service ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """The bus as one mission sees it.
+
+    Every wait ends: by what it waits for, by ``CancelError``, or by ``LostError`` after its time. ``hold`` is told why
+    the robot stands still.
+    """
+
+    node: Node
+    settings: PlannerSettings
+    revisions: Table[Revision]
+    robot: str
+    target: str
+    hold: Callable[[str], None]
+    cancelled: Callable[[], bool]
+
+    def robot_status(self) -> RobotStatus:
+        """The robot's own word now. LostError: it didn't answer for ``robot_timeout_s``."""
+        began_s = time.monotonic()
+        while True:
+            try:
+                timeout_s = self.settings.ask_timeout_s
+                return cast("RobotStatus", self.node.ask(ROBOT_STATUS, robot=self.robot, timeout_s=timeout_s).message)
+            except (Unanswered, Refused) as error:
+                self._silent(began_s, error)
+
+    def maps_with(self, seq: int, *, wait_for_cameras: bool = False) -> MapView:
+        """The maps as soon as they hold the robot's observation ``seq``.
+
+        With ``wait_for_cameras`` also until no view of an active camera is on its way any more, for at most
+        ``wait_for_cameras_s``. LostError: perception_down, fusion_down or robot_lost after ``maps_timeout_s``.
+        """
+        began_s = time.monotonic()
+        while True:
+            revision = self._revision_with(seq, began_s)
+            pending = revision.pending_views if wait_for_cameras else 0
+            waited_s = time.monotonic() - began_s
+            if pending and waited_s < self.settings.wait_for_cameras_s:
+                self.hold(f"waiting for the cameras' first views: {pending} are on their way")
+                self._pause(0.05)
+                continue
+            try:
+                return self._view(revision)
+            except (Unanswered, Refused, WireError) as error:
+                name, why = self._who_is_missing(revision, str(error))
+                if isinstance(error, Refused) and error.name == "perception_down":
+                    name, why = error.name, str(error)
+                self._patience(began_s, self.settings.maps_timeout_s, name, why)
+
+    def move(self, action: str, seq: int, mission: str, to_floor: str | None = None) -> int:
+        """Has the robot carry out one action after observation ``seq``; returns the newest sequence number.
+
+        A command whose answer was lost isn't repeated blindly: the robot's own sequence number says whether it ran.
+
+        Raises:
+            Refused: the robot can't carry it out.
+            LostError: it didn't answer for ``robot_timeout_s``.
+        """
+        began_s = time.monotonic()
+        deadline_ms = round(self.settings.command_deadline_s * 1000)
+        while True:
+            command = Command(
+                stamp_ns=clock_ns(), action=cast("ActionName", action), seq_expected=seq, deadline_ms=deadline_ms,
+                to_floor=to_floor, mission=mission,
+            )  # fmt: skip
+            try:
+                reply: CommandReply = self.node.ask(
+                    ROBOT_COMMAND, command, robot=self.robot, timeout_s=self.settings.ask_timeout_s
+                ).message
+                return reply.seq  # refused by its number: it stands elsewhere than we thought, look again there
+            except Unanswered as error:
+                self._silent(began_s, error)
+                newest = self.robot_status().seq
+                if newest != seq:
+                    return newest
+
+    def _revision_with(self, seq: int, began_s: float) -> Revision:
+        """The newest revision of the floor whose maps hold observation ``seq``; asks again now and then."""
+        asked_s = time.monotonic()
+        while True:
+            rows = [row.message for row in self.revisions.rows()]
+            if holding := [r for r in rows if r.robots.get(self.robot) == seq]:
+                return max(holding, key=lambda r: r.stamp_ns)
+            now_s = time.monotonic()
+            if now_s - asked_s > _ASK_AGAIN_S:  # a put may have been lost with the router
+                asked_s = now_s
+                for received in self.node.ask_all(MAP_REVISION, timeout_s=self.settings.ask_timeout_s):
+                    if received.message.robots.get(self.robot) == seq:
+                        return cast("Revision", received.message)
+            newest = max(rows, key=lambda r: r.stamp_ns, default=None)
+            name, why = self._who_is_missing(newest, f"the maps don't hold observation {seq} of robot {self.robot} yet")
+            self._patience(began_s, self.settings.maps_timeout_s, name, why)
+
+    def _view(self, revision: Revision) -> MapView:
+        """Queries all layers and the objects of one floor, on one grid."""
+        for _ in range(5):
+            layers = {name: self._layer(revision.floor, name) for name in _LAYERS}
+            grids = {header.grid for header, _ in layers.values()}
+            if len(grids) == 1:
+                break
+        else:
+            raise Unanswered(f"the layers of floor {revision.floor} never agreed on a grid")
+        objects = self.node.ask(OBJECTS, floor=revision.floor, timeout_s=self.settings.ask_timeout_s).message
+        arrays = {name: array for name, (_, array) in layers.items()}
+        return MapView(
+            revision.floor, revision.floor_z_m, grids.pop(), arrays["occupancy"], arrays["explored"],
+            arrays["frontier"], arrays["value"], objects.objects, layers["occupancy"][0].revision,
+        )  # fmt: skip
+
+    def _layer(self, floor: str, layer: str) -> tuple[LayerHeader, NDArray]:
+        """One layer. WireError: its header and its bytes don't fit."""
+        received = self.node.ask(
+            MAP_LAYER, floor=floor, layer=layer, timeout_s=self.settings.ask_timeout_s,
+            parameters={"target": self.target} if layer == "value" else None,
+        )  # fmt: skip
+        header: LayerHeader = received.message
+        expected = "float32" if layer == "value" else "uint8"
+        if header.dtype != expected or tuple(header.shape) != _shape(header.grid):
+            got = f"{header.dtype} {tuple(header.shape)}"
+            raise WireError(f"expected layer {layer} as {expected} {_shape(header.grid)}, got {got}")
+        return header, unpack_array(received.payload, np.dtype(expected), header.shape)
+
+    def _who_is_missing(self, revision: Revision | None, otherwise: str) -> tuple[str, str]:
+        """Whom a late map is owed to: the failure's name, and a word for people."""
+        if self.robot not in self.node.alive("robot"):
+            return "robot_lost", f"robot {self.robot} has left the bus"
+        if not self.node.alive("fusion"):
+            return "fusion_down", "fusion is down"
+        if not self.node.alive("perception"):
+            return "perception_down", "perception is down"
+        if revision is not None and not revision.perception_ok:
+            return "perception_down", f"perception is down: {revision.message}"
+        return "fusion_down", otherwise
+
+    def _silent(self, began_s: float, error: Exception) -> None:
+        self._patience(began_s, self.settings.robot_timeout_s, "robot_lost", f"robot {self.robot} is silent: {error}")
+
+    def _patience(self, began_s: float, limit_s: float, name: str, why: str) -> None:
+        """One turn of waiting. LostError: ``limit_s`` have passed since ``began_s``."""
+        waited_s = time.monotonic() - began_s
+        if waited_s > limit_s:
+            raise LostError(name, f"{why}; waited {limit_s:g} s")
+        if waited_s > self.settings.late_s:
+            self.hold(f"holding still: {why}")
+        self._pause(_POLL_S)
+
+    def check_cancelled(self) -> None:
+        """CancelError: somebody cancelled the mission, or the service ends."""
+        if self.cancelled() or self.node.stopping.is_set():
+            raise CancelError
+
+    def _pause(self, seconds: float) -> None:
+        self.check_cancelled()
+        time.sleep(seconds)
+
+
+def yaw_of_status(status: RobotStatus) -> float:
+    """Heading [rad] of a robot's base."""
+    T = status.T_world_base.matrix()
+    return math.atan2(T[1, 0], T[0, 0])
+
+
+def _shape(grid: Grid) -> tuple[int, int]:
+    return grid.rows, grid.cols

@@ -1,0 +1,176 @@
+"""Which waypoint wins, as tables: frontiers by strategy, objects by evidence."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from services.planner.core import MapView, MissionState, PlannerConfig, RobotView
+from services.planner.core.frontiers import Frontier, find_frontiers, rank, worth_exploiting
+from services.planner.core.memory import give_up, is_dormant, revive
+from services.planner.core.objects import good_enough, standoff, targets_of, verdict
+from services.planner.core.terrain import build_terrain, coarse_arrival_m
+from surveilnav.geometry import Grid
+
+CONFIG = PlannerConfig()
+GRID = Grid(0.0, 0.0, 0.05, 200, 200)
+HERE = RobotView(0, 5.0, 1.0, 0.0, 0.0, "0", False, None, 0.0)
+
+
+def maps(frontier_cells=(), value=None, objects=(), occupancy=None):
+    frontier = np.zeros(GRID.shape, np.uint8)
+    for row, col in frontier_cells:
+        frontier[row, col] = 1
+    value = np.full(GRID.shape, np.nan, np.float32) if value is None else value
+    occupancy = np.zeros(GRID.shape, np.uint8) if occupancy is None else occupancy
+    return MapView("0", 0.0, GRID, occupancy, np.ones(GRID.shape, np.uint8), frontier, value, objects, 1)
+
+
+def two_frontiers(near_value, far_value):
+    """One at 1 m, one at 5 m of way."""
+    value = np.full(GRID.shape, np.nan, np.float32)
+    for f, v in ((NEAR, near_value), (FAR, far_value)):
+        row, col = GRID.cells_of((f.x_m, f.y_m))
+        value[row, col] = v
+    return maps(value=value)
+
+
+NEAR, FAR = Frontier(1.0, 1.0, 20, 1.0), Frontier(5.0, 5.0, 20, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("strategy", "near", "far", "winner"),
+    [
+        ("greedy", 0.1, 0.9, NEAR),
+        ("region", 0.1, 0.9, FAR),
+        ("region", 0.9, 0.1, NEAR),
+        ("region", 0.300, 0.301, NEAR),  # no spread to speak of: the nearest
+        ("region", math.nan, math.nan, NEAR),
+        ("region", math.nan, 0.9, NEAR),  # one value says nothing about the other
+    ],
+)
+def test_frontier_by_strategy(strategy, near, far, winner):
+    ranked, _ = rank([NEAR, FAR], two_frontiers(near, far), "chair", PlannerConfig(strategy=strategy))
+    assert (ranked[0].x_m, ranked[0].y_m) == (winner.x_m, winner.y_m)
+
+
+def test_frontier_by_objects_near_it(make_record):
+    hint = make_record(label="dining table", at=(5.2, 5.0), label_scores={"chair": 0.4})
+    ranked, by_value = rank([NEAR, FAR], maps(objects=[hint]), "chair", PlannerConfig(strategy="object"))
+    assert by_value
+    assert ranked[0].x_m == FAR.x_m
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([], False), ([0.5], False), ([0.5, 0.5], False), ([0.1, 0.9], True), ([0.50, 0.56], False),
+        ([math.nan, 0.1, 0.9], True),
+    ],
+)
+def test_worth_exploiting(values, expected):
+    assert worth_exploiting(np.array(values), CONFIG) == expected
+
+
+def test_long_frontiers_are_cut_and_specks_left_out():
+    line = [(100, c) for c in range(20, 140)] + [(10, 10), (10, 11)]
+    m = maps(line)
+    terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
+    found = find_frontiers(m, terrain, coarse_arrival_m(terrain, HERE.x_m, HERE.y_m), CONFIG)
+    assert len(found) == 3
+    assert sum(f.n_cells for f in found) == 120
+    assert all(abs(f.y_m - 5.025) < 1e-9 and f.way_m > 3.5 for f in found)
+
+
+def test_given_up_twice_is_for_good():
+    state = MissionState("chair")
+    give_up(state, 1.0, 1.0, CONFIG)
+    assert is_dormant(state, 1.1, 1.0, CONFIG)
+    assert not is_dormant(state, 2.0, 1.0, CONFIG)
+    assert revive(state)
+    assert not is_dormant(state, 1.0, 1.0, CONFIG)
+    give_up(state, 1.05, 1.0, CONFIG)
+    assert not revive(state)
+    assert is_dormant(state, 1.0, 1.0, CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("facts", "weak", "taken"),
+    [
+        ({"status": "confirmed"}, False, True),
+        ({"status": "candidate", "confidence": 0.3}, False, True),
+        ({"status": "candidate", "confidence": 0.1}, False, False),
+        ({"status": "candidate", "confidence": 0.1}, True, True),
+        ({"status": "rejected", "confidence": 0.9}, True, False),
+        ({"label": "bed", "confidence": 0.9}, True, False),
+        ({"label": "bed", "confidence": 0.9, "label_scores": {"chair": 0.4}}, False, True),
+        ({"label": "bed", "status": "confirmed", "label_scores": {"chair": 0.4}}, False, False),
+        ({"size": (math.nan, 1.0)}, True, False),
+    ],
+)
+def test_targets(make_record, facts, weak, taken):
+    found = targets_of([make_record(**facts)], MissionState("chair"), CONFIG, weak=weak)
+    assert bool(found) == taken
+
+
+def test_confirmed_comes_first_and_dropped_stays_out(make_record):
+    a = make_record(id=1, confidence=0.9, at=(1, 1))
+    b = make_record(id=2, confidence=0.6, status="confirmed", at=(3, 3))
+    again = make_record(id=3, confidence=0.9, at=(3.1, 3))  # the dropped one under a new id
+    state = MissionState("chair")
+    assert targets_of([a, b, again], state, CONFIG)[0].id == 2
+    state.dropped[2] = (3.0, 3.0, "no")
+    assert [o.id for o in targets_of([a, b, again], state, CONFIG)] == [1]
+    seen = make_record(id=3, at=(3.1, 3), label_robot="chair", confidence_robot=0.8)
+    assert [o.id for o in targets_of([seen], state, CONFIG)] == [3]
+
+
+ROBOT = {"label_robot": "chair", "confidence_robot": 0.6}
+BED = {"label_robot": "bed"}
+CAMERAS = {"label_surveillance": "chair", "confidence_surveillance": 0.9, "confidence": 0.9, "n_detections": 5}
+
+
+@pytest.mark.parametrize(
+    ("facts", "config", "expected", "enough"),
+    [
+        ({"status": "confirmed", **ROBOT}, CONFIG, "verified", False),
+        ({"status": "candidate", **ROBOT}, CONFIG, "open", False),
+        ({"status": "confirmed", **CAMERAS}, CONFIG, "open", True),
+        ({"status": "confirmed", **CAMERAS, "confidence_surveillance": 0.7}, CONFIG, "open", False),
+        ({"status": "confirmed", **CAMERAS, "n_detections": 2}, CONFIG, "open", False),
+        ({"status": "confirmed", **CAMERAS}, PlannerConfig(verification="paper"), "verified", True),
+        ({"status": "rejected", **ROBOT}, CONFIG, "contradicted", False),
+        ({"status": "confirmed", **CAMERAS, **BED, "confidence_robot": 0.8}, CONFIG, "contradicted", False),
+        ({"status": "confirmed", **CAMERAS, **BED, "confidence_robot": 0.2}, CONFIG, "open", False),
+    ],
+)
+def test_verdict(make_record, facts, config, expected, enough):
+    record = make_record(**facts)
+    assert verdict(record, "chair", config) == expected
+    assert good_enough(record, "chair", config) == enough
+
+
+def test_standoff_is_near_and_not_behind_a_wall(make_record):
+    """A chair right behind a wall: nobody stands on this side of it; without the wall somebody may."""
+    occupancy = np.zeros(GRID.shape, np.uint8)
+    occupancy[100:103, 20:180] = 1  # y = 5.00 .. 5.15, with ways round both ends
+    chair = make_record(at=(5.0, 5.45), size=(0.5, 0.5))
+    for walls, below in ((occupancy, False), (np.zeros_like(occupancy), True)):
+        m = maps(occupancy=walls)
+        terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
+        place = standoff(terrain, coarse_arrival_m(terrain, HERE.x_m, HERE.y_m), chair, HERE, CONFIG)
+        assert place is not None
+        assert place.distance_m[place.goals].max() <= CONFIG.standoff_m + 1e-6
+        ys = terrain.grid.centres_of(np.argwhere(place.goals))[:, 1]
+        assert (ys < 5.0).any() == below
+
+
+def test_no_standoff_in_a_closed_room(make_record):
+    occupancy = np.zeros(GRID.shape, np.uint8)
+    occupancy[100:103, :] = 1
+    m = maps(occupancy=occupancy)
+    terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
+    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    assert standoff(terrain, arrival, make_record(at=(5.0, 8.0)), HERE, CONFIG) is None

@@ -1,0 +1,153 @@
+"""The travel-time field against a slow reference, and where terrain lets a robot go."""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.planner.core import MapView, MissionState, PlannerConfig, RobotView
+from services.planner.core.drive import FmmPlanner, descend
+from services.planner.core.terrain import arrival_m, build_terrain, coarse_arrival_m
+from surveilnav.geometry import Grid
+
+CONFIG = PlannerConfig()
+NEIGHBOURS = [(dr, dc) for dr in range(-3, 4) for dc in range(-3, 4) if math.gcd(dr, dc) == 1]
+
+
+def dijkstra_m(speed, sources, resolution_m):
+    """The literal reference: shortest travel time on a graph of many directions. It never undercuts the true field."""
+    cost = np.full(speed.shape, np.inf)
+    queue = [(0.0, int(r), int(c)) for r, c in np.argwhere(sources & (speed > 0))]
+    for _, r, c in queue:
+        cost[r, c] = 0.0
+    while queue:
+        t, r, c = heapq.heappop(queue)
+        if t > cost[r, c]:
+            continue
+        for dr, dc in NEIGHBOURS:
+            n = max(abs(dr), abs(dc)) * 2
+            line = [(round(r + dr * i / n), round(c + dc * i / n)) for i in range(n + 1)]
+            if not (0 <= r + dr < speed.shape[0] and 0 <= c + dc < speed.shape[1]):
+                continue
+            box = speed[min(r, r + dr) : max(r, r + dr) + 1, min(c, c + dc) : max(c, c + dc) + 1]
+            if (box <= 0).any():  # no corner is cut
+                continue
+            slow = np.mean([1.0 / speed[cell] for cell in line])
+            new = t + math.hypot(dr, dc) * resolution_m * slow
+            if new < cost[r + dr, c + dc] - 1e-12:
+                cost[r + dr, c + dc] = new
+                heapq.heappush(queue, (new, r + dr, c + dc))
+    return cost
+
+
+def maze(seed, n=48):
+    """Speeds with walls three cells thick and gaps, all reachable places known to the reference."""
+    rng = np.random.default_rng(seed)
+    speed = np.ones((n, n))
+    for _ in range(3):
+        at, gap = int(rng.integers(8, n - 8)), int(rng.integers(2, n - 12))
+        wall = (slice(at, at + 3), slice(None)) if rng.random() < 0.5 else (slice(None), slice(at, at + 3))
+        speed[wall] = 0.0
+        hole = slice(gap, gap + 9)
+        speed[(wall[0], hole) if wall[1] == slice(None) else (hole, wall[1])] = 1.0
+    speed[speed > 0] = rng.choice([0.5, 1.0], size=int((speed > 0).sum()), p=[0.1, 0.9])
+    return speed
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 10_000))
+def test_field_agrees_with_dijkstra(seed):
+    speed = maze(seed)
+    open_cells = np.argwhere(speed > 0)
+    sources = np.zeros(speed.shape, bool)
+    sources[tuple(open_cells[seed % len(open_cells)])] = True
+    fast, slow = arrival_m(speed, sources, 0.05), dijkstra_m(speed, sources, 0.05)
+    assert np.array_equal(np.isfinite(fast), np.isfinite(slow))
+    far = np.isfinite(slow) & (slow > 0.5)
+    assert np.abs(fast[far] - slow[far]).max(initial=0.0) < 0.12 + 0.1 * slow[far].max(initial=0.0)
+
+
+@settings(max_examples=12)
+@given(seed=st.integers(0, 10_000))
+def test_descent_reaches_the_source_and_crosses_nothing(seed):
+    speed = maze(seed)
+    grid = Grid(0.0, 0.0, 0.05, *speed.shape)
+    terrain = build_terrain(_maps(grid, np.zeros(grid.shape, np.uint8)), _robot(1.0, 1.0), MissionState("x"), CONFIG)
+    open_cells = np.argwhere(speed > 0)
+    source = tuple(open_cells[seed % len(open_cells)])
+    sources = np.zeros(speed.shape, bool)
+    sources[source] = True
+    field = arrival_m(speed, sources, 0.05)
+    start = np.argwhere(np.isfinite(field))[-1]
+    path = np.array(descend(terrain, field, int(start[0]), int(start[1])))
+    assert tuple(grid.cells_of(path[-1])) == source
+    t = np.linspace(0, 1, 9)[:, None, None]
+    between = (path[:-1] + t * (path[1:] - path[:-1])).reshape(-1, 2)
+    cells = grid.cells_of(np.vstack([path, between]))
+    assert (speed[cells[:, 0], cells[:, 1]] > 0).mean() > 0.98  # a kept point every other cell may graze a corner
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 10_000))
+def test_coarse_reaches_what_fine_reaches(seed):
+    rng = np.random.default_rng(seed)
+    occupancy = np.zeros((120, 120), np.uint8)
+    for _ in range(6):
+        r, c = rng.integers(10, 110, 2)
+        occupancy[r, max(0, c - 30) : c + 30] = 1
+    grid = Grid(0.0, 0.0, 0.05, 120, 120)
+    terrain = build_terrain(_maps(grid, occupancy), _robot(0.3, 0.3), MissionState("x"), CONFIG)
+    sources = np.zeros(terrain.grid.shape, bool)
+    sources[terrain.cell(0.3, 0.3)] = True
+    fine = arrival_m(terrain.speed, sources, 0.05)
+    coarse = coarse_arrival_m(terrain, 0.3, 0.3)
+    assert np.isfinite(coarse[np.isfinite(fine)]).all()
+    both = np.isfinite(fine)
+    assert np.abs(coarse[both] - fine[both]).max() < 0.4 + 0.2 * fine[both].max()
+
+
+@pytest.mark.parametrize(("gap_m", "passes"), [(0.8, True), (0.6, True), (0.3, False)])
+def test_doorways(gap_m, passes):
+    occupancy = np.zeros((100, 100), np.uint8)
+    occupancy[:, 50:53] = 1
+    n = round(gap_m / 0.05)
+    occupancy[50 - n // 2 : 50 - n // 2 + n, 50:53] = 0
+    grid = Grid(0.0, 0.0, 0.05, 100, 100)
+    terrain = build_terrain(_maps(grid, occupancy), _robot(1.0, 2.5), MissionState("x"), CONFIG)
+    goals = terrain.disc(4.0, 2.5, 0.2)
+    assert (FmmPlanner().route(terrain, goals, _robot(1.0, 2.5), CONFIG) is not None) == passes
+
+
+def test_collisions_block_and_visits_open():
+    grid = Grid(0.0, 0.0, 0.05, 100, 100)
+    occupancy = np.zeros(grid.shape, np.uint8)
+    occupancy[40:44, 40:44] = 1
+    state = MissionState("x", collisions=[(1.0, 1.0)], visited=[(2.1, 1.85)])
+    terrain = build_terrain(_maps(grid, occupancy), _robot(4.0, 4.0), state, CONFIG)
+    assert terrain.speed[terrain.cell(1.0, 1.0)] == 0
+    assert terrain.speed[terrain.cell(1.1, 1.0)] == 0  # a robot's radius around it as well
+    assert terrain.speed[terrain.cell(2.1, 1.9)] > 0  # it stood here, so it can be here
+
+
+def test_goal_in_an_obstacle_is_no_way():
+    grid = Grid(0.0, 0.0, 0.05, 60, 60)
+    occupancy = np.zeros(grid.shape, np.uint8)
+    occupancy[40:50, 40:50] = 1
+    terrain = build_terrain(_maps(grid, occupancy), _robot(0.5, 0.5), MissionState("x"), CONFIG)
+    goals = terrain.disc(2.25, 2.25, 0.05)
+    assert FmmPlanner().route(terrain, goals, _robot(0.5, 0.5), CONFIG) is None
+
+
+def _maps(grid, occupancy):
+    explored = np.ones(grid.shape, np.uint8)
+    value = np.full(grid.shape, np.nan, np.float32)
+    return MapView("0", 0.0, grid, occupancy, explored, np.zeros(grid.shape, np.uint8), value, [], 1)
+
+
+def _robot(x, y, yaw=0.0):
+    return RobotView(0, x, y, yaw, 0.0, "0", False, None, 0.0)
