@@ -205,5 +205,3 @@ def reason_of(verdict: Verdict, decision: Decision) -> str:
     if not decision.found:
         return decision.error or "gave_up"
     return "stopped_short" if verdict.success_at_1_m else "false_positive"
-
-

@@ -130,14 +130,33 @@ def table(records: Sequence[dict[str, Any]], command: str) -> str:
     ]
     lines += [_summary(f"surveillance {arm}", rows) for arm, rows in arms.items() if rows]
     for title, field in (("target", "target"), ("home", "building")):
-        lines += ["", f"## By {title}", "", f"| {title} | on: success | on: SPL | off: success | off: SPL |", "|---|---|---|---|---|"]
+        lines += [
+            "",
+            f"## By {title}",
+            "",
+            f"| {title} | on: success | on: SPL | off: success | off: SPL |",
+            "|---|---|---|---|---|",
+        ]
         names = TARGETS if field == "target" else sorted({r["building"] for r in played})
         lines += [_by(name, [[r for r in arms[arm] if r[field] == name] for arm in ARMS]) for name in names]
     lines += ["", "## Failures by reason", "", "| reason | on | off |", "|---|---|---|"]
     for reason in sorted({r["reason"] for r in played if r["reason"]}):
-        lines.append(f"| {reason} | " + " | ".join(str(sum(r["reason"] == reason for r in arms[a])) for a in ARMS) + " |")
+        lines.append(
+            f"| {reason} | " + " | ".join(str(sum(r["reason"] == reason for r in arms[a])) for a in ARMS) + " |"
+        )
     lines += ["", "## Every episode", ""]
-    columns = ("home", "seed", "target", "cameras", "success on / off", "steps", "path [m]", "shortest [m]", "MB", "why it failed")
+    columns = (
+        "home",
+        "seed",
+        "target",
+        "cameras",
+        "success on / off",
+        "steps",
+        "path [m]",
+        "shortest [m]",
+        "MB",
+        "why it failed",
+    )
     lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     lines += [_episode(rows) for rows in _paired(played)]
     skipped = sorted({(r["building"], r["seed"], r["skipped"]) for r in records if "skipped" in r})
@@ -149,7 +168,9 @@ def table(records: Sequence[dict[str, Any]], command: str) -> str:
 def _summary(name: str, rows: Sequence[dict[str, Any]]) -> str:
     n = len(rows)
     mean = {k: sum(r[k] for r in rows) / n for k in ("spl", "steps", "path_m", "robot_bytes", "camera_bytes")}
-    rates = " | ".join(f"{100 * sum(r[k] for r in rows) / n:.1f} %" for k in ("success", "success_at_0_2_m", "success_at_1_m"))
+    rates = " | ".join(
+        f"{100 * sum(r[k] for r in rows) / n:.1f} %" for k in ("success", "success_at_0_2_m", "success_at_1_m")
+    )
     return (
         f"| {name} | {n} | {rates} | {100 * mean['spl']:.1f} | {mean['steps']:.0f} | {mean['path_m']:.1f} m "
         f"| {mean['robot_bytes'] / 1e6:.1f} | {mean['camera_bytes'] / 1e6:.1f} |"
@@ -160,7 +181,10 @@ def _by(name: str, arms: Iterable[Sequence[dict[str, Any]]]) -> str:
     cells = [name]
     for rows in arms:
         if rows:
-            cells += [f"{sum(r['success'] for r in rows)}/{len(rows)}", f"{100 * sum(r['spl'] for r in rows) / len(rows):.1f}"]
+            cells += [
+                f"{sum(r['success'] for r in rows)}/{len(rows)}",
+                f"{100 * sum(r['spl'] for r in rows) / len(rows):.1f}",
+            ]
         else:
             cells += ["-", "-"]
     return "| " + " | ".join(cells) + " |"
@@ -179,7 +203,9 @@ def _episode(pair: dict[str, dict[str, Any]]) -> str:
     def both(value: Any) -> str:
         return " / ".join(value(pair[arm]) if arm in pair else "-" for arm in ARMS)
 
-    reasons = "; ".join(f"{arm}: {r['reason']} ({r['message']})" for arm, r in sorted(pair.items(), reverse=True) if r["reason"])
+    reasons = "; ".join(
+        f"{arm}: {r['reason']} ({r['message']})" for arm, r in sorted(pair.items(), reverse=True) if r["reason"]
+    )
     cells = (
         one["building"], one["seed"], one["target"] + ("*" if one["start_notes"] else ""), one["cameras"],
         both(lambda r: "yes" if r["success"] else "no"), both(lambda r: str(r["steps"])), both(lambda r: f"{r['path_m']:.1f}"),
@@ -216,7 +242,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--table", action="store_true", help="only write the table of what there is")
     options = parser.parse_args(argv)
-    command = "python -m benchmark.homes " + " ".join(a for a in (argv if argv is not None else sys.argv[1:]) if a != "--table")
+    command = "python -m benchmark.homes " + " ".join(
+        a for a in (argv if argv is not None else sys.argv[1:]) if a != "--table"
+    )
     options.out.mkdir(parents=True, exist_ok=True)
     page = options.out / "README.md"
     if options.table:

@@ -12,6 +12,8 @@ from typing import Any, Literal
 
 from rich.console import Console
 
+from surveilnav.building.assets import ensure_assets
+from surveilnav.building.sources import EXAMPLE_HOMES
 from surveilnav.config import cache_dir, models_dir
 from surveilnav.errors import SurveilNavError
 
@@ -54,13 +56,11 @@ def _packages() -> list[Finding]:
 
 
 def _assets() -> Finding:
-    from surveilnav.building import sources
-
     try:
-        count = len([name for name, _ in sources.list_buildings() if name in sources.EXAMPLE_HOMES])
-        return Finding("example homes", "ok", f"{count} of Sweet Home 3D's")
+        ensure_assets()
     except SurveilNavError as error:
         return Finding("example homes", "note", str(error), "make setup (needs apt); parametric_flat works without")
+    return Finding("example homes", "ok", f"Sweet Home 3D's {len(EXAMPLE_HOMES)} homes and furniture")
 
 
 def _weights() -> Finding:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -130,10 +131,10 @@ def buildings(as_json: AsJson = False) -> None:
 
     rows = list_buildings()
     if as_json:
-        print(json.dumps([{"name": name, "about": about} for name, about in rows]))
+        print(json.dumps([asdict(row) for row in rows]))
     else:
-        for name, about in rows:
-            console.print(f"[bold]{name}[/]  {about}")
+        for row in rows:
+            console.print(f"[bold]{row.name}[/]  {row.about}")
 
 
 @app.command()

@@ -30,7 +30,10 @@ def _leased(building: SimulatedBuilding, bus: BusSettings):  # type: ignore[no-u
     said = False
     while (found := lease(building.plan, bus)) is None:
         if not said:
-            print(f"camera: all {len(building.plan.cameras)} slots of the plan are taken; waiting for one", file=sys.stderr)
+            print(
+                f"camera: all {len(building.plan.cameras)} slots of the plan are taken; waiting for one",
+                file=sys.stderr,
+            )
             said = True
         if bus.health_file:
             bus.health_file.parent.mkdir(parents=True, exist_ok=True)

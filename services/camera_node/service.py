@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from functools import lru_cache
+from typing import Any
 
 import cv2
 
@@ -19,9 +20,11 @@ from surveilnav.sensing.packing import encode_jpeg, encode_rgbd, pack_array
 class CameraService:
     """Serves the views of one camera of the plan."""
 
-    def __init__(self, node: Node, building: SimulatedBuilding, camera: PlannedCamera, settings: CameraSettings) -> None:
+    def __init__(
+        self, node: Node, building: SimulatedBuilding, camera: PlannedCamera, settings: CameraSettings
+    ) -> None:
         self._node, self._building, self._camera, self._settings = node, building, camera, settings
-        self._place = {"floor": camera.floor, "camera": camera.name}
+        self._place: dict[str, Any] = {"floor": camera.floor, "camera": camera.name}
         views = range(len(camera.views))
         self._frames = {v: node.publisher(CAMERA_FRAME, **self._place, view=v) for v in views}
         self._truths = {v: node.publisher(TRUTH, source=f"camera-{camera.name}", view=v) for v in views}

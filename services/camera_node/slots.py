@@ -47,7 +47,9 @@ def lease(plan: CameraPlan, settings: BusSettings, wait_s: float = 3.0) -> tuple
             holder = Node("camera", camera.name, settings).__enter__()
             holder.serve(CAMERA_SLOT, lambda _: Answer(Ack(stamp_ns=clock_ns(), message=me)), slot=slot)
             candidate.stopping.wait(0.3)  # for a rival's claim to reach the router
-            rivals = {a.message.message for a in candidate.ask_all(CAMERA_SLOT, claim, slot=slot, timeout_s=_ASK_TIMEOUT_S)}
+            rivals = {
+                a.message.message for a in candidate.ask_all(CAMERA_SLOT, claim, slot=slot, timeout_s=_ASK_TIMEOUT_S)
+            }
             if core.keeps_slot(me, rivals - {me}):
                 return camera, holder
             holder.__exit__(None, None, None)

@@ -24,7 +24,9 @@ _REPEAT_S = (1.0, 2.0, 4.0, 8.0)
 class RobotService:
     """Executes one command at a time and publishes what the robot sees then."""
 
-    def __init__(self, node: Node, building: SimulatedBuilding, state: core.RobotState, settings: RobotSettings) -> None:
+    def __init__(
+        self, node: Node, building: SimulatedBuilding, state: core.RobotState, settings: RobotSettings
+    ) -> None:
         self._node, self._building, self._state, self._settings = node, building, state, settings
         self._lock = threading.Lock()
         self._mission = ""
@@ -97,7 +99,7 @@ class RobotService:
             stamp_ns=clock_ns(), source=f"robot/{self._settings.id}", view=0, seq=state.seq, floor=state.floor,
             T_world_camera=Pose.from_matrix(T_world_camera), camera=core.CAMERA, mounting_offset_m=core.CAMERA_HEIGHT_M,
             depth_range_m=core.DEPTH_RANGE_M, image=image, depth=depth,
-            T_world_base=Pose.from_matrix(core.base_pose_of(state)), last_action=state.last_action,
+            T_world_base=Pose.from_matrix(core.base_pose_of(state)), last_action=state.last_action,  # type: ignore[arg-type]
             collided=state.collided, path_m=state.path_m,
         )  # fmt: skip
         self._latest = (observation, payload)
@@ -155,5 +157,7 @@ def _told(building: SimulatedBuilding, start: str) -> core.RobotState:
     z_m = building.navigation.floors[floor].z_m
     if not building.navigation.is_navigable((x_m, y_m, z_m), floor):
         near = building.navigation.snap((x_m, y_m, z_m), floor)
-        raise ConfigError(f"the robot can't stand at {x_m:g},{y_m:g} on floor {floor!r}; the nearest free place is {near}")
+        raise ConfigError(
+            f"the robot can't stand at {x_m:g},{y_m:g} on floor {floor!r}; the nearest free place is {near}"
+        )
     return core.RobotState(x_m, y_m, z_m, floor, float(np.deg2rad(yaw_deg)))

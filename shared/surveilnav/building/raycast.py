@@ -44,16 +44,24 @@ class RayCaster:
 
     def __init__(self, scene: Scene) -> None:
         alpha = np.array([m.alpha for m in scene.materials], dtype=np.float32)
-        finite = np.isfinite(scene.vertices).all(axis=1)
+        finite = np.asarray(np.isfinite(scene.vertices).all(axis=1), dtype=np.bool_)
         usable = finite[scene.triangles].all(axis=1)
         if len(alpha):
             usable &= alpha[scene.material_of_triangle] >= 0.5
         self.triangle_index = np.flatnonzero(usable).astype(np.uint32)
-        self._rays = RaycastingScene(nthreads=0)
-        if len(self.triangle_index):
-            triangles = np.ascontiguousarray(scene.triangles[self.triangle_index], dtype=np.uint32)
-            vertices = np.where(finite[:, None], scene.vertices, 0.0).astype(np.float32)
-            self._rays.add_triangles(o3c.Tensor(vertices), o3c.Tensor(triangles))
+        self._scene, self._finite = scene, finite
+        self._built: RaycastingScene | None = None
+
+    @property
+    def _rays(self) -> RaycastingScene:
+        """Embree's tree, built when first needed: who renders with baked light never needs one."""
+        if self._built is None:
+            built = RaycastingScene(nthreads=0)
+            triangles = np.ascontiguousarray(self._scene.triangles[self.triangle_index], dtype=np.uint32)
+            vertices = np.where(self._finite[:, None], self._scene.vertices, 0.0).astype(np.float32)
+            built.add_triangles(o3c.Tensor(vertices), o3c.Tensor(triangles))
+            self._built = built
+        return self._built
 
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
         """First hits of rays from ``origins`` (..., 3) along ``directions`` (..., 3), in the world."""
@@ -61,7 +69,7 @@ class RayCaster:
         rays[..., :3] = origins
         rays[..., 3:] = directions
         hits = self.cast_rays(rays)
-        hit = hits.triangle != NOTHING
+        hit: NDArray[np.bool_] = hits.triangle != NOTHING
         if not len(self.triangle_index):
             return hits
         return Hits(hits.t, np.where(hit, self.triangle_index[np.where(hit, hits.triangle, 0)], NOTHING), hits.uv)
@@ -74,7 +82,9 @@ class RayCaster:
         result = self._rays.cast_rays(o3c.Tensor.from_numpy(rays))
         return Hits(result["t_hit"].numpy(), result["primitive_ids"].numpy(), result["primitive_uvs"].numpy())
 
-    def occluded(self, p_from: NDArray[np.float32], p_to: NDArray[np.float32], shorten: float = 0.999) -> NDArray[np.bool_]:
+    def occluded(
+        self, p_from: NDArray[np.float32], p_to: NDArray[np.float32], shorten: float = 0.999
+    ) -> NDArray[np.bool_]:
         """Whether something stands between points ``p_from`` and ``p_to``, both (..., 3) [m, world]."""
         rays = np.empty((*np.broadcast_shapes(p_from.shape, p_to.shape)[:-1], 6), dtype=np.float32)
         rays[..., :3] = p_from
@@ -85,4 +95,5 @@ class RayCaster:
         """Whether rays (..., 6) float32 hit anything at t in [tnear, tfar]."""
         if not len(self.triangle_index) or rays.size == 0:
             return np.zeros(rays.shape[:-1], dtype=bool)
-        return self._rays.test_occlusions(o3c.Tensor.from_numpy(rays), tnear=tnear, tfar=tfar).numpy()
+        hit: NDArray[np.bool_] = self._rays.test_occlusions(o3c.Tensor.from_numpy(rays), tnear=tnear, tfar=tfar).numpy()
+        return hit

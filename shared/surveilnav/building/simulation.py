@@ -150,7 +150,9 @@ class SimulatedBuilding:
             seed=noise_seed(self.settings.seed, camera.name, view),
         )  # fmt: skip
 
-    def robot_view(self, T_world_camera: Matrix4, camera: Pinhole, depth_range_m: tuple[float, float], seq: int) -> Rendered:
+    def robot_view(
+        self, T_world_camera: Matrix4, camera: Pinhole, depth_range_m: tuple[float, float], seq: int
+    ) -> Rendered:
         """What a robot sees at ``T_world_camera``."""
         noise = DepthNoise.robot() if self.settings.depth_noise else None
         seed = noise_seed(self.settings.seed, "robot", seq)

@@ -18,8 +18,8 @@ from surveilnav.messages.mission import Candidate, MissionAck, MissionCancel, Mi
 from surveilnav.messages.node import Ack, ErrorReply, TrafficReport, TrafficRow
 from surveilnav.messages.perception import Detection, InferReply, InferRequest, TextReply, WorkerLoad
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Observation, RobotStatus
-from surveilnav.messages.view import FrameHeader, Part
 from surveilnav.messages.truth import Truth
+from surveilnav.messages.view import FrameHeader, Part
 
 __all__ = [
     "ACTIONS", "Ack", "CameraInfo", "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate", "Command",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
+import msgspec
+
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages.base import Message
-
-import msgspec
 
 
 class Part(msgspec.Struct, frozen=True):

@@ -7,4 +7,16 @@ from surveilnav.runtime.node import Answer, Node, Publisher, Received, Request, 
 from surveilnav.runtime.settings import BusSettings
 from surveilnav.runtime.wire import Refused, Unanswered, clock_ns
 
-__all__ = ["Answer", "BusSettings", "Node", "Publisher", "Received", "Refused", "Request", "Slot", "Table", "Unanswered", "clock_ns"]
+__all__ = [
+    "Answer",
+    "BusSettings",
+    "Node",
+    "Publisher",
+    "Received",
+    "Refused",
+    "Request",
+    "Slot",
+    "Table",
+    "Unanswered",
+    "clock_ns",
+]

@@ -16,7 +16,6 @@ import os
 import queue
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -28,7 +27,7 @@ import structlog
 import zenoh
 
 from surveilnav.contract import LIVELINESS, TRAFFIC, Stream, schema_of
-from surveilnav.errors import BusError, WireError
+from surveilnav.errors import BusError, SurveilNavError, WireError
 from surveilnav.messages import ErrorReply, TrafficReport
 from surveilnav.messages.base import Message
 from surveilnav.runtime import logs
@@ -99,7 +98,7 @@ class Publisher:
 
     @property
     def matched(self) -> bool:
-        return bool(self._publisher.matching_status.matching)
+        return bool(self._publisher.matching_status.matching)  # type: ignore[attr-defined]
 
     def put(self, message: Message, payload: bytes = b"") -> None:
         header = encode(message)
@@ -110,7 +109,7 @@ class Publisher:
         self._node.traffic.count(self.key, "offered", len(header) + len(payload) + len(self.key))
 
     def close(self) -> None:
-        self._publisher.undeclare()
+        self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
 class Slot(Generic[M]):
@@ -126,7 +125,7 @@ class Slot(Generic[M]):
         return None if sample is None else self._node.received(self._stream, sample)
 
     def close(self) -> None:
-        self._subscriber.undeclare()
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
 class Table(Generic[M]):
@@ -174,7 +173,7 @@ class Table(Generic[M]):
         return None
 
     def close(self) -> None:
-        self._subscriber.undeclare()
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
 def _schema(encoding: Any) -> str:
@@ -359,13 +358,17 @@ class Node:
             ids = stream.ids_of(key) or {}
             answers = handler(Request(ids, _parameters(query), message, payload, received_ns))
             for answer in answers if isinstance(answers, list) else [answers]:
-                reply_key = key if "*" not in key else (own_key if "*" not in own_key else self.key(stream, **answer.ids))
+                reply_key = (
+                    key if "*" not in key else (own_key if "*" not in own_key else self.key(stream, **answer.ids))
+                )
                 self._reply(stream, query, reply_key, answer)
         except WireError as error:
             self.reject(stream.name, str(error))
             self._refuse(query, "bad_message", str(error))
         except Refused as error:
             self._refuse(query, error.name, str(error))
+        except SurveilNavError as error:
+            self._refuse(query, "failed", str(error))
         except zenoh.ZError as error:
             self.warn_seldom("reply failed", stream=stream.name, error=str(error))
         except Exception as error:  # a handler's bug must not end the service, nor stay silent

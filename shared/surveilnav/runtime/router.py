@@ -38,7 +38,9 @@ def _check_free(host: str, port: str, listen: str) -> None:
     if not port.isdigit() or not 0 < int(port) < 65536:
         raise BusError(f"expected tcp/HOST:PORT with a port from 1 to 65535, got {listen!r}")
     try:
-        with socket.create_server((host.strip("[]"), int(port)), family=socket.AF_INET6 if ":" in host else socket.AF_INET):
+        with socket.create_server(
+            (host.strip("[]"), int(port)), family=socket.AF_INET6 if ":" in host else socket.AF_INET
+        ):
             pass
     except OSError as error:
         raise BusError(

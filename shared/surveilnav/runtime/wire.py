@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from functools import lru_cache
+from functools import cache
 from typing import Any, TypeVar
 
 import msgspec
@@ -16,11 +16,11 @@ M = TypeVar("M", bound=Message)
 _encoder = msgspec.msgpack.Encoder()
 
 
-class Unanswered(BusError):
+class Unanswered(BusError):  # noqa: N818 - an answer, not a fault
     """A query that nobody answered in time."""
 
 
-class Refused(BusError):
+class Refused(BusError):  # noqa: N818
     """A query that was answered with an error; ``name`` is from the contract."""
 
     def __init__(self, name: str, message: str) -> None:
@@ -38,7 +38,7 @@ def encode(message: Message) -> bytes:
     return _encoder.encode(message)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _decoder(kind: type[Message]) -> msgspec.msgpack.Decoder[Any]:
     return msgspec.msgpack.Decoder(kind)
 

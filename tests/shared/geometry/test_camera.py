@@ -36,7 +36,9 @@ def test_resizing_keeps_the_rays():
     np.testing.assert_allclose(small.rays()[10, 20], large[20:22, 40:42].mean((0, 1)), atol=1e-6)
 
 
-@pytest.mark.parametrize("bad", [(0, 4, 1, 1, 0, 0), (4, 4, 0, 1, 0, 0), (4, 4, math.nan, 1, 0, 0), (4, 4, 1, 1, math.inf, 0)])
+@pytest.mark.parametrize(
+    "bad", [(0, 4, 1, 1, 0, 0), (4, 4, 0, 1, 0, 0), (4, 4, math.nan, 1, 0, 0), (4, 4, 1, 1, math.inf, 0)]
+)
 def test_cameras_that_are_none_are_refused(bad):
     with pytest.raises(ValueError, match="pixels|positive|finite"):
         Pinhole(*bad)

@@ -57,7 +57,9 @@ def test_yaw_of_a_base(yaw):
     assert math.cos(yaw_of(base_pose((0, 0, 0), yaw)) - yaw) == pytest.approx(1)
 
 
-@pytest.mark.parametrize("pose", [((0, 0, math.nan), (0, 0, 0, 1)), ((0, 0, 0), (0, 0, 0, 2)), ((0, 0, 0), (0, 0, 0, 0))])
+@pytest.mark.parametrize(
+    "pose", [((0, 0, math.nan), (0, 0, 0, 1)), ((0, 0, 0), (0, 0, 0, 2)), ((0, 0, 0), (0, 0, 0, 0))]
+)
 def test_poses_that_are_none_are_refused(pose):
     with pytest.raises(ValueError, match="finite|unit quaternion"):
         Pose(*pose)

@@ -198,8 +198,9 @@ def test_bytes_offered_delivered_and_on_the_wire_agree(make_node):
 
 def test_no_router_and_a_taken_port_are_told_apart():
     port = free_port()
-    with pytest.raises(BusError, match=f"no router answers at tcp/127.0.0.1:{port}"), Node(
-        "a", "a", BusSettings(router=f"tcp/127.0.0.1:{port}", connect_timeout_s=0.5)
+    with (
+        pytest.raises(BusError, match=f"no router answers at tcp/127.0.0.1:{port}"),
+        Node("a", "a", BusSettings(router=f"tcp/127.0.0.1:{port}", connect_timeout_s=0.5)),
     ):
         pass
     with open_router(f"tcp/127.0.0.1:{port}"), pytest.raises(BusError, match=f"port {port} .* is taken"):
