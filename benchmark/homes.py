@@ -55,6 +55,7 @@ def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> 
             building=job.building, seed=job.seed, cameras=job.cameras, area_per_camera_m2=job.area_per_camera_m2
         )
     )
+    building.prepare()
     views = CameraViews(building, backend)
     for target, arm in missing:
         facts: dict[str, Any] = {"building": job.building, "seed": job.seed, "target": target, "surveillance": arm}

@@ -20,6 +20,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from surveilnav import __version__
 from surveilnav.building.depth_noise import DepthNoise
 from surveilnav.building.sources import open_building
+from surveilnav.building.stored import read_parts, write_parts
 from surveilnav.building.view_cache import ViewCache
 from surveilnav.config import cache_dir
 from surveilnav.geometry import Matrix4, Pinhole, Pose
@@ -36,6 +37,7 @@ Progress = Callable[[float, str], None]
 #: What a surveillance camera measures: its depth covers a large room.
 CAMERA_DEPTH_RANGE_M = (0.3, 10.0)
 _VIEW_CACHE_BYTES = 8_000_000_000
+_PLAN_FORMAT = b"surveilnav plan 1"
 
 
 class SimulationSettings(BaseSettings):
@@ -108,16 +110,17 @@ class SimulatedBuilding:
 
     @cached_property
     def plan(self) -> CameraPlan:
-        """The camera plan, from the cache if it was made before."""
+        """The camera plan, from the cache if it was made before.
+
+        A plan of another scene (the importer changed, say) is made anew; whether it is can be told only once the
+        scene is loaded, which ``prepare`` does.
+        """
         path = self._plan_path()
-        try:
-            return msgspec.json.decode(path.read_bytes(), type=CameraPlan)
-        except (OSError, msgspec.DecodeError):
+        parts = read_parts(path, _PLAN_FORMAT)
+        plan = msgspec.json.decode(parts[0], type=CameraPlan) if parts else None
+        if plan is None or ("scene" in vars(self) and plan.scene_hash != self.scene.content_hash):
             plan = self._make_plan()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(f".{hashlib.sha256(str(id(plan)).encode()).hexdigest()[:8]}.tmp")
-        temporary.write_bytes(msgspec.json.encode(plan))
-        temporary.replace(path)
+            write_parts(path, _PLAN_FORMAT, [msgspec.json.encode(plan)])
         return plan
 
     def _plan_path(self) -> Path:
@@ -126,7 +129,7 @@ class SimulatedBuilding:
         content = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else ""
         facts = self.settings.model_dump(include={"building", "seed", "area_per_camera_m2", "cameras"})
         key = json.dumps([__version__, facts, content], sort_keys=True)
-        return self._cache_dir / "plans" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
+        return self._cache_dir / "plans" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.plan"
 
     def _make_plan(self) -> CameraPlan:
         from surveilnav.building import cameras as placement
@@ -160,6 +163,7 @@ class SimulatedBuilding:
 
     def prepare(self) -> CameraPlan:
         """Makes everything that is made once: light, plan, camera views."""
+        _ = self.scene  # a cached plan is compared with it
         plan = self.plan
         total = max(1, sum(len(c.views) for c in plan.cameras))
         done = 0
