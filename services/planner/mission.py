@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -24,10 +23,10 @@ class Mission:
 
     def __init__(
         self, node: Node, settings: PlannerSettings, revisions: Table[Revision], goal: MissionGoal, target: str,
-        robot: str, pitch_rad: float, on_end: Callable[[Mission], None],
+        robot: str,
     ) -> None:  # fmt: skip
-        self.robot, self.pitch_rad = robot, pitch_rad
-        self._node, self._settings, self._on_end = node, settings, on_end
+        self.robot = robot
+        self._node, self._settings = node, settings
         self._memory = MissionState(target, max_steps=goal.max_steps)
         self._cancel: str | None = None
         self._ended = threading.Event()
@@ -81,7 +80,6 @@ class Mission:
             self._stop_robot()
             self._end("failed", error="internal", message=f"{type(error).__name__} in the planner; see its log")
         finally:
-            self._on_end(self)
             self._ended.set()
             if not self._node.stopping.is_set():
                 self._statuses.close()
@@ -107,7 +105,7 @@ class Mission:
         path_m = self.status.path_m + moved_m
         collided = self._last_action == "move_forward" and moved_m < 0.96 * self._settings.core.step_m
         robot = RobotView(
-            status.seq, x_m, y_m, yaw_of_status(status), self.pitch_rad, status.floor, collided, self._last_action,
+            status.seq, x_m, y_m, yaw_of_status(status), status.pitch_rad, status.floor, collided, self._last_action,
             path_m,
         )  # fmt: skip
         self._memory, decision = step(self._memory, maps, robot, self._settings.core)
@@ -128,10 +126,7 @@ class Mission:
             newest = self._world.move(action, seq, self.id, decision.to_floor)
         except Refused as refused:
             raise LostError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
-        done = newest == seq + 1
-        self._last_action = action if done else None
-        if done and action in ("look_up", "look_down"):
-            self.pitch_rad += self._settings.core.turn_rad * (1 if action == "look_up" else -1)
+        self._last_action = action if newest == seq + 1 else None
 
     def _conclude(self, decision: Decision, seq: int) -> None:
         if not decision.found:

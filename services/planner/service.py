@@ -23,7 +23,6 @@ class PlannerService:
         self._node, self._settings = node, settings
         self._lock = threading.Lock()
         self._missions: dict[str, Mission] = {}
-        self._pitch_rad: dict[str, float] = {}
         for kind in ("robot", "fusion", "perception"):
             node.alive(kind)  # the first call starts watching
         self._revisions = node.table(MAP_REVISION)
@@ -71,10 +70,7 @@ class PlannerService:
                     return known  # the same goal sent again
                 raise MissionError("mission_exists", f"mission {id!r} exists already for {known.status.target!r}")
             robot = self._free_robot(goal.robot)
-            mission = Mission(
-                self._node, self._settings, self._revisions, goal, target, robot, self._pitch_rad.get(robot, 0.0),
-                self._on_end,
-            )  # fmt: skip
+            mission = Mission(self._node, self._settings, self._revisions, goal, target, robot)
             self._missions[id] = mission
             self._forget_oldest()
             mission.start()
@@ -101,9 +97,6 @@ class PlannerService:
             held = ", ".join(f"{robot} on {busy[robot]}" for robot in here)
             raise MissionError("no_free_robot", f"every robot has a mission ({held}): cancel one or wait for its end")
         return free[0]
-
-    def _on_end(self, mission: Mission) -> None:
-        self._pitch_rad[mission.robot] = mission.pitch_rad
 
     def _forget_oldest(self) -> None:
         finished = [id for id, m in self._missions.items() if m.finished]

@@ -82,7 +82,7 @@ class RobotService:
             self._published_s = now_s
             return True
         wait_s = _REPEAT_S[min(self._repeats, len(_REPEAT_S) - 1)]
-        if self._latest and now_s - self._published_s >= wait_s and self._observation.matched and not state.stopped:
+        if self._latest and now_s - self._published_s >= wait_s and self._observation.matched:
             self._repeats += 1
             self._published_s = now_s
             self._publish_truth(state)
@@ -120,7 +120,7 @@ class RobotService:
         state = self._state
         kind = "stopped" if state.stopped or self._message else "moving" if self._deadline_s else "ready"
         return RobotStatus(
-            stamp_ns=clock_ns(), robot=self._settings.id, floor=state.floor, seq=state.seq, state=kind,  # type: ignore[arg-type]
+            stamp_ns=clock_ns(), robot=self._settings.id, floor=state.floor, seq=state.seq, pitch_rad=state.pitch_rad, state=kind,  # type: ignore[arg-type]
             T_world_base=Pose.from_matrix(core.base_pose_of(state)), message=self._message,
         )  # fmt: skip
 

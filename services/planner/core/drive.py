@@ -58,7 +58,6 @@ class FmmPlanner:
         action = next_action(terrain, field, robot, config)
         return Route(action, descend(terrain, field, row, col), float(field[row, col]))
 
-
     @staticmethod
     def _enough(expected_m: float) -> float:
         return 1.15 * expected_m + 1.0 if math.isfinite(expected_m) else 0.0

@@ -30,13 +30,14 @@ class Observation(FrameHeader, frozen=True, kw_only=True):
 
 
 class RobotStatus(Message, frozen=True, kw_only=True):
-    """State of a robot, at 1 Hz and on change. ``seq`` is that of its newest observation."""
+    """State of a robot, at 1 Hz and on change. ``seq``: its newest observation; ``pitch_rad`` of its camera, up > 0."""
 
     robot: str
     floor: str
     seq: int
     state: Literal["ready", "moving", "stopped", "error"]
     T_world_base: Pose
+    pitch_rad: float = 0.0
     message: str = ""
 
 
