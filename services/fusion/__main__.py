@@ -1,0 +1,20 @@
+"""``python -m services.fusion``: the joint maps of a building."""
+
+from __future__ import annotations
+
+import sys
+
+from services.fusion.config import FusionSettings
+from services.fusion.service import FusionService
+from surveilnav.runtime import BusSettings, Node
+from surveilnav.runtime.main import run_service
+
+
+def main() -> None:
+    settings = FusionSettings()
+    with Node("fusion", "fusion", BusSettings()) as node:
+        node.run(FusionService(node, settings).step)
+
+
+if __name__ == "__main__":
+    sys.exit(run_service(main))

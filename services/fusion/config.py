@@ -1,0 +1,47 @@
+"""Settings of the fusion service: environment variables ``SURVEILNAV_FUSION__<FIELD>``, parts by ``__``.
+
+``SURVEILNAV_FUSION__VALUE__FUSION=average`` changes one number of ``services.fusion.core.config``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from services.fusion.core import FusionConfig
+from surveilnav.errors import ConfigError
+
+
+class FusionSettings(BaseSettings):
+    """How the joint maps are made, and what they are made of."""
+
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_FUSION__", env_nested_delimiter="__", extra="ignore")
+
+    surveillance: bool = Field(default=True, description="false: no camera is ever invoked")
+    preset: Literal["default", "paper"] = Field(default="default", description="where the parts below start from")
+    map: dict[str, Any] = Field(default={}, description="what differs from the preset, see core.config.MapConfig")
+    value: dict[str, Any] = Field(default={}, description="... ValueConfig")
+    objects: dict[str, Any] = Field(default={}, description="... ObjectConfig")
+    prompts: list[str] = Field(default=[], description="class names for detectors with an open vocabulary (JSON list)")
+    camera_views_per_step: int = Field(
+        default=2, ge=1, description="camera views integrated between two looks at robots"
+    )
+    linger_s: float = Field(default=10.0, ge=0, description="how long a camera stays invoked after the last robot left")
+    resend_after_s: float = Field(default=5.0, gt=0, description="a view that hasn't come by then is asked for again")
+    robot_timeout_s: float = Field(default=10.0, gt=0, description="a robot silent for so long activates no camera")
+    infer_timeout_s: float = Field(default=30.0, gt=0, description="a worker that takes longer is asked again")
+    retry_s: float = Field(default=0.5, gt=0, description="pause before perception is asked again")
+
+    def core(self) -> FusionConfig:
+        """The preset with what was set on top. ConfigError: a name or a number that can't be."""
+        base = FusionConfig.preset(self.preset).model_dump()
+        for part in ("map", "value", "objects"):
+            base[part] |= getattr(self, part)
+        try:
+            return FusionConfig.model_validate(base)
+        except ValidationError as error:
+            fault = error.errors()[0]
+            name = "__".join(str(p).upper() for p in fault["loc"])
+            raise ConfigError(f"SURVEILNAV_FUSION__{name}: {fault['msg']}, got {fault['input']!r}") from error

@@ -1,0 +1,159 @@
+"""Every number of the joint maps. Metres, radians, counts; where it says so, the paper's or a peer's value."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+GeometricSimilarity = Literal["box_iou", "voxel_iou", "overlap"]
+ValueFusion = Literal["average", "confidence", "latest"]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class MapConfig(_Part):
+    """Point cloud, obstacle map, exploration map and frontiers of a floor."""
+
+    tau_z_m: float = Field(default=0.4, gt=0, description="eq. 1: a view this near to a floor's altitude belongs to it")
+    resolution_m: float = Field(default=0.05, gt=0)
+    extent_m: float = Field(default=24.0, gt=0, description="side of a new map; maps grow")
+    max_extent_m: float = Field(
+        default=150.0, gt=0, description="a map never grows past this: remote poses are hostile"
+    )
+    max_floors: int = Field(default=64, ge=1)
+    voxel_m: float = Field(default=0.025, gt=0)
+    max_voxels: int = Field(
+        default=2_000_000, ge=1, description="of a floor's cloud; beyond it new voxels are counted, not kept"
+    )
+    points_per_view: int = Field(default=20_000, ge=100, description="pixels are subsampled to about this many")
+    max_range_robot_m: float = Field(default=5.0, gt=0)
+    max_range_camera_m: float = Field(default=10.0, gt=0)
+    depth_edge: float = Field(
+        default=0.05, gt=0, description="a pixel whose neighbours differ by more than this share is a flying one"
+    )
+    obstacle_min_m: float = Field(default=0.12, description="lowest height above the floor that blocks")
+    obstacle_max_m: float = Field(default=1.1, description="highest height above the floor that blocks")
+    obstacle_noise_per_m: float = Field(
+        default=0.002, ge=0, description="raises obstacle_min_m by this times range^2: depth noise"
+    )
+    obstacle_min_points: int = Field(default=3, ge=1, description="fewer points don't block a cell")
+    clear_ratio: float = Field(
+        default=6.0, gt=0, description="a cell seen as bare floor in more than this many times as many views is free"
+    )
+    explored_max_m: float = Field(default=1.2, description="rays explore only where they run below this height")
+    robot_radius_m: float = Field(default=0.18, ge=0, description="where a robot stands is free")
+    frontier: Literal["boundary", "literal"] = "boundary"
+    frontier_dilation_m: float = Field(default=0.15, ge=0)
+    frontier_min_cells: int = Field(default=8, ge=1, description="VLN-Game: smaller components are noise")
+    frontier_hole_m2: float = Field(
+        default=0.5, ge=0, description="unexplored islands smaller than this are no frontier (VLFM: 1.5)"
+    )
+
+
+class ValueConfig(_Part):
+    """Value map."""
+
+    fusion: ValueFusion = Field(
+        default="confidence", description="eq. 2 is `average`; `confidence` is VLFM's stronger variant"
+    )
+    min_confidence: float = Field(
+        default=0.25, gt=0, le=1, description="VLFM: weight at the border of the field of view"
+    )
+    max_views: int = Field(default=4096, ge=1, description="robot views kept for later targets; the oldest go first")
+    max_targets: int = Field(default=4, ge=1, description="layers kept up to date at once")
+
+
+class ObjectConfig(_Part):
+    """Object map: association (eq. 3), fusion and confirmation."""
+
+    # masks to points
+    max_points: int = Field(default=1000, ge=20, description="pixels of a mask that are back-projected")
+    max_range_robot_m: float = Field(default=5.0, gt=0)
+    max_range_camera_m: float = Field(default=8.0, gt=0)
+    dbscan_eps_m: float = Field(default=0.05, gt=0)
+    dbscan_min_points: int = Field(default=10, ge=1)
+    dbscan_eps_pixels: float = Field(
+        default=3.0, ge=0, description="eps is at least so many sample distances; 0: the paper's fixed eps"
+    )
+    min_points: int = Field(default=12, ge=1, description="smaller clusters are dropped")
+    min_score: float = Field(default=0.25, ge=0, le=1, description="weaker detections are not looked at")
+    # association, eq. 3
+    geometry: GeometricSimilarity = "overlap"
+    w_visual: float = Field(default=1.0, ge=0)
+    w_geometric: float = Field(default=1.0, ge=0)
+    tau: float = Field(default=1.2, description="ConceptGraphs' for overlap; the paper's 1.35 belongs to box_iou")
+    tau_mutual: float = Field(
+        default=0.5, description="overlap both ways that makes one object of two whatever their looks; > 1: off"
+    )
+    overlap_voxel_m: float = Field(default=0.05, gt=0, description="points within one such voxel of each other overlap")
+    merge_every: int = Field(default=10, ge=1, description="views between two searches for duplicates")
+    merge_overlap: float = Field(default=0.6, ge=0)
+    merge_box: float = Field(
+        default=0.5, ge=0, description="share of the smaller box inside the larger that merges alikes"
+    )
+    merge_visual: float = Field(default=0.7, ge=-1)
+    max_objects: int = Field(default=1000, ge=1, description="of a floor; the weakest candidates go first")
+    max_voxels: int = Field(default=6000, ge=1, description="of an object")
+    max_history: int = Field(default=64, ge=1, description="events kept with an object")
+    # confirmation
+    near_m: float = Field(default=3.5, gt=0, description="a robot's detection within this range can confirm")
+    confirm_score: float = Field(
+        default=0.5, ge=0, le=1, description="the paper's threshold on the maximum of both confidences"
+    )
+    confirm_robot_detections: int = Field(default=3, ge=1, description="near detections of the class by a robot")
+    confirm_robot_poses: int = Field(default=2, ge=1, description="... from so many places or directions")
+    confirm_camera_score: float = Field(default=0.65, ge=0, le=1)
+    confirm_camera_views: int = Field(default=3, ge=1, description="different camera views that saw the class")
+    confirm_hysteresis: float = Field(
+        default=0.8, ge=0, le=1, description="share of the threshold that keeps an object confirmed"
+    )
+    confidence: Literal["share", "mean"] = Field(
+        default="share",
+        description="of a class: over all evidence, other classes and misses counting 0, or over its own",
+    )
+    # false positives
+    flip: Literal["sustained", "literal"] = Field(
+        default="sustained", description="`literal`: any change of class rejects for good"
+    )
+    flip_detections: int = Field(default=3, ge=1, description="detections of the new class that make a flip")
+    flip_margin: float = Field(
+        default=1.2, ge=1, description="... whose weight must exceed the old class's by this factor"
+    )
+    revive_detections: int = Field(
+        default=2, ge=1, description="detections of the new class, after a flip, that make a candidate again"
+    )
+    miss_near_m: float = Field(default=0.7, ge=0)
+    miss_far_m: float = Field(default=3.5, gt=0)
+    miss_visible: float = Field(
+        default=0.7, ge=0, le=1, description="share of an object's points that must be in plain view"
+    )
+    miss_weight: float = Field(default=0.5, ge=0, description="of one missed sighting, in detections")
+    reject_misses: int = Field(
+        default=6, ge=1, description="misses (more than the class's near detections) that reject"
+    )
+
+
+class FusionConfig(_Part):
+    """All of it."""
+
+    map: MapConfig = MapConfig()
+    value: ValueConfig = ValueConfig()
+    objects: ObjectConfig = ObjectConfig()
+
+    @classmethod
+    def preset(cls, name: Literal["default", "paper"]) -> FusionConfig:
+        """``paper``: the paper to the letter (VLN-Game where it is silent); ``default``: what works best here."""
+        if name == "default":
+            return cls()
+        return cls(
+            value=ValueConfig(fusion="average"),
+            objects=ObjectConfig(
+                geometry="box_iou", tau=1.35, tau_mutual=2.0, merge_box=2.0, dbscan_eps_pixels=0.0,
+                flip="literal", confidence="mean",
+                confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,
+                near_m=1e9, miss_weight=0.0, reject_misses=1_000_000_000,
+            ),
+        )  # fmt: skip

@@ -1,0 +1,159 @@
+"""What speaks for and against an object, and the verdict: candidate, confirmed or rejected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from services.fusion.core.config import ObjectConfig
+
+Status = Literal["candidate", "confirmed", "rejected"]
+_MAX_PLACES = 16  # more different viewpoints than any rule asks for
+
+
+@dataclass(slots=True)
+class Support:
+    """What one kind of source (robots, or surveillance) says for one class of one object."""
+
+    n: int = 0
+    near: int = 0
+    weight: float = 0.0
+    weighted_score: float = 0.0
+    places: set[tuple[object, ...]] = field(default_factory=set)
+
+    def add(self, score: float, weight: float, near: bool, place: tuple[object, ...]) -> None:
+        """One detection; ``place``: where it was seen from, to the metre or so."""
+        self.n += 1
+        self.near += near
+        self.weight += weight
+        self.weighted_score += weight * score
+        if len(self.places) < _MAX_PLACES:
+            self.places.add(place)
+
+    def absorb(self, other: Support) -> None:
+        """Adds what another object, now found to be this one, had."""
+        self.n += other.n
+        self.near += other.near
+        self.weight += other.weight
+        self.weighted_score += other.weighted_score
+        self.places = set(sorted(self.places | other.places, key=repr)[:_MAX_PLACES])
+
+
+_NOTHING = Support()
+
+
+@dataclass(slots=True)
+class Evidence:
+    """All that was said about one object. ``misses``: close robot views that should have shown its class and didn't."""
+
+    robot: dict[str, Support] = field(default_factory=dict)
+    surveillance: dict[str, Support] = field(default_factory=dict)
+    misses: int = 0
+    settled: str = ""
+    flipped: tuple[str, str, int] | None = None  # from, to, and how often "to" had been seen then
+
+    def confidences(self, is_robot: bool, config: ObjectConfig) -> dict[str, float]:
+        """Confidence of each class from robots or from surveillance.
+
+        ``share``: weighted scores of the class over the weight of all evidence: other classes and misses count as 0
+        (ApexNav's rule). ``mean``: the class's own mean score.
+        """
+        supports = self.robot if is_robot else self.surveillance
+        against = config.miss_weight * self.misses
+        everything = sum(s.weight for s in supports.values()) + against
+        own = config.confidence == "mean"
+        return {label: s.weighted_score / (s.weight + against if own else everything) for label, s in supports.items()}
+
+    def best(self, is_robot: bool, config: ObjectConfig) -> tuple[str, float]:
+        """The class that one kind of source believes most, and its confidence; ("", 0) if it saw nothing."""
+        found = self.confidences(is_robot, config)
+        label = max(sorted(found), key=found.__getitem__, default="")
+        return label, found.get(label, 0.0)
+
+    def count(self, label: str) -> int:
+        """Detections of a class by all sources."""
+        return self.robot.get(label, _NOTHING).n + self.surveillance.get(label, _NOTHING).n
+
+    def weight(self, label: str) -> float:
+        """Their weight."""
+        return self.robot.get(label, _NOTHING).weight + self.surveillance.get(label, _NOTHING).weight
+
+    def absorb(self, other: Evidence) -> None:
+        """Adds another object's."""
+        for mine, theirs in ((self.robot, other.robot), (self.surveillance, other.surveillance)):
+            for label, support in theirs.items():
+                mine.setdefault(label, Support()).absorb(support)
+        self.misses += other.misses
+        self.settled = self.settled or other.settled
+        self.flipped = self.flipped or other.flipped
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What follows from the evidence; ``reason`` is for people."""
+
+    label: str
+    confidence: float
+    status: Status
+    reason: str
+
+
+def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
+    """The verdict on an object that ``was`` of some status before; updates ``settled`` and ``flipped`` of its evidence.
+
+    The paper: confidence is the maximum over robot and surveillance, the class that of the maximum; above a threshold
+    the object is confirmed; a change of class is a false positive. Beyond it (``flip == "sustained"``): a class is
+    settled by a few detections, and only a few weightier ones of another class unseat it.
+    """
+    label, confidence = _class_of_maximum(evidence, config)
+    n = evidence.count(label)
+    if evidence.settled and evidence.settled != label:
+        old = evidence.settled
+        enough = n >= config.flip_detections and evidence.weight(label) >= config.flip_margin * evidence.weight(old)
+        if config.flip == "literal" or enough:
+            evidence.flipped = old, label, n
+            evidence.settled = label
+            evidence.misses = 0
+            label, confidence = _class_of_maximum(evidence, config)
+        else:
+            label, confidence = old, max(evidence.confidences(kind, config).get(old, 0.0) for kind in (True, False))
+            n = evidence.count(old)
+    elif not evidence.settled and (config.flip == "literal" or n >= config.flip_detections):
+        evidence.settled = label
+
+    if evidence.flipped is not None:
+        old, new, then = evidence.flipped
+        if config.flip == "literal" or n < then + config.revive_detections:
+            return Verdict(label, confidence, "rejected", f"false positive: first taken for {old}, then for {new}")
+    robot, cameras = evidence.robot.get(label, _NOTHING), evidence.surveillance.get(label, _NOTHING)
+    if evidence.misses >= config.reject_misses and evidence.misses > robot.near:
+        return Verdict(
+            label, confidence, "rejected",
+            f"a robot had it in plain view {evidence.misses} times and saw no {label} ({robot.near} times it did)",
+        )  # fmt: skip
+    # once confirmed, a little less will do: no flicker at the threshold
+    lenient = config.confirm_hysteresis if was == "confirmed" else 1.0
+    by_robot = evidence.confidences(True, config).get(label, 0.0)
+    by_cameras = evidence.confidences(False, config).get(label, 0.0)
+    sightings = f"{robot.near} near robot detections, {len(cameras.places)} camera views"
+    if (
+        robot.near >= 1
+        and robot.near + len(cameras.places) >= config.confirm_robot_detections
+        and len(robot.places) + len(cameras.places) >= config.confirm_robot_poses
+        and max(by_robot, by_cameras) >= lenient * config.confirm_score
+    ):
+        return Verdict(label, confidence, "confirmed", f"{label} {confidence:.2f} by {sightings}")
+    n_views = len(cameras.places)
+    if n_views >= config.confirm_camera_views and by_cameras >= lenient * config.confirm_camera_score:
+        return Verdict(label, confidence, "confirmed", f"{label} {by_cameras:.2f} by {n_views} camera views")
+    wanting = (
+        f"confidence {confidence:.2f} < {config.confirm_score:g}"
+        if confidence < config.confirm_score
+        else f"needs {config.confirm_robot_detections} sightings, one of them a robot's within {config.near_m:g} m"
+    )
+    return Verdict(label, confidence, "candidate", f"{wanting}; {sightings}, {evidence.misses} misses")
+
+
+def _class_of_maximum(evidence: Evidence, config: ObjectConfig) -> tuple[str, float]:
+    by_robot, by_cameras = evidence.best(True, config), evidence.best(False, config)
+    return by_robot if by_robot[1] >= by_cameras[1] else by_cameras

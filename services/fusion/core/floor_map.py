@@ -1,0 +1,198 @@
+"""One storey: point cloud, obstacle map and exploration map, from counts of what views saw."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from services.fusion.core.cloud import VoxelCloud
+from services.fusion.core.config import MapConfig
+from services.fusion.core.frontier import frontiers
+from services.fusion.core.projection import camera_position, reach, sweep, world_points
+from surveilnav.geometry import Grid
+from surveilnav.sensing.views import PosedView
+
+#: Rows and columns counted from the world's origin: (row0, col0, rows, cols).
+Window = tuple[int, int, int, int]
+
+_BARE_FLOOR_M = 0.08  # nearer than this to the floor's altitude a point is floor
+
+
+class FloorMap:
+    """The geometry of one storey.
+
+    Every layer is a function of counts, each of which only ever grows: the order of views doesn't matter, and cells
+    are numbered from the world's origin, so neither does where the map began.
+
+    Attributes:
+        floor: id of the storey.
+        z_m: altitude of the floor's surface.
+        grid: frame of all layers.
+        cloud: the joint point cloud.
+        revision: that of the joint map when this storey last changed.
+    """
+
+    def __init__(self, floor: str, z_m: float, centre_m: tuple[float, float], config: MapConfig) -> None:
+        self.floor = floor
+        self.z_m = z_m
+        self.revision = 0
+        self._config = config
+        r = config.resolution_m
+        cells = max(1, round(config.extent_m / r))
+        self._row0 = math.floor(centre_m[1] / r) - cells // 2
+        self._col0 = math.floor(centre_m[0] / r) - cells // 2
+        self._obstacle_points = np.zeros((cells, cells), np.uint16)
+        self._obstacle_views = np.zeros((cells, cells), np.uint16)
+        self._bare_views = np.zeros((cells, cells), np.uint16)
+        self._explored_views = np.zeros((cells, cells), np.uint16)
+        self._visited = np.zeros((cells, cells), np.uint16)
+        self._frontier: tuple[int, NDArray[np.uint8]] | None = None
+        self.cloud = VoxelCloud(config.voxel_m, config.max_voxels)
+
+    @property
+    def grid(self) -> Grid:
+        r = self._config.resolution_m
+        rows, cols = self._obstacle_points.shape
+        return Grid(self._col0 * r, self._row0 * r, r, rows, cols)
+
+    def integrate(self, view: PosedView) -> tuple[int, NDArray[np.float32]]:
+        """Adds a view; returns the number of its points and its reach (360, 2) [m] by azimuth.
+
+        Raises:
+            ValueError: pictures of the wrong size, or a camera farther off than a map may grow.
+        """
+        c = self._config
+        max_range_m = c.max_range_robot_m if view.is_robot else c.max_range_camera_m
+        p_camera = camera_position(view.T_world_camera)
+        # depth -> points in the world (the paper's p_global = R p + t)
+        p_world, colours = world_points(view, c.points_per_view, max_range_m, c.depth_edge)
+        window = window_of(p_world, p_camera, c.robot_radius_m, c.resolution_m)
+        self._cover(*window)
+        self.cloud.add(p_world, colours)
+        # points and rays -> obstacle and exploration map
+        reach_m = reach(p_world, p_camera, self.z_m + c.explored_max_m)
+        self._count(p_world, p_camera, reach_m, window)
+        if view.is_robot:
+            self._stand(p_camera)
+        return len(p_world), reach_m
+
+    def occupied(self) -> NDArray[np.uint8]:
+        """Obstacle map (rows, cols) uint8: enough points in the band, not plainly bare floor, no robot stood there."""
+        c = self._config
+        blocked = self._obstacle_points >= c.obstacle_min_points
+        bare = self._bare_views > c.clear_ratio * self._obstacle_views
+        return np.asarray(blocked & ~bare & (self._visited == 0)).view(np.uint8)
+
+    def explored(self) -> NDArray[np.uint8]:
+        """Exploration map (rows, cols) uint8: a point was seen there, or a ray passed, or a robot stood there."""
+        return ((self._explored_views > 0) | (self._visited > 0)).view(np.uint8)
+
+    def frontier(self) -> NDArray[np.uint8]:
+        """Frontier map (rows, cols) uint8."""
+        if self._frontier is None or self._frontier[0] != self.revision:
+            self._frontier = self.revision, frontiers(self.occupied(), self.explored(), self._config)
+        return self._frontier[1]
+
+    def _count(
+        self, p_world: NDArray[np.float32], p_camera: NDArray[np.float64], reach_m: NDArray[np.float32], window: Window
+    ) -> None:
+        c = self._config
+        row0, col0, rows, cols = window
+        seen = sweep(reach_m, p_camera[0], p_camera[1], c.resolution_m, row0, col0, rows, cols)
+        part = np.s_[row0 - self._row0 : row0 - self._row0 + rows, col0 - self._col0 : col0 - self._col0 + cols]
+        _count_points(
+            p_world, p_camera[0], p_camera[1], self.z_m, c.resolution_m, row0, col0, seen,
+            c.obstacle_min_m, c.obstacle_max_m, c.obstacle_noise_per_m, c.explored_max_m,
+            self._obstacle_points[part], self._obstacle_views[part], self._bare_views[part], self._explored_views[part],
+        )  # fmt: skip
+
+    def _stand(self, p_camera: NDArray[np.float64]) -> None:
+        r, radius_m = self._config.resolution_m, self._config.robot_radius_m
+        n = math.floor(radius_m / r)
+        row, col = math.floor(p_camera[1] / r), math.floor(p_camera[0] / r)
+        rows, cols = np.mgrid[row - n : row + n + 1, col - n : col + n + 1]
+        under = np.hypot((cols + 0.5) * r - p_camera[0], (rows + 0.5) * r - p_camera[1]) <= radius_m
+        under[n, n] = True
+        self._visited[rows[under] - self._row0, cols[under] - self._col0] = 1
+
+    def _cover(self, row0: int, col0: int, rows: int, cols: int) -> None:
+        """Grows all layers until they hold the window, by 2 m more than needed so that it happens seldom."""
+        r, old_shape = self._config.resolution_m, self._visited.shape
+        margin = math.ceil(2.0 / r)
+        below, left = max(0, self._row0 - row0), max(0, self._col0 - col0)
+        above = max(0, row0 + rows - self._row0 - old_shape[0])
+        right = max(0, col0 + cols - self._col0 - old_shape[1])
+        if not (below or left or above or right):
+            return
+        below, left, above, right = (n and n + margin for n in (below, left, above, right))
+        shape = old_shape[0] + below + above, old_shape[1] + left + right
+        if max(shape) * r > self._config.max_extent_m:
+            raise ValueError(
+                f"a view would make the map of floor {self.floor} {shape[1] * r:.0f} x {shape[0] * r:.0f} m; "
+                f"at most {self._config.max_extent_m:g} m are allowed (max_extent_m)"
+            )
+        self._row0, self._col0 = self._row0 - below, self._col0 - left
+        for name in ("_obstacle_points", "_obstacle_views", "_bare_views", "_explored_views", "_visited"):
+            old = getattr(self, name)
+            new = np.zeros(shape, old.dtype)
+            new[below : below + old.shape[0], left : left + old.shape[1]] = old
+            setattr(self, name, new)
+
+
+def window_of(
+    p_world: NDArray[np.float32], p_camera: NDArray[np.float64], radius_m: float, resolution_m: float
+) -> Window:
+    """World cells (row0, col0, rows, cols) that hold the points (N, 3) and the camera with ``radius_m`` around it."""
+    low, high = p_camera[:2] - radius_m - resolution_m, p_camera[:2] + radius_m + resolution_m
+    if len(p_world):
+        box = _bounds(p_world)
+        low, high = np.minimum(low, box[0]), np.maximum(high, box[1])
+    col0, row0 = (math.floor(float(v) / resolution_m) for v in low)
+    col1, row1 = (math.floor(float(v) / resolution_m) for v in high)
+    return row0, col0, row1 - row0 + 1, col1 - col0 + 1
+
+
+@njit(cache=True, nogil=True)
+def _bounds(points):  # type: ignore[no-untyped-def]
+    box = np.empty((2, 2), np.float64)
+    for k in range(2):
+        box[0, k] = box[1, k] = points[0, k]
+    for i in range(points.shape[0]):
+        for k in range(2):
+            box[0, k] = min(box[0, k], points[i, k])
+            box[1, k] = max(box[1, k], points[i, k])
+    return box
+
+
+@njit(cache=True, nogil=True)
+def _count_points(  # type: ignore[no-untyped-def]
+    points, cx, cy, z, resolution_m, row0, col0, seen, low, high, noise, explored_max,
+    obstacle_points, obstacle_views, bare_views, explored_views,
+):  # fmt: skip
+    rows, cols = seen.shape
+    blocks = np.zeros((rows, cols), np.uint16)
+    bare = np.zeros((rows, cols), np.uint8)
+    for i in range(points.shape[0]):
+        col = int(np.floor(np.float64(points[i, 0]) / resolution_m)) - col0
+        row = int(np.floor(np.float64(points[i, 1]) / resolution_m)) - row0
+        height = points[i, 2] - z
+        dx, dy = points[i, 0] - cx, points[i, 1] - cy
+        if height <= explored_max:  # where a point is, the cell was seen, whatever the ray's azimuth
+            seen[row, col] = 0
+        if low + noise * (dx * dx + dy * dy) <= height <= high:
+            blocks[row, col] += 1
+        elif abs(height) <= _BARE_FLOOR_M:
+            bare[row, col] = 1
+    for row in range(rows):
+        for col in range(cols):
+            n = blocks[row, col]
+            if n > 0:
+                obstacle_points[row, col] = min(65535, int(obstacle_points[row, col]) + n)
+                obstacle_views[row, col] = min(65535, int(obstacle_views[row, col]) + 1)
+            elif bare[row, col] > 0:
+                bare_views[row, col] = min(65535, int(bare_views[row, col]) + 1)
+            if seen[row, col] >= 0:
+                explored_views[row, col] = min(65535, int(explored_views[row, col]) + 1)

@@ -1,0 +1,306 @@
+"""The joint object map of a storey: detections become points, points become objects, objects gather evidence."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.fusion.core.association import Shape, box_iou, box_overlap, boxes_touch, cosine, overlaps, voxel_iou
+from services.fusion.core.clustering import largest_cluster
+from services.fusion.core.config import ObjectConfig
+from services.fusion.core.evidence import Evidence, Status, Support, judge
+from services.fusion.core.visibility import in_plain_view
+from surveilnav.geometry import transform_points
+from surveilnav.messages.maps import ObjectEvent, ObjectRecord
+from surveilnav.sensing.views import Detected, PosedView, box_cells
+
+_RECORD_POINTS = 256
+What = Literal["created", "matched", "merged", "confirmed", "rejected", "flipped", "not_seen"]
+
+
+@dataclass(slots=True, eq=False)
+class MapObject:
+    """One object. ``embedding_sum``: of its detections' unit embeddings: in direction their count-weighted mean."""
+
+    id: int
+    shape: Shape
+    embedding_sum: NDArray[np.float32]
+    first_seen_ns: int
+    last_seen_ns: int
+    label: str
+    confidence: float = 0.0
+    status: Status = "candidate"
+    reason: str = ""
+    evidence: Evidence = field(default_factory=Evidence)
+    sources: set[str] = field(default_factory=set)
+    n_detections: int = 0
+    history: deque[ObjectEvent] = field(default_factory=deque)
+    changed: bool = True  # since duplicates were last searched for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sighting:
+    """A detection with its place in the world."""
+
+    detected: Detected
+    shape: Shape
+    range_m: float
+
+
+class ObjectMap:
+    """All objects of a storey."""
+
+    def __init__(self, floor: str, voxel_m: float, config: ObjectConfig) -> None:
+        self._floor = floor
+        self._voxel_m = voxel_m
+        self._config = config
+        self._objects: dict[int, MapObject] = {}
+        self._next_id = 1
+        self._views = 0
+
+    def __len__(self) -> int:
+        return len(self._objects)
+
+    def integrate(self, view: PosedView, detections: tuple[Detected, ...]) -> int:
+        """Adds what a detector saw in a view (nothing is a statement, too); returns how many detections had a place."""
+        # masks -> points in the world, strongest first so that a weaker double finds its object taken
+        strongest_first = sorted(detections, key=lambda d: (-d.score, d.label, d.box_px))
+        sightings = [s for d in strongest_first if (s := self._locate(view, d)) is not None]
+        # eq. 3: each detection joins the most similar object or starts a new one
+        seen: set[tuple[int, str]] = set()
+        for sighting in sightings:
+            self._associate(view, sighting, seen)
+        # negative evidence: what should have been seen and wasn't
+        if view.is_robot:
+            self._note_misses(view, detections, {object_id for object_id, _ in seen})
+        self._views += 1
+        if self._views % self._config.merge_every == 0:
+            self._merge_duplicates(view)
+        self._forget_weakest()
+        return len(sightings)
+
+    def records(self) -> list[ObjectRecord]:
+        """The objects as others may see them, by id."""
+        return [self._record(o) for _, o in sorted(self._objects.items())]
+
+    def _locate(self, view: PosedView, detected: Detected) -> _Sighting | None:
+        """Back-projects a mask and keeps the largest DBSCAN cluster; None if too little is left of it."""
+        c, camera = self._config, view.camera
+        if detected.score < c.min_score:
+            return None
+        x0, y0, x1, y1 = box_cells(detected.box_px, camera.width_px, camera.height_px)
+        if x1 <= x0 or y1 <= y0:
+            return None
+        stride = max(1, math.ceil(math.sqrt((x1 - x0) * (y1 - y0) / c.max_points)))
+        if detected.mask is not None:  # a thin mask may fill little of its box
+            stride = max(1, math.ceil(math.sqrt(np.count_nonzero(detected.mask) / c.max_points)))
+        depth_m = view.depth_m[y0:y1:stride, x0:x1:stride]
+        near_m, far_m = view.depth_range_m
+        far_m = min(far_m, c.max_range_robot_m if view.is_robot else c.max_range_camera_m)
+        with np.errstate(invalid="ignore"):
+            good = (depth_m > 0) & (depth_m >= near_m) & (depth_m < far_m)
+        if detected.mask is not None:
+            good &= detected.mask[::stride, ::stride]
+        v, u = np.nonzero(good)
+        if len(v) < c.min_points:
+            return None
+        z = depth_m[v, u]
+        p_camera = camera.rays()[y0:y1:stride, x0:x1:stride][v, u] * z[:, None]
+        spacing_m = stride * float(np.median(z)) / camera.fx_px  # far off, samples lie farther apart than eps
+        kept = largest_cluster(p_camera, max(c.dbscan_eps_m, c.dbscan_eps_pixels * spacing_m), c.dbscan_min_points)
+        if len(kept) < c.min_points:
+            return None
+        p_world = transform_points(view.T_world_camera, p_camera[kept].astype(np.float64))
+        range_m = float(np.median(np.linalg.norm(p_camera[kept], axis=1)))
+        return _Sighting(detected, Shape.of_points(p_world, self._voxel_m, c.overlap_voxel_m), range_m)
+
+    def similarity(self, shape: Shape, embedding: NDArray[np.float32], other: MapObject) -> tuple[float, float]:
+        """(s, mutual): eq. 3's weighted sum, and the smaller of both overlaps."""
+        c = self._config
+        there, back = overlaps(shape, other.shape)
+        geometric = {
+            "overlap": lambda: max(there, back), "box_iou": lambda: box_iou(shape, other.shape),
+            "voxel_iou": lambda: voxel_iou(shape, other.shape),
+        }[c.geometry]()  # fmt: skip
+        return c.w_visual * cosine(embedding, other.embedding_sum) + c.w_geometric * geometric, min(there, back)
+
+    def _associate(self, view: PosedView, sighting: _Sighting, seen: set[tuple[int, str]]) -> None:
+        c, detected = self._config, sighting.detected
+        scored = [(*self.similarity(sighting.shape, detected.embedding, o), o) for o in self._around(sighting.shape)]
+        for s, mutual, candidate in sorted(scored, key=lambda item: (-max(item[0], _sure(item, c)), item[2].id)):
+            if s < c.tau and mutual < c.tau_mutual:
+                continue
+            if (candidate.id, detected.label) in seen:
+                if mutual >= min(c.tau_mutual, 1.0):
+                    return  # the same thing twice in one picture
+                continue
+            self._add_to(candidate, view, sighting, "matched", f"s = {s:.2f}")
+            seen.add((candidate.id, detected.label))
+            return
+        new = MapObject(
+            id=self._next_id, shape=sighting.shape, label=detected.label,
+            embedding_sum=np.zeros_like(detected.embedding), first_seen_ns=view.stamp_ns, last_seen_ns=view.stamp_ns,
+            history=deque(maxlen=c.max_history),
+        )  # fmt: skip
+        self._objects[new.id] = new
+        self._next_id += 1
+        self._add_to(new, view, sighting, "created", "")
+        seen.add((new.id, detected.label))
+
+    def _add_to(self, obj: MapObject, view: PosedView, sighting: _Sighting, what: What, note: str) -> None:
+        """Fuses a detection into an object: points, embedding, evidence."""
+        c, detected = self._config, sighting.detected
+        obj.shape = obj.shape.union(sighting.shape, c.max_voxels)
+        if obj.embedding_sum.shape == detected.embedding.shape:
+            obj.embedding_sum = obj.embedding_sum + detected.embedding
+        obj.first_seen_ns = min(obj.first_seen_ns, view.stamp_ns)
+        obj.last_seen_ns = max(obj.last_seen_ns, view.stamp_ns)
+        obj.n_detections += 1
+        obj.sources.add(view.source)
+        obj.changed = True
+        supports = obj.evidence.robot if view.is_robot else obj.evidence.surveillance
+        weight = min(1.0, (c.near_m / max(sighting.range_m, 1e-6)) ** 2)
+        near = view.is_robot and sighting.range_m <= c.near_m
+        supports.setdefault(detected.label, Support()).add(detected.score, weight, near, _place(view))
+        self._log(obj, view, detected.label, detected.score, what, note, detected.box_px)
+        self._judge(obj, view)
+
+    def _judge(self, obj: MapObject, view: PosedView) -> None:
+        before, flipped = obj.status, obj.evidence.flipped
+        verdict = judge(obj.evidence, before, self._config)
+        obj.label, obj.confidence = verdict.label, verdict.confidence
+        obj.status, obj.reason = verdict.status, verdict.reason
+        if obj.evidence.flipped != flipped:
+            self._log(obj, view, obj.label, obj.confidence, "flipped", obj.reason)
+        elif obj.status != before and obj.status != "candidate":
+            self._log(obj, view, obj.label, obj.confidence, obj.status, obj.reason)
+
+    def _note_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
+        c = self._config
+        for obj in self._before(view, c.miss_far_m):
+            if obj.id in seen or obj.status == "rejected":
+                continue
+            share, centre_px = in_plain_view(view, obj.shape.points, c.miss_near_m, c.miss_far_m)
+            if share < c.miss_visible or any(
+                d.label == obj.label and d.score >= c.min_score and _holds(d, centre_px) for d in detections
+            ):
+                continue
+            obj.evidence.misses += 1
+            self._log(obj, view, obj.label, 0.0, "not_seen", f"{share:.0%} of its points in plain view")
+            self._judge(obj, view)
+
+    def _merge_duplicates(self, view: PosedView) -> None:
+        """Joins objects that turned out to be one. Looks only at those that changed: no spike as the map grows."""
+        c = self._config
+        for obj in [o for _, o in sorted(self._objects.items()) if o.changed]:
+            obj.changed = False
+            if obj.id not in self._objects:
+                continue
+            for other in self._around(obj.shape):
+                if other.id == obj.id:
+                    continue
+                there, back = overlaps(obj.shape, other.shape)
+                alike = cosine(obj.embedding_sum, other.embedding_sum) >= c.merge_visual
+                together = max(there, back) >= c.merge_overlap or box_overlap(obj.shape, other.shape) >= c.merge_box
+                if min(there, back) < c.tau_mutual and not (alike and together):
+                    continue
+                kept, gone = (obj, other) if obj.id < other.id else (other, obj)
+                self._absorb(kept, gone, view)
+                if gone is obj:
+                    break
+
+    def _absorb(self, kept: MapObject, gone: MapObject, view: PosedView) -> None:
+        c = self._config
+        kept.shape = kept.shape.union(gone.shape, c.max_voxels)
+        if kept.embedding_sum.shape == gone.embedding_sum.shape:
+            kept.embedding_sum = kept.embedding_sum + gone.embedding_sum
+        kept.first_seen_ns = min(kept.first_seen_ns, gone.first_seen_ns)
+        kept.last_seen_ns = max(kept.last_seen_ns, gone.last_seen_ns)
+        kept.n_detections += gone.n_detections
+        kept.sources |= gone.sources
+        kept.evidence.absorb(gone.evidence)
+        kept.history = deque(sorted([*kept.history, *gone.history], key=lambda e: e.stamp_ns), maxlen=c.max_history)
+        del self._objects[gone.id]
+        self._log(kept, view, gone.label, gone.confidence, "merged", f"object {gone.id} was the same thing")
+        self._judge(kept, view)
+
+    def _forget_weakest(self) -> None:
+        while len(self._objects) > self._config.max_objects:
+            of_worth = (
+                ((o.status == "confirmed", o.confidence, o.last_seen_ns, i), i) for i, o in self._objects.items()
+            )
+            del self._objects[min(of_worth)[1]]
+
+    def _before(self, view: PosedView, far_m: float) -> list[MapObject]:
+        """Objects whose middle lies before the camera and not much farther than ``far_m``."""
+        objects = [o for _, o in sorted(self._objects.items())]
+        if not objects:
+            return []
+        middles = np.array([o.shape.p_min + o.shape.p_max for o in objects]) / 2 - view.T_world_camera[:3, 3]
+        ahead_m, distance_m = middles @ view.T_world_camera[:3, 2], np.linalg.norm(middles, axis=1)
+        return [objects[i] for i in np.flatnonzero((ahead_m > 0) & (distance_m <= far_m + 1.0))]
+
+    def _around(self, shape: Shape) -> list[MapObject]:
+        """Objects that may reach the threshold: near ones only, unless looks alone would do."""
+        objects = [o for _, o in sorted(self._objects.items())]
+        if not objects or self._config.w_visual >= self._config.tau:
+            return objects
+        p_min = np.array([o.shape.p_min for o in objects])
+        p_max = np.array([o.shape.p_max for o in objects])
+        near = boxes_touch(p_min, p_max, shape, 2 * self._config.overlap_voxel_m)
+        return [objects[i] for i in np.flatnonzero(near)]
+
+    def _log(
+        self, obj: MapObject, view: PosedView, label: str, score: float, what: What, note: str,
+        box_px: tuple[float, float, float, float] | None = None,
+    ) -> None:  # fmt: skip
+        obj.history.append(
+            ObjectEvent(
+                view.stamp_ns, view.source, view.view, view.seq, label, round(float(score), 4), what, note, box_px
+            )
+        )
+
+    def _record(self, o: MapObject) -> ObjectRecord:
+        c, points = self._config, o.shape.points
+        every = np.linspace(0, len(points) - 1, min(len(points), _RECORD_POINTS)).round().astype(int)
+        robot, cameras = o.evidence.confidences(True, c), o.evidence.confidences(False, c)
+        (label_robot, by_robot), (label_cameras, by_cameras) = o.evidence.best(True, c), o.evidence.best(False, c)
+        labels = sorted({*robot, *cameras})
+        return ObjectRecord(
+            id=o.id, floor=self._floor, label=o.label, status=o.status, confidence=o.confidence,
+            confidence_robot=by_robot, confidence_surveillance=by_cameras, label_robot=label_robot,
+            label_surveillance=label_cameras, n_detections=o.n_detections, n_points=len(points),
+            center_m=_triple((o.shape.p_min + o.shape.p_max) / 2), size_m=_triple(o.shape.p_max - o.shape.p_min),
+            first_seen_ns=o.first_seen_ns, last_seen_ns=o.last_seen_ns, sources=sorted(o.sources), reason=o.reason,
+            points=points[every].astype(np.float32).tobytes(), history=list(o.history),
+            label_scores={label: max(robot.get(label, 0.0), cameras.get(label, 0.0)) for label in labels},
+        )  # fmt: skip
+
+
+def _sure(item: tuple[float, float, MapObject], config: ObjectConfig) -> float:
+    """Overlap both ways counts as much as looks and place together."""
+    return config.tau + item[1] if item[1] >= config.tau_mutual else -math.inf
+
+
+def _place(view: PosedView) -> tuple[object, ...]:
+    """Where a view was taken from: a camera's view, or a robot's position to 0.25 m and direction to 15 degrees."""
+    if not view.is_robot:
+        return view.source, view.view
+    x, y, _ = view.T_world_camera[:3, 3]
+    forward = view.T_world_camera[:3, 2]
+    yaw = math.atan2(forward[1], forward[0])
+    return view.source, round(float(x) / 0.25), round(float(y) / 0.25), round(yaw / math.radians(15)) % 24
+
+
+def _holds(detected: Detected, pixel: tuple[float, float]) -> bool:
+    x0, y0, x1, y1 = detected.box_px
+    return x0 <= pixel[0] <= x1 and y0 <= pixel[1] <= y1
+
+
+def _triple(v: NDArray[np.float64]) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])

@@ -1,0 +1,190 @@
+"""Asks perception about views, off the main loop, until it answers: an outage delays views and loses none.
+
+Robots and cameras have a thread each, so a robot waits for one camera's picture at most. One slot for every view:
+a newer picture takes the place of one that still waits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import queue
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+from services.fusion.config import FusionSettings
+from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
+from surveilnav.errors import BusError, PerceptionError, WireError
+from surveilnav.messages import FrameHeader, InferReply, InferRequest, WorkerLoad
+from surveilnav.runtime import Node, Received, Refused, clock_ns
+from surveilnav.sensing.packing import decode_frame, perception_from_wire, unpack_embedding
+from surveilnav.sensing.views import PosedView, ViewPerception
+
+ViewKey = tuple[str, int]
+#: Refusals that have to do with the moment, not with the picture.
+_PASSING = {"busy", "too_late", "no_truth"}
+_ATTEMPTS = 3  # at a picture that perception refuses for its own sake
+_STEEP = math.radians(75)  # looking down more steeply than this shows nothing that a detector knows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perceived:
+    """A view that is ready for the maps. ``view`` None: its picture is the one that the maps hold already."""
+
+    key: ViewKey
+    header: FrameHeader
+    view: PosedView | None
+    perception: ViewPerception | None
+
+
+@dataclass(slots=True)
+class _Lane:
+    """The waiting pictures of one kind of source, and the finished ones (few: decoded pictures are large)."""
+
+    done: queue.Queue[Perceived]
+    waiting: OrderedDict[ViewKey, Received[FrameHeader]] = field(default_factory=OrderedDict)
+    problem: str = ""
+
+
+class Perceiver:
+    """Views in by ``submit``, out by ``robots`` and ``cameras``."""
+
+    def __init__(self, node: Node, settings: FusionSettings) -> None:
+        self._node, self._settings = node, settings
+        self._workers = node.table(PERCEPTION_LOAD)
+        self._lock = threading.Condition()
+        self._robots = _Lane(queue.Queue(maxsize=8))
+        self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
+        self._digests: dict[ViewKey, bytes] = {}
+        self._texts: OrderedDict[tuple[str, str], bytes] = OrderedDict()
+        for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
+            threading.Thread(target=self._work, args=(lane,), name=f"perceive-{name}", daemon=True).start()
+
+    @property
+    def problem(self) -> str:
+        """Why perception doesn't answer now; empty while it does."""
+        return self._robots.problem or self._cameras.problem
+
+    def submit(self, frame: Received[FrameHeader]) -> None:
+        """Takes a picture in."""
+        header = frame.message
+        lane = self._robots if header.source.startswith("robot/") else self._cameras
+        with self._lock:
+            lane.waiting[header.source, header.view] = frame
+            self._lock.notify_all()
+
+    def withdraw(self, source: str) -> None:
+        """Forgets the waiting pictures of a source."""
+        with self._lock:
+            for lane in (self._robots, self._cameras):
+                for key in [k for k in lane.waiting if k[0] == source]:
+                    del lane.waiting[key]
+
+    def robots(self) -> list[Perceived]:
+        """All finished views of robots."""
+        return _drained(self._robots.done, 1000)
+
+    def cameras(self, most: int) -> list[Perceived]:
+        """Up to ``most`` finished views of cameras."""
+        return _drained(self._cameras.done, most)
+
+    def text_embedding(self, text: str) -> bytes:
+        """The embedding of a text, from memory where the same backend gave it before.
+
+        Raises:
+            PerceptionError: no worker answers.
+            Refused: the worker won't, e.g. because it doesn't know the class.
+        """
+        load = self._least_loaded()
+        key = load.backend, text
+        if key not in self._texts:
+            request = InferRequest(stamp_ns=clock_ns(), texts=[text])
+            reply = self._node.ask(PERCEPTION_TEXT, request, worker=load.worker, timeout_s=5.0).message
+            if len(reply.embeddings) != 1:
+                raise WireError(f"expected one embedding, got {len(reply.embeddings)}")
+            unpack_embedding(reply.embeddings[0])
+            self._texts[key] = reply.embeddings[0]
+            while len(self._texts) > 256:
+                self._texts.popitem(last=False)
+        return self._texts[key]
+
+    def _work(self, lane: _Lane) -> None:
+        while not self._node.stopping.is_set():
+            with self._lock:
+                if not lane.waiting:
+                    self._lock.wait(timeout=0.2)
+                    continue
+                _, frame = lane.waiting.popitem(last=False)
+            try:
+                finished = self._perceive(lane, frame)
+            except WireError as error:
+                self._node.reject("frame", f"{frame.message.source} view {frame.message.view}: {error}")
+                finished = None
+            while finished is not None and not self._node.stopping.is_set():
+                try:
+                    lane.done.put(finished, timeout=0.2)
+                    self._node.wake.set()
+                    break
+                except queue.Full:
+                    continue
+
+    def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> Perceived | None:
+        """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""
+        header, key = frame.message, (frame.message.source, frame.message.view)
+        digest = hashlib.blake2b(repr((header.T_world_camera, header.camera)).encode(), digest_size=16)
+        digest.update(frame.payload)
+        if key[0].startswith("camera/") and self._digests.get(key) == digest.digest():
+            return Perceived(key, header, None, None)
+        view = decode_frame(header, frame.payload)
+        perception, attempts = None, 0
+        looks_down = view.T_world_camera[2, 2] < -math.sin(_STEEP)
+        while not looks_down and attempts < _ATTEMPTS:
+            try:
+                perception = self._ask(frame)
+                break
+            except (Refused, WireError) as error:
+                attempts += not (isinstance(error, Refused) and error.name in _PASSING)
+                if lane is self._robots:  # a camera's view that has to wait is no outage
+                    lane.problem = f"perception can't tell what {header.source} sees: {error}"
+            except (BusError, PerceptionError) as error:
+                lane.problem = f"perception is down: {error}"
+            self._node.wake.set()
+            self._node.stopping.wait(self._settings.retry_s)
+            with self._lock:
+                if self._node.stopping.is_set() or key in lane.waiting:
+                    return None
+        lane.problem = ""
+        self._digests[key] = digest.digest()
+        return Perceived(key, header, view, perception)
+
+    def _ask(self, frame: Received[FrameHeader]) -> ViewPerception:
+        header, timeout_s = frame.message, self._settings.infer_timeout_s
+        request = InferRequest(
+            stamp_ns=clock_ns(), source=header.source, view=header.view, seq=header.seq, camera=header.camera,
+            image=header.image, depth=header.depth, depth_range_m=header.depth_range_m,
+            prompts=self._settings.prompts, deadline_ms=int(900 * timeout_s),
+        )  # fmt: skip
+        worker = self._least_loaded().worker
+        reply: InferReply = self._node.ask(
+            PERCEPTION_INFER, request, payload=frame.payload, timeout_s=timeout_s, worker=worker
+        ).message
+        if (reply.source, reply.view, reply.seq) != (header.source, header.view, header.seq):
+            raise WireError(f"worker {worker} answered about another view")
+        return perception_from_wire(reply, header.camera)
+
+    def _least_loaded(self) -> WorkerLoad:
+        loads: list[WorkerLoad] = [r.message for r in self._workers.rows(max_age_s=PERCEPTION_LOAD.max_age_ms / 1000)]
+        if not loads:
+            raise PerceptionError("no worker is there")
+        return min(loads, key=lambda w: (w.queued, w.latency_ms, w.worker))
+
+
+def _drained(finished: queue.Queue[Perceived], most: int) -> list[Perceived]:
+    out: list[Perceived] = []
+    while len(out) < most:
+        try:
+            out.append(finished.get_nowait())
+        except queue.Empty:
+            break
+    return out

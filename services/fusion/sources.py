@@ -1,0 +1,154 @@
+"""Who is looked through: robots always, cameras while eq. 1 invokes them. Invocation is subscription."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, field
+
+from services.fusion.config import FusionSettings
+from services.fusion.core import active_cameras
+from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
+from surveilnav.errors import BusError
+from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
+from surveilnav.runtime import Node, Received, Slot, clock_ns
+
+_MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
+_REFRESH_S = 0.1
+
+
+@dataclass(slots=True)
+class InvokedCamera:
+    """A camera that is listened to: one slot a view, and which of them have come."""
+
+    info: CameraInfo
+    slots: dict[int, Slot[FrameHeader]]
+    wanted_s: float
+    arrived: set[int] = field(default_factory=set)
+    ask_again_s: float = 0.0
+    patience_s: float = 0.0
+    silent: bool = False  # it neither sends nor answers: nobody should wait for its views
+
+
+class Sources:
+    """Keeps the subscriptions as eq. 1 wants them and hands over the newest frame of each."""
+
+    def __init__(self, node: Node, settings: FusionSettings, tau_z_m: float) -> None:
+        self._node, self._settings, self._tau_z_m = node, settings, tau_z_m
+        self._infos = node.table(CAMERA_INFO)
+        self._statuses = node.table(ROBOT_STATUS)
+        self._robots: dict[str, Slot[FrameHeader]] = {}
+        self._newest: dict[str, int] = {}
+        self._floor_z_m: dict[str, float] = {}
+        self._refreshed_s = 0.0
+        self.cameras: dict[str, InvokedCamera] = {}
+
+    def poll(self) -> tuple[list[Received[FrameHeader]], list[str]]:
+        """New frames, robots' first, and the sources ("camera/<id>") that are no longer listened to."""
+        now_s = time.monotonic()
+        dropped: list[str] = []
+        if now_s - self._refreshed_s >= _REFRESH_S:
+            self._refreshed_s = now_s
+            self._follow_robots()
+            dropped = self._invoke(now_s)
+            self._ask_again(now_s)
+        return [*self._robot_frames(), *self._camera_frames()], dropped
+
+    def _follow_robots(self) -> None:
+        for row in self._statuses.rows(max_age_s=self._settings.robot_timeout_s):
+            robot = row.ids["robot"]
+            if robot not in self._robots and len(self._robots) < _MAX_ROBOTS:
+                self._robots[robot] = self._node.slot(ROBOT_OBSERVATION, robot=robot)
+                self._node.log.info("follows a robot", robot=robot)
+
+    def _robot_frames(self) -> list[Received[FrameHeader]]:
+        frames = []
+        for robot, slot in self._robots.items():
+            frame = slot.poll()
+            if frame is None or not self._belongs(frame, f"robot/{robot}", 0):
+                continue
+            header = frame.message
+            self._floor_z_m[robot] = header.T_world_camera.translation_m[2] - header.mounting_offset_m
+            if header.seq != self._newest.get(robot):  # a robot repeats what nobody followed up
+                self._newest[robot] = header.seq
+                frames.append(frame)
+        return frames
+
+    def _camera_frames(self) -> list[Received[FrameHeader]]:
+        frames = []
+        for name, camera in self.cameras.items():
+            for view, slot in camera.slots.items():
+                frame = slot.poll()
+                if frame is not None and self._belongs(frame, f"camera/{name}", view):
+                    camera.arrived.add(view)
+                    camera.silent = False
+                    camera.ask_again_s = time.monotonic() + self._settings.resend_after_s
+                    frames.append(frame)
+        return frames
+
+    def _belongs(self, frame: Received[FrameHeader], source: str, view: int) -> bool:
+        """Whether a frame says of itself what its key says, and names a floor that a key can hold."""
+        header = frame.message
+        try:
+            self._node.key(MAP_REVISION, floor=header.floor)
+        except ValueError as error:
+            self._node.reject("frame header", f"floor {header.floor!r:.80}: {error}")
+            return False
+        if (header.source, header.view) != (source, view):
+            said = f"{header.source!r:.80} view {header.view}"
+            self._node.reject("frame header", f"expected {source} view {view}, its header says {said}")
+            return False
+        return True
+
+    def _invoke(self, now_s: float) -> list[str]:
+        """Eq. 1: listens to the cameras on the robots' floors; lets go of others after a while."""
+        if not self._settings.surveillance:
+            return []
+        here = {row.ids["robot"] for row in self._statuses.rows(max_age_s=self._settings.robot_timeout_s)}
+        infos = {
+            row.ids["camera"]: row.message for row in self._infos.rows() if row.ids["camera"] == row.message.camera
+        }
+        floors_z_m = [z_m for robot, z_m in self._floor_z_m.items() if robot in here]
+        for name in active_cameras(floors_z_m, infos.values(), self._tau_z_m):
+            if name in self.cameras:
+                self.cameras[name].wanted_s = now_s
+            elif len(self.cameras) < _MAX_CAMERAS:
+                self._listen(infos[name], now_s)
+        gone = [name for name, c in self.cameras.items() if now_s - c.wanted_s > self._settings.linger_s]
+        for name in gone:
+            for slot in self.cameras.pop(name).slots.values():
+                slot.close()
+            self._node.log.info("releases a camera", camera=name)
+        return [f"camera/{name}" for name in gone]
+
+    def _listen(self, info: CameraInfo, now_s: float) -> None:
+        try:
+            views = [v.view for v in info.views][:_MAX_VIEWS]
+            place = {"floor": info.floor, "camera": info.camera}
+            slots = {view: self._node.slot(CAMERA_FRAME, **place, view=view) for view in views}
+        except ValueError as error:
+            self._node.reject("camera_info", str(error))
+            return
+        patience_s = self._settings.resend_after_s
+        self.cameras[info.camera] = InvokedCamera(
+            info, slots, now_s, ask_again_s=now_s + patience_s, patience_s=patience_s
+        )
+        self._node.log.info("invokes a camera", camera=info.camera, views=len(slots))
+
+    def _ask_again(self, now_s: float) -> None:
+        """Asks cameras for views that were lost on the way; each time waits twice as long."""
+        for name, camera in self.cameras.items():
+            missing = sorted(set(camera.slots) - camera.arrived)
+            if not missing or now_s < camera.ask_again_s:
+                continue
+            camera.patience_s = min(2 * camera.patience_s, 60.0)
+            camera.ask_again_s = now_s + camera.patience_s
+            threading.Thread(target=self._request, args=(camera, missing), name=f"resend-{name}", daemon=True).start()
+
+    def _request(self, camera: InvokedCamera, views: list[int]) -> None:
+        info, request = camera.info, CameraRequest(stamp_ns=clock_ns(), action="resend", views=views)
+        try:
+            self._node.ask(CAMERA_REQUEST, request, floor=info.floor, camera=info.camera)
+        except BusError as error:
+            camera.silent = True
+            self._node.warn_seldom("a camera doesn't send", camera=info.camera, views=len(views), error=str(error))

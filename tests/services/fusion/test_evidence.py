@@ -1,0 +1,105 @@
+"""Confirmation and rejection, by table."""
+
+from __future__ import annotations
+
+import pytest
+
+from services.fusion.core import FusionConfig, ObjectConfig
+from services.fusion.core.evidence import Evidence, Support, judge
+
+DEFAULT, PAPER = ObjectConfig(), FusionConfig.preset("paper").objects
+
+
+def told(story, config, evidence=None):
+    """Judges after every word of a story: ("robot" | "far" | "camera", label, score) or "miss"."""
+    evidence, status, verdicts = evidence or Evidence(), "candidate", []
+    for i, word in enumerate(story):
+        if word == "miss":
+            evidence.misses += 1
+        else:
+            who, label, score = word
+            supports = evidence.surveillance if who == "camera" else evidence.robot
+            weight = 0.3 if who == "far" else 1.0
+            supports.setdefault(label, Support()).add(score, weight, who == "robot", (who, i))
+        verdicts.append(judge(evidence, status, config))
+        status = verdicts[-1].status
+    return verdicts
+
+
+def near(label, score, n=1):
+    return [("robot", label, score)] * n
+
+
+def camera(label, score, n=1):
+    return [("camera", label, score)] * n
+
+
+@pytest.mark.parametrize(
+    ("story", "label", "status"),
+    [
+        (near("couch", 0.9), "couch", "candidate"),
+        (near("couch", 0.9, 3), "couch", "confirmed"),
+        (near("couch", 0.45, 9), "couch", "candidate"),
+        ([("far", "couch", 0.9)] * 9, "couch", "candidate"),
+        (camera("couch", 0.8, 2), "couch", "candidate"),
+        (camera("couch", 0.8, 3), "couch", "confirmed"),
+        (camera("couch", 0.6, 9), "couch", "candidate"),
+        (camera("couch", 0.6, 2) + near("couch", 0.7), "couch", "confirmed"),
+        (near("couch", 0.8, 5) + near("bed", 0.9), "couch", "confirmed"),  # one weak flip
+        (near("couch", 0.78, 4) + near("bed", 0.7, 4), "couch", "candidate"),  # who knows
+        (near("couch", 0.8, 3) + near("bed", 0.9, 4), "bed", "rejected"),  # a flip
+        (near("couch", 0.8, 3) + near("bed", 0.9, 12), "bed", "confirmed"),  # it is a bed after all
+        (near("chair", 0.8, 2) + ["miss"] * 6, "chair", "rejected"),
+        (near("chair", 0.8, 8) + ["miss"] * 6, "chair", "confirmed"),
+        (camera("chair", 0.8, 3) + ["miss"] * 2, "chair", "confirmed"),
+        (camera("chair", 0.8, 3) + ["miss"] * 4, "chair", "candidate"),
+    ],
+)
+def test_verdicts(story, label, status):
+    last = told(story, DEFAULT)[-1]
+    assert (last.label, last.status) == (label, status), last.reason
+    assert last.reason
+
+
+def test_confidence_is_the_larger_of_both_and_the_class_is_its_class():
+    last = told(camera("chair", 0.6) + near("couch", 0.8), DEFAULT)[-1]
+    assert (last.label, last.confidence) == ("couch", pytest.approx(0.8))
+
+
+@pytest.mark.parametrize(
+    ("story", "label", "status"),
+    [
+        (near("couch", 0.6), "couch", "confirmed"),
+        (camera("couch", 0.6), "couch", "confirmed"),
+        (near("couch", 0.4), "couch", "candidate"),
+        (camera("couch", 0.6) + near("bed", 0.5), "couch", "confirmed"),  # the maximum is still the camera's
+        (camera("couch", 0.6) + near("bed", 0.7), "bed", "rejected"),
+        (camera("couch", 0.6) + near("bed", 0.7, 20), "bed", "rejected"),  # for good
+        (near("couch", 0.6) + ["miss"] * 50, "couch", "confirmed"),  # the paper knows no negative evidence
+    ],
+)
+def test_the_paper_to_the_letter(story, label, status):
+    last = told(story, PAPER)[-1]
+    assert (last.label, last.status) == (label, status), last.reason
+
+
+def test_confidence_by_share_against_a_literal_sum():
+    story = near("couch", 0.9, 2) + near("chair", 0.5, 1) + ["miss"] * 2
+    evidence = Evidence()
+    told(story, DEFAULT, evidence)
+    assert evidence.confidences(True, DEFAULT)["couch"] == pytest.approx((0.9 + 0.9) / (3 + 2 * DEFAULT.miss_weight))
+
+
+def test_no_flicker_at_the_threshold():
+    verdicts = told(near("couch", 0.52, 3) + near("couch", 0.3, 1), DEFAULT)
+    assert [v.status for v in verdicts[-2:]] == ["confirmed", "confirmed"]
+    assert verdicts[-1].confidence < DEFAULT.confirm_score
+
+
+def test_absorbing_adds_up():
+    a, b = Evidence(misses=1), Evidence(misses=2)
+    told(near("couch", 0.8, 2), DEFAULT, a)
+    told(near("couch", 0.6, 2) + camera("bed", 0.5), DEFAULT, b)
+    a.absorb(b)
+    assert (a.misses, a.count("couch"), a.count("bed"), a.robot["couch"].near) == (3, 4, 1, 4)
+    assert a.robot["couch"].weighted_score == pytest.approx(2 * 0.8 + 2 * 0.6)

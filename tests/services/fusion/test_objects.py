@@ -1,0 +1,190 @@
+"""The object map on views of an analytic room."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from services.fusion.core import FusionConfig, JointMap, ObjectConfig
+from surveilnav.sensing.views import Detected
+
+SOFA = ((3.0, 1.2, 0.0), (3.8, 2.8, 0.8))
+STOOL = ((2.0, 0.4, 0.0), (2.4, 0.8, 0.5))
+
+
+@pytest.fixture
+def furnished(world):
+    world.boxes |= {"sofa": SOFA, "stool": STOOL}
+    return world
+
+
+def around(world, box, n=6, radius=1.8, **more):
+    """Views of a robot on a circle that look at a box."""
+    cx, cy = ((box[0][k] + box[1][k]) / 2 for k in (0, 1))
+    out = []
+    for i in range(n):
+        a = math.pi - 0.5 + i * 1.0 / n
+        out.append(world.view(cx + radius * math.cos(a), cy + radius * math.sin(a), a + math.pi, -0.3, seq=i, **more))
+    return out
+
+
+def test_a_mask_becomes_an_object_where_the_thing_is(furnished, tools):
+    joint = JointMap()
+    for view in around(furnished, SOFA):
+        joint.integrate(view, tools.seen(furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))))
+    (sofa,) = joint.objects("0")
+    assert (sofa.label, sofa.status, sofa.n_detections) == ("couch", "confirmed", 6)
+    low, high = (np.array(sofa.center_m) + k * np.array(sofa.size_m) / 2 for k in (-1, 1))
+    assert np.all(low > np.array(SOFA[0]) - 0.05)
+    assert np.all(high < np.array(SOFA[1]) + 0.05)
+    assert sofa.size_m[1] > 1.3
+    assert sofa.sources == ["robot/r"]
+    points = np.frombuffer(sofa.points, np.float32).reshape(-1, 3)
+    assert 20 < len(points) <= 256
+    assert np.all((points > low - 1e-3) & (points < high + 1e-3))
+    assert sofa.history[0].box_px is not None
+    assert [e.what for e in sofa.history] == [
+        "created",
+        "matched",
+        "matched",
+        "confirmed",
+        "matched",
+        "matched",
+        "matched",
+    ]
+
+
+def test_cameras_and_robot_see_one_object(furnished, tools):
+    joint = JointMap()  # one camera sees its back, and hardly a point that the others do: merging finds out
+    for i, (x, y, yaw) in enumerate([(0.3, 0.3, 0.6), (0.3, 3.7, -0.6), (5.8, 3.8, -2.4)]):
+        view = furnished.view(x, y, yaw, -0.4, height=1.8, source=f"camera/c{i}", view=3)
+        joint.integrate(view, tools.seen(furnished.detect(view, "sofa", "couch", 0.6, tools.unit(0))))
+    assert len(joint.objects("0")) == 2
+    for view in around(furnished, SOFA, 7):
+        joint.integrate(view, tools.seen(furnished.detect(view, "sofa", "couch", 0.9, tools.unit(0))))
+    (sofa,) = joint.objects("0")
+    assert sofa.confidence == sofa.confidence_robot == pytest.approx(0.9)
+    assert sofa.confidence_surveillance == pytest.approx(0.6)
+    assert len(sofa.sources) == 4
+
+
+def test_neighbours_of_one_class_stay_two(furnished, tools):
+    furnished.boxes["other"] = ((2.0, 1.1, 0.0), (2.4, 1.5, 0.5))  # 30 cm beside the stool, looking just like it
+    joint = JointMap()
+    for x in (0.4, 0.5, 0.6, 0.7):
+        view = furnished.view(x, 0.9, 0.0, -0.3)
+        found = [furnished.detect(view, name, "chair", 0.8, tools.unit(1)) for name in ("stool", "other")]
+        joint.integrate(view, tools.seen(*found))
+    assert sorted(round(o.center_m[1], 1) for o in joint.objects("0")) == [0.6, 1.3]
+
+
+def test_one_thing_twice_in_a_picture_counts_once(furnished, tools):
+    joint = JointMap()
+    view = around(furnished, SOFA)[0]
+    once = furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))
+    again = Detected("couch", 0.6, once.box_px, once.mask, tools.unit(0))
+    joint.integrate(view, tools.seen(again, once))
+    (sofa,) = joint.objects("0")
+    assert (sofa.n_detections, sofa.confidence) == (1, pytest.approx(0.8))
+
+
+def test_another_class_on_the_same_points_is_a_vote_not_an_object(furnished, tools):
+    joint = JointMap()
+    views = around(furnished, SOFA)
+    for i, view in enumerate(views):
+        label, look = ("bed", tools.unit(5)) if i == 2 else ("couch", tools.unit(0))
+        joint.integrate(view, tools.seen(furnished.detect(view, "sofa", label, 0.8, look)))
+    (sofa,) = joint.objects("0")
+    assert (sofa.label, sofa.status) == ("couch", "confirmed")
+    assert sofa.label_scores == pytest.approx({"bed": 0.8 / 6, "couch": 5 * 0.8 / 6})
+
+
+def test_partial_views_join_by_overlap_and_split_by_box_iou(furnished, tools):
+    def halves(geometry, tau):
+        joint = JointMap(FusionConfig(objects=ObjectConfig(geometry=geometry, tau=tau, tau_mutual=2.0)))
+        view = around(furnished, SOFA)[3]
+        whole = furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))
+        x0, y0, x1, y1 = whole.box_px
+        third = x0 + round((x1 - x0) / 4)
+        part = Detected("couch", 0.8, (x0, y0, third, y1), whole.mask[:, : int(third - x0)], tools.unit(0))
+        joint.integrate(view, tools.seen(whole))
+        joint.integrate(view, tools.seen(part))
+        return len(joint.objects("0"))
+
+    assert halves("overlap", 1.2) == 1
+    assert halves("box_iou", 1.35) == 2
+
+
+def test_duplicates_are_merged_when_views_have_joined_them(furnished, tools):
+    config = FusionConfig(objects=ObjectConfig(merge_every=2))
+    joint = JointMap(config)
+    view = around(furnished, SOFA)[3]
+    whole = furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))
+    (x0, y0, x1, y1), mask = whole.box_px, whole.mask
+    third, rest = round((x1 - x0) / 3), round(2 * (x1 - x0) / 3)
+    left = Detected("couch", 0.7, (x0, y0, x0 + third, y1), mask[:, :third], tools.unit(0))
+    right = Detected("couch", 0.7, (x0 + rest, y0, x1, y1), mask[:, rest:], tools.unit(0))
+    joint.integrate(view, tools.seen(left, right))
+    assert len(joint.objects("0")) == 2
+    joint.integrate(view, tools.seen(whole))
+    (sofa,) = joint.objects("0")
+    assert (sofa.n_detections, sofa.id) == (3, 1)
+    assert "merged" in [e.what for e in sofa.history]
+
+
+def test_a_close_look_without_a_detection_counts_against(furnished, tools):
+    joint = JointMap()
+    for i in range(3):
+        view = furnished.view(0.3, 0.3 + 1.7 * i, 0.6 - 0.6 * i, -0.4, height=1.8, source="camera/c", view=i)
+        joint.integrate(view, tools.seen(furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))))
+    (before,) = joint.objects("0")
+    assert before.status == "confirmed"
+    for view in around(furnished, SOFA, 7, radius=2.2):
+        joint.integrate(view, tools.seen())
+    (after,) = joint.objects("0")
+    assert after.status == "rejected"
+    assert after.confidence < before.confidence / 1.5
+    assert "not_seen" in [e.what for e in after.history]
+
+
+@pytest.mark.parametrize("how", ["occluded", "far", "behind", "no detector", "camera"])
+def test_a_look_that_could_not_show_it_is_no_evidence(furnished, tools, how):
+    joint = JointMap()
+    for view in around(furnished, STOOL, 3, radius=1.0):
+        joint.integrate(view, tools.seen(furnished.detect(view, "stool", "chair", 0.8, tools.unit(0))))
+    (before,) = joint.objects("0")
+    if how == "occluded":
+        furnished.boxes["screen"] = ((1.6, 0.1, 0.0), (1.65, 1.2, 1.2))
+    x, yaw = {"far": (5.9, math.pi), "behind": (0.6, math.pi)}.get(how, (0.6, 0.0))
+    for i in range(4):
+        source = "camera/c" if how == "camera" else "robot/r"
+        view = furnished.view(x, 0.6, yaw, -0.3, source=source, view=i if how == "camera" else 0)
+        joint.integrate(view, None if how == "no detector" else tools.seen())
+    (after,) = joint.objects("0")
+    assert after.confidence == before.confidence
+
+
+def test_history_objects_and_points_are_bounded(furnished, tools):
+    config = ObjectConfig(max_history=5, max_objects=2, max_voxels=200)
+    joint = JointMap(FusionConfig(objects=config))
+    rng = np.random.default_rng(0)
+    for i, view in enumerate(around(furnished, SOFA, 30)):
+        noise = Detected("cup", 0.3, (*rng.uniform(0, 60, 2), *rng.uniform(70, 110, 2)), None, tools.unit(2 + i % 5))
+        joint.integrate(view, tools.seen(furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0)), noise))
+    objects = joint.objects("0")
+    assert len(objects) <= 2
+    assert "couch" in {o.label for o in objects}
+    for o in objects:
+        assert len(o.history) <= 5
+        assert o.n_points <= config.max_points
+
+
+@pytest.mark.parametrize("score", [0.1, 0.2])
+def test_weak_and_empty_detections_are_left_out(furnished, tools, score):
+    joint = JointMap()
+    view = around(furnished, SOFA)[0]
+    off = Detected("couch", 0.9, (500.0, 0.0, 600.0, 50.0), None, tools.unit(0))
+    joint.integrate(view, tools.seen(off, furnished.detect(view, "sofa", "couch", score, tools.unit(0))))
+    assert joint.objects("0") == []
