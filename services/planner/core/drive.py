@@ -63,6 +63,11 @@ class FmmPlanner:
         return 1.15 * expected_m + 1.0 if math.isfinite(expected_m) else 0.0
 
 
+#: A bump is remembered for this spot and this heading only.
+_SAME_SPOT_M = 0.03
+_SAME_HEADING_COS = math.cos(math.radians(10.0))
+
+
 def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, config: PlannerConfig) -> str:
     """Turns to, or drives along, the heading whose next step ends nearest to the goal.
 
@@ -78,6 +83,7 @@ def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, 
     inside = terrain.grid.contains(cells)
     cells = np.clip(cells, 0, (terrain.grid.rows - 1, terrain.grid.cols - 1))
     free = (inside & (terrain.speed[cells[..., 0], cells[..., 1]] > 0.0)).all(axis=1)
+    free &= ~_bumped(terrain.bumps, robot, yaws)
     left_m = np.array([_interpolate(terrain, field, px, py) for px, py in zip(x[:, -1], y[:, -1], strict=True)])
     cost = np.where(free, left_m, UNREACHED) + config.turn_cost_m * np.abs(_HEADINGS)
     if not np.isfinite(cost).any():  # boxed in by its own radius: take the way that is least blocked
@@ -85,6 +91,12 @@ def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, 
         cost = -clear + config.turn_cost_m * np.abs(_HEADINGS)
     best = int(_HEADINGS[int(np.argmin(cost))])
     return "move_forward" if best == 0 else "turn_left" if best > 0 else "turn_right"
+
+
+def _bumped(bumps: NDArray[np.float64], robot: RobotView, yaws: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of the headings ``yaws`` (n,) met something when the robot last tried them from about here."""
+    near = np.hypot(bumps[:, 0] - robot.x_m, bumps[:, 1] - robot.y_m) < _SAME_SPOT_M
+    return (np.cos(yaws[:, None] - bumps[near, 2]) > _SAME_HEADING_COS).any(axis=1)
 
 
 def descend(terrain: Terrain, field: NDArray[np.float64], row: int, col: int) -> tuple[tuple[float, float], ...]:

@@ -11,10 +11,15 @@ from services.planner.core.state import Dormant, MissionState, RobotView
 FOR_GOOD = 2
 
 
+#: A move that is cut short ends at the contact: what blocks it is the very next cell.
+AHEAD_M = 0.05
+
+
 def remember(state: MissionState, robot: RobotView, config: PlannerConfig) -> None:
     """Notes where the robot stands and, if its last step was cut short, what it bumped into.
 
-    A collision paints a short bar across the heading just beyond the robot's radius (VLN-Game does the same).
+    A collision shuts one heading at one place, and marks the cell ahead as one where the robot's *centre* can't go. A
+    bar at the robot's rim, grown by its radius as VLN-Game's is, would close every narrow passage at the first touch.
     """
     here = robot.x_m, robot.y_m
     bumped = robot.collided
@@ -22,9 +27,8 @@ def remember(state: MissionState, robot: RobotView, config: PlannerConfig) -> No
         bumped |= math.dist(here, state.visited[-1]) < 0.4 * config.step_m
     if bumped and robot.last_action == "move_forward":
         c, s = math.cos(robot.yaw_rad), math.sin(robot.yaw_rad)
-        ahead_m = config.robot_radius_m + 0.07
-        for side_m in (-0.10, -0.05, 0.0, 0.05, 0.10):
-            state.collisions.append((here[0] + c * ahead_m - s * side_m, here[1] + s * ahead_m + c * side_m))
+        state.collisions.append((here[0] + c * AHEAD_M, here[1] + s * AHEAD_M))
+        state.bumps.append((*here, robot.yaw_rad))
     state.visited.append(here)
     if state.anchor is None or math.dist(here, state.anchor[:2]) >= 0.8 * config.step_m:
         state.anchor = (*here, state.step)

@@ -15,6 +15,8 @@ class PlannerConfig:
             ``region`` (the value map): the paper's three.
         verification: ``two_level`` stops only at what the robot itself confirmed (or very strong surveillance
             evidence that it doesn't contradict); ``paper`` stops at whatever fusion calls confirmed.
+        tight_m, tight_speed: nearer to a mapped obstacle than the robot's radius, down to ``tight_m``, it may go
+            at this speed where there is no other way: maps are thicker than walls by a cell or so.
         unknown_speed: how fast the front runs through unknown space, relative to known free space; 0 forbids it.
         exploit_min_std, exploit_min_ratio: frontier values decide only if their standard deviation and their
             max/mean reach these (ApexNav's adaptive rule, arXiv 2504.14478); otherwise the nearest wins.
@@ -33,6 +35,8 @@ class PlannerConfig:
     # terrain
     comfort_m: float = 0.45
     wall_speed: float = 0.3
+    tight_m: float = 0.10
+    tight_speed: float = 0.05
     unknown_speed: float = 0.5
     visited_radius_m: float = 0.15
     escape_radius_m: float = 0.30

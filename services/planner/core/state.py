@@ -86,7 +86,8 @@ class MissionState:
     Attributes:
         step: actions decided so far.
         scan_left: turns left of the first look around; None before it is decided whether there is one.
-        visited: where the robot stood [m, world]. ``collisions``: points that it bumped into.
+        visited: where the robot stood [m, world]. ``collisions``: where its centre can't go;
+            ``bumps``: (x, y, yaw) of the headings that ended there.
         dormant: frontiers and objects given up for a while. ``dropped``: objects judged not to be the
             target, by id: (x, y, why).
         inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
@@ -100,6 +101,7 @@ class MissionState:
     scan_left: int | None = None
     visited: list[tuple[float, float]] = field(default_factory=list)
     collisions: list[tuple[float, float]] = field(default_factory=list)
+    bumps: list[tuple[float, float, float]] = field(default_factory=list)
     commitment: Commitment | None = None
     dormant: list[Dormant] = field(default_factory=list)
     dropped: dict[int, tuple[float, float, str]] = field(default_factory=dict)
@@ -114,7 +116,7 @@ class MissionState:
     def copy(self) -> MissionState:
         """A copy whose containers are its own."""
         return replace(
-            self, visited=list(self.visited), collisions=list(self.collisions), dormant=list(self.dormant),
+            self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps), dormant=list(self.dormant),
             dropped=dict(self.dropped), inspected=dict(self.inspected), looks=dict(self.looks),
         )  # fmt: skip
 

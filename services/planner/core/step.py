@@ -95,6 +95,7 @@ def _escape(now: _Now) -> None:
     if state.commitment is not None:
         memory.give_up(state, state.commitment.x_m, state.commitment.y_m, now.config)
     state.collisions.clear()
+    state.bumps.clear()
     memory.rest(state)
 
 

@@ -27,9 +27,10 @@ class Terrain:
 
     Attributes:
         grid: frame of the window; all arrays are (rows, cols) of it. ``row0``, ``col0``: its corner in the map.
-        occupied: bool, obstacles as mapped, with the collisions that the robot remembers.
+        occupied: bool, obstacles as mapped.
         known: bool, explored and not occupied.
         speed: float64, 0 where the robot's centre can't be, else in (0, 1].
+        bumps: (n, 3) float64 x, y [m], yaw [rad]: headings that met something.
     """
 
     grid: Grid
@@ -38,6 +39,7 @@ class Terrain:
     occupied: NDArray[np.bool_]
     known: NDArray[np.bool_]
     speed: NDArray[np.float64]
+    bumps: NDArray[np.float64]
 
     def crop(self, layer: NDArray) -> NDArray:
         """The window of a layer of the whole map."""
@@ -66,7 +68,8 @@ def build_terrain(
 ) -> Terrain:  # fmt: skip
     """Crops the map to what is known and to ``places_m`` (plus a margin) and rates every cell.
 
-    Obstacles grow by the robot's radius; beyond it the speed rises from ``wall_speed`` to 1 at ``comfort_m``.
+    Obstacles grow by ``tight_m``; up to the robot's radius it is hard to pass (``tight_speed``), beyond that the speed
+    rises from ``wall_speed`` to 1 at ``comfort_m``.
     Unknown space is slower by ``unknown_speed``. Where the robot stands and has stood is never blocked, so a
     robot that starts inside a grown obstacle can leave it.
     """
@@ -77,21 +80,23 @@ def build_terrain(
 
     occupancy = np.ascontiguousarray(maps.occupancy[window] != 0).astype(np.uint8)
     _paint(occupancy, grid, state.visited[-200:], 0.0, value=0)
-    _paint(occupancy, grid, state.collisions, 0.0)
     explored = maps.explored[window] != 0
 
     clearance_m = cv2.distanceTransform(1 - occupancy, cv2.DIST_L2, 5) * r
     rise = (clearance_m - config.robot_radius_m) / (config.comfort_m - config.robot_radius_m)
     speed = (config.wall_speed + (1.0 - config.wall_speed) * np.clip(rise, 0.0, 1.0)).astype(np.float64)
     speed[~explored] *= config.unknown_speed
-    blocked = (clearance_m < config.robot_radius_m).astype(np.uint8)
+    tight = clearance_m < config.robot_radius_m
+    speed[tight] = config.tight_speed
+    blocked = (clearance_m < min(config.tight_m, config.robot_radius_m)).astype(np.uint8)
     _paint(blocked, grid, state.visited, config.visited_radius_m, value=0)
     _paint(blocked, grid, [(robot.x_m, robot.y_m)], config.escape_radius_m, value=0)
+    _paint(blocked, grid, state.collisions, 0.0)
     speed[(blocked != 0) | (occupancy != 0)] = 0.0
     here = grid.cells_of((robot.x_m, robot.y_m))
     if grid.contains(here):
         speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
-    return Terrain(grid, row0, col0, occupancy != 0, explored & (occupancy == 0), speed)
+    return Terrain(grid, row0, col0, occupancy != 0, explored & (occupancy == 0), speed, np.reshape(np.array(state.bumps, dtype=np.float64), (-1, 3)))
 
 
 def arrival_m(

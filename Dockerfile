@@ -1,0 +1,46 @@
+# One image for every service; compose.yaml says which one a container runs.
+
+# --- Python packages: they change seldom ---
+FROM python:3.11-slim-bookworm AS packages
+# scikit-fmm has no wheels: it is compiled here and only here.
+RUN apt-get update && apt-get install -y --no-install-recommends g++ python3-dev
+RUN python -m venv /opt/venv
+ENV PATH=/opt/venv/bin:$PATH
+WORKDIR /src
+COPY pyproject.toml constraints.txt README.md ./
+COPY shared/surveilnav/__init__.py shared/surveilnav/
+RUN pip install -q --no-cache-dir -c constraints.txt . && pip uninstall -q -y surveilnav
+
+# --- our own code, and the homes and furniture of Sweet Home 3D ---
+FROM packages AS code
+COPY shared shared
+COPY cli cli
+COPY services services
+COPY benchmark benchmark
+RUN pip install -q --no-cache-dir --no-deps --target /opt/surveilnav .
+# Where Debian's mirrors can't be reached, parametric furniture stands in.
+RUN mkdir -p /var/cache/surveilnav && apt-get update -qq \
+ && { PYTHONPATH=/opt/surveilnav SURVEILNAV_CACHE_DIR=/var/cache/surveilnav python -m surveilnav.building.assets \
+      || echo "note: no Sweet Home 3D packages in this image"; }
+
+# --- what runs ---
+FROM python:3.11-slim-bookworm
+LABEL org.opencontainers.image.title="SurveilNav" org.opencontainers.image.licenses="Apache-2.0"
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends libusb-1.0-0 libegl1 libgl1 libgomp1 libx11-6 \
+ && rm -rf /var/lib/apt/lists/* \
+ && useradd --system --uid 10001 --home-dir /tmp --shell /usr/sbin/nologin surveilnav
+COPY --from=packages /opt/venv /opt/venv
+COPY --from=code --chown=10001:10001 /var/cache/surveilnav /var/cache/surveilnav
+COPY --from=code /opt/surveilnav /opt/surveilnav
+# Everything that a service writes lies in the cache volume or in /tmp: the rest may be read-only.
+ENV PATH=/opt/surveilnav/bin:/opt/venv/bin:$PATH \
+    PYTHONPATH=/opt/surveilnav \
+    PYTHONUNBUFFERED=1 \
+    HOME=/tmp \
+    MPLCONFIGDIR=/tmp/matplotlib \
+    NUMBA_CACHE_DIR=/var/cache/surveilnav/numba \
+    SURVEILNAV_CACHE_DIR=/var/cache/surveilnav
+WORKDIR /tmp
+USER 10001:10001
+CMD ["surveilnav", "--help"]

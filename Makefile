@@ -1,0 +1,44 @@
+# Everything that people and CI run. `make help` lists it.
+SHELL := /bin/bash
+BIN := .venv/bin
+READY := .venv/.set-up
+# More arguments for a target's command: make demo ARGS="--target couch", make test ARGS="-k fusion -x".
+ARGS ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help setup check test test-compose demo bench-core bench-render clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: $(READY) ## .venv, pinned packages, system libraries, furniture (PYTHON=python3.11 chooses a Python)
+
+$(READY): pyproject.toml constraints.txt tools/setup
+	@PYTHON='$(PYTHON)' tools/setup
+	@touch $@
+
+check: $(READY) ## format, lint, types, import rules
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/ruff check --quiet .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: $(READY) ## all tests that need no Docker engine, on real Zenoh
+	$(BIN)/python -m pytest -q -m "not compose" $(ARGS)
+
+test-compose: $(READY) ## the compose file, on a real Docker engine (skipped where there is none)
+	$(BIN)/python -m pytest -q tests/compose $(ARGS)
+
+demo: $(READY) ## one search in a simulated home; the report lands in runs/
+	$(BIN)/surveilnav demo $(ARGS)
+
+bench-core: $(READY) ## what a robot step costs, detector left out
+	@for bench in $(filter-out %/bench_render.py,$(wildcard tests/bench/bench_*.py)); do \
+	  echo "$$bench"; $(BIN)/python $$bench $(ARGS) || exit; done
+
+bench-render: $(READY) ## what a view costs, with baked light and without
+	$(BIN)/python tests/bench/bench_render.py $(ARGS)
+
+clean: ## remove caches; .venv and runs/ stay
+	rm -rf .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache build dist
+	find . -path ./.venv -prune -o -name __pycache__ -type d -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""Perception on request: detector, masks and embeddings behind one interface."""

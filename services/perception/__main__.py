@@ -1,0 +1,31 @@
+"""``python -m services.perception``: one perception worker."""
+
+from __future__ import annotations
+
+import sys
+
+from services.perception.choose import choose_backend
+from services.perception.config import PerceptionSettings
+from services.perception.service import PerceptionService
+from surveilnav.runtime import BusSettings, Node
+from surveilnav.runtime.main import run_service
+
+
+def main() -> None:
+    settings, bus = PerceptionSettings(), BusSettings()
+    backend = choose_backend(
+        settings.backend,
+        detector_names=settings.detectors,
+        large_detector_names=settings.large_detectors,
+        threads=settings.threads,
+        seed=settings.seed,
+        download=settings.download,
+    )
+    with Node("perception", settings.worker, bus) as node:
+        service = PerceptionService(node, backend, settings)
+        node.log.info("backend", backend=backend.name, why=backend.why)
+        node.run(service.step, idle_s=0.2)
+
+
+if __name__ == "__main__":
+    sys.exit(run_service(main))

@@ -1,0 +1,25 @@
+"""Settings of the perception service: environment variables ``SURVEILNAV_PERCEPTION__<FIELD>``."""
+
+from __future__ import annotations
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from services.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
+
+
+class PerceptionSettings(BaseSettings):
+    """Which backend runs, and how much waits in front of it."""
+
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PERCEPTION__", extra="ignore")
+
+    worker: str = Field(default="perception-1", description="this worker's name in its keys")
+    backend: str = Field(default="auto", description="auto, onnx-coco, oracle or simulated")
+    detectors: list[str] = Field(default=list(DEFAULT_DETECTORS), description="onnx-coco's networks (JSON list)")
+    large_detectors: list[str] = Field(default=list(DEFAULT_LARGE_DETECTORS), description="the same for cameras' views")
+    threads: int = Field(default=1, ge=1, le=64, description="threads of each network")
+    seed: int = Field(default=0, description="of simulated")
+    download: bool = Field(default=True, description="whether missing weights may be downloaded")
+    capacity: int = Field(default=16, ge=1, description="requests that may wait; more are refused")
+    truth_wait_s: float = Field(default=2.0, ge=0, description="oracle, simulated: how long to wait for instance ids")
+    truth_kept: int = Field(default=256, ge=1, description="oracle and simulated: views whose instance ids are kept")

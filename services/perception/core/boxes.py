@@ -1,0 +1,118 @@
+"""Boxes with the scores of all classes: overlap, suppression of duplicates, agreement of two detectors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.categories import COCO
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Boxes:
+    """N boxes of one picture. ``xyxy`` (N, 4) float32 [pixels]; ``scores`` (N, 80) float32, 0-1, zero where unsaid."""
+
+    xyxy: NDArray[np.float32]
+    scores: NDArray[np.float32]
+
+    @classmethod
+    def empty(cls) -> Boxes:
+        return cls(np.zeros((0, 4), np.float32), np.zeros((0, len(COCO)), np.float32))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Boxes]) -> Boxes:
+        parts = [p for p in parts if len(p)]
+        if not parts:
+            return cls.empty()
+        return cls(np.concatenate([p.xyxy for p in parts]), np.concatenate([p.scores for p in parts]))
+
+    def __len__(self) -> int:
+        return len(self.xyxy)
+
+    @property
+    def best(self) -> NDArray[np.float32]:
+        """(N,) the highest score of each."""
+        return self.scores.max(axis=1) if len(self) else np.zeros(0, np.float32)
+
+    def where(self, keep: NDArray) -> Boxes:
+        return Boxes(self.xyxy[keep], self.scores[keep])
+
+    def shifted(self, x_px: float, y_px: float) -> Boxes:
+        return Boxes(self.xyxy + np.array([x_px, y_px, x_px, y_px], np.float32), self.scores)
+
+    def clipped(self, width_px: int, height_px: int, smallest_px: float = 4.0) -> Boxes:
+        """Cut to the picture; what is left smaller than ``smallest_px`` a side goes."""
+        xyxy = np.clip(self.xyxy, 0, np.array([width_px, height_px, width_px, height_px], np.float32))
+        keep = (xyxy[:, 2:] - xyxy[:, :2]).min(axis=1, initial=np.inf) >= smallest_px
+        return Boxes(xyxy[keep], self.scores[keep])
+
+
+def overlaps(a: NDArray[np.float32], b: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(IoU, share of the smaller box that lies in the other), both (len(a), len(b)), of boxes (., 4)."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    common = np.clip(high - low, 0, None).prod(axis=-1)
+    area_a, area_b = (a[:, 2:] - a[:, :2]).prod(axis=1), (b[:, 2:] - b[:, :2]).prod(axis=1)
+    union = area_a[:, None] + area_b[None, :] - common
+    smaller = np.minimum(area_a[:, None], area_b[None, :])
+    return common / np.maximum(union, 1e-6), common / np.maximum(smaller, 1e-6)
+
+
+def merged(boxes: Boxes, iou: float, inside: float = 2.0, most: int = 300) -> Boxes:
+    """One box per thing: the best first takes what overlaps it, whatever the class, and each class's highest score.
+
+    ``inside``: boxes of the same class of which at least this share lies in the best one are taken too (pieces of an
+    object that tiles cut); 2: none.
+    """
+    order = np.argsort(-boxes.best, kind="stable")[:most]
+    boxes = boxes.where(order)
+    if not len(boxes):
+        return boxes
+    iou_of, inside_of = overlaps(boxes.xyxy, boxes.xyxy)
+    label = boxes.scores.argmax(axis=1)
+    taken = np.zeros(len(boxes), bool)
+    keep, scores = [], []
+    for i in range(len(boxes)):
+        if taken[i]:
+            continue
+        group = ~taken & ((iou_of[i] >= iou) | ((inside_of[i] >= inside) & (label == label[i])))
+        taken |= group
+        keep.append(i)
+        scores.append(boxes.scores[group].max(axis=0))
+    return Boxes(boxes.xyxy[keep], np.array(scores))
+
+
+def agreed(views: Sequence[Boxes], iou: float, alone: float) -> Boxes:
+    """Weighted box fusion over detectors (Solovyev et al. 2021), with class scores instead of one label.
+
+    Boxes that overlap are one thing: its box is the mean weighted by scores, its class scores the mean over all
+    detectors, where one that is silent counts as agreeing with the share ``alone`` (0: not at all, as in the paper).
+    """
+    if len(views) == 1:
+        return views[0]
+    xyxy = np.concatenate([v.xyxy for v in views])
+    scores = np.concatenate([v.scores for v in views])
+    owner = np.concatenate([np.full(len(v), i) for i, v in enumerate(views)])
+    order = np.argsort(-scores.max(axis=1), kind="stable") if len(xyxy) else np.zeros(0, int)
+    overlap, _ = overlaps(xyxy, xyxy)
+    taken = np.zeros(len(xyxy), bool)
+    out_boxes, out_scores = [], []
+    for i in order:
+        if taken[i]:
+            continue
+        members = [i]
+        for other in range(len(views)):  # the best match of every other detector
+            free = np.flatnonzero(~taken & (owner == other) & (overlap[i] >= iou))
+            if other != owner[i] and len(free):
+                members.append(free[np.argmax(overlap[i, free])])
+        taken[members] = True
+        weights = scores[members].max(axis=1)
+        out_boxes.append((xyxy[members] * weights[:, None]).sum(axis=0) / weights.sum())
+        total = scores[members].sum(axis=0) + alone * (len(views) - len(members)) * scores[i]
+        out_scores.append(total / len(views))
+    if not out_boxes:
+        return Boxes.empty()
+    return Boxes(np.array(out_boxes, np.float32), np.array(out_scores, np.float32))

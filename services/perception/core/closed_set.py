@@ -1,0 +1,91 @@
+"""Embeddings for detectors with a closed set of classes, through the interface that CLIP has.
+
+The space has one axis for each of COCO's 80 classes and one for "nothing known"; every vector has unit length and
+no negative component.
+
+- An object's embedding is the square root of its normalised class scores: the cosine of two objects is the
+  Bhattacharyya coefficient of their class distributions.
+- An image's embedding holds, for every class, the probability that at least one of its detections is real
+  (1 - prod(1 - score)), and a constant on the last axis, which is all that an empty view has.
+- A text's embedding holds, for the class c that it names, how likely c stands where k is seen:
+  P(c | k) = sum over kinds of room r of P(c | r) P(r | k), on the last axis P(c) itself. So the cosine of a view
+  and "seems like there is a tv" is high where a tv is seen, fair where a couch is, low where a toilet is, and in
+  between where nothing is known. Rooms by class: data/rooms.json, with its source.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.categories import COCO, closed_set_target
+
+DIM = len(COCO) + 1
+_NOTHING = len(COCO)
+#: P(class in room) for the weights 0, 1, 2 of data/rooms.json ("never", "sometimes", "usually").
+_PRESENCE = np.array([0.02, 0.3, 0.9])
+#: What standing near the target is worth beside seeing the target itself (1).
+_NEARNESS = 0.35
+#: The evidence of "nothing known" in an image, to be outweighed by what is seen.
+_BASE = 0.3
+_PROMPT = re.compile(
+    r"\s*(?:it\s+)?seems\s+like\s+there\s+is\s+(?:an?\s+|the\s+)?(?P<name>.+?)\s*[.!]?\s*", re.IGNORECASE
+)
+
+
+def embed_object(class_scores: NDArray[np.floating]) -> NDArray[np.float32]:
+    """(DIM,) of the scores (80,) that a detector gave one box."""
+    scores = np.clip(np.asarray(class_scores, dtype=np.float32), 0.0, None)
+    total = float(scores.sum())
+    embedding = np.zeros(DIM, dtype=np.float32)
+    if total > 0:
+        embedding[:_NOTHING] = np.sqrt(scores / total)
+    else:
+        embedding[_NOTHING] = 1.0
+    return embedding / np.linalg.norm(embedding)
+
+
+def embed_image(class_scores: Iterable[NDArray[np.floating]]) -> NDArray[np.float32]:
+    """(DIM,) of the class scores (80,) of all boxes in a view, weak ones included."""
+    absent = np.ones(_NOTHING, dtype=np.float32)
+    for scores in class_scores:
+        absent *= 1.0 - np.clip(scores, 0.0, 1.0)
+    embedding = np.append(1.0 - absent, np.float32(_BASE)).astype(np.float32)
+    return embedding / np.linalg.norm(embedding)
+
+
+def embed_texts(texts: Sequence[str]) -> NDArray[np.float32]:
+    """(N, DIM) of texts, each a class name or "seems like there is a <class>".
+
+    Raises:
+        TargetError: a text names no class of COCO's.
+    """
+    rows = [_relevance()[COCO.index(class_named(text))] for text in texts]
+    return np.array(rows, dtype=np.float32).reshape(len(rows), DIM)
+
+
+def class_named(text: str) -> str:
+    """The class that a prompt or a plain name names. Raises TargetError."""
+    match = _PROMPT.fullmatch(text)
+    return closed_set_target(match.group("name") if match else text)
+
+
+@lru_cache(maxsize=1)
+def _relevance() -> NDArray[np.float32]:
+    """(80, DIM) unit rows: the text embedding of every class."""
+    table = json.loads((Path(__file__).parent / "data" / "rooms.json").read_text(encoding="utf-8"))
+    known = [COCO.index(name) for name in table["weights"]]
+    p_class_in_room = _PRESENCE[np.array(list(table["weights"].values()))]  # (K, R)
+    p_room_given_class = p_class_in_room / p_class_in_room.sum(axis=1, keepdims=True)
+    relevance = np.zeros((len(COCO), DIM))
+    relevance[np.ix_(known, known)] = _NEARNESS * p_class_in_room @ p_room_given_class.T  # P(c | k) at [c, k]
+    relevance[known, _NOTHING] = _NEARNESS * p_class_in_room.mean(axis=1)
+    relevance[np.arange(len(COCO)), np.arange(len(COCO))] = 1.0
+    unit = relevance / np.linalg.norm(relevance, axis=1, keepdims=True)
+    return np.asarray(unit, dtype=np.float32)

@@ -1,0 +1,142 @@
+"""Which pixels of a box are the object, by depth alone.
+
+Depth is cut into surfaces where it jumps. The object is the surface that fills the middle of the box and ends
+inside it; what goes on beyond the box (the wall behind a table's legs) is background. The floor under an object
+hangs together with it, so where the picture shows a level floor (``floor_of``) its pixels are taken out first.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.geometry import Pinhole
+from surveilnav.sensing.views import box_cells
+
+#: Depth may change by this share from a pixel to the next on one surface (plus the slope of a grazing one).
+_JUMP = 0.035
+#: Boxes are looked at with at most about this many pixels.
+_MOST_PIXELS = 40_000
+#: The window around a box is so much wider on each side, as a share of the box.
+_MARGIN = 0.2
+_FLOOR_BAND_M = 0.06
+
+
+def mask_of(
+    depth_m: NDArray[np.float32], box_px: tuple[float, float, float, float], floor: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_] | None:
+    """Mask of the box's cells (``box_cells``), or None (the whole box) where depth says nothing.
+
+    Args:
+        depth_m: (height, width) of the view, 0 where there is none.
+        box_px: (x0, y0, x1, y1).
+        floor: (height, width) pixels that show the floor.
+    """
+    height, width = depth_m.shape
+    x0, y0, x1, y1 = box_cells(box_px, width, height)
+    if x1 - x0 < 3 or y1 - y0 < 3:
+        return None
+    # A window somewhat larger than the box shows what goes on beyond it; both on the same coarser grid.
+    step = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / _MOST_PIXELS))))
+    left, right = (min(room, round(_MARGIN * (x1 - x0))) // step for room in (x0, width - x1))
+    above, below = (min(room, round(_MARGIN * (y1 - y0))) // step for room in (y0, height - y1))
+    rows, cols = slice(y0 - above * step, y1 + below * step, step), slice(x0 - left * step, x1 + right * step, step)
+    depth = np.ascontiguousarray(depth_m[rows, cols])
+    smooth = cv2.medianBlur(depth, 5) if min(depth.shape) >= 5 else depth
+    valid = smooth > 0
+    box = slice(above, above + len(range(y0, y1, step))), slice(left, left + len(range(x0, x1, step)))
+    if floor is not None:
+        without = valid & ~floor[rows, cols]
+        if without[box].sum() >= 0.1 * valid[box].size:  # else the object itself lies flat on the floor
+            valid = without
+    if valid[box].sum() < max(6, 0.02 * valid[box].size):
+        return None
+
+    near = np.log(np.where(valid, smooth, 1.0)).astype(np.float32)
+    surfaces = _surfaces(near, valid, step)
+    inside = surfaces[box]
+    n = int(surfaces.max()) + 1
+    weight = np.bincount(inside.ravel(), weights=_centre_weight(inside.shape).ravel(), minlength=n)
+    contained = np.bincount(inside.ravel(), minlength=n) / np.maximum(1, np.bincount(surfaces.ravel(), minlength=n))
+    share = weight * contained**2
+    share[0] = 0.0
+    main = int(np.argmax(share))
+    if share[main] <= 0:
+        return None
+    low, high = np.quantile(near[box][inside == main], [0.02, 0.98])
+    chosen = np.zeros(n, bool)
+    for label in np.flatnonzero(
+        (weight > 0.01 * weight.sum()) & (contained > 0.6)
+    ):  # legs, slats: pieces of the object
+        middle = float(np.median(near[box][inside == label]))
+        chosen[label] = label > 0 and low - 0.03 <= middle <= high + 0.03
+    chosen[main] = True
+    mask = chosen[inside]
+    if mask.sum() < 0.03 * mask.size:
+        return None
+    if step > 1:
+        mask = np.repeat(np.repeat(mask, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
+        mask = mask & (depth_m[y0:y1, x0:x1] > 0)
+    return mask
+
+
+def _centre_weight(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    v = np.linspace(-1, 1, shape[0], dtype=np.float32)[:, None]
+    u = np.linspace(-1, 1, shape[1], dtype=np.float32)[None, :]
+    return np.exp(-(u * u + v * v)).astype(np.float32)
+
+
+def _surfaces(near: NDArray[np.float32], valid: NDArray[np.bool_], step: int) -> NDArray[np.int32]:
+    """Labels (0: none) of surfaces: pixels that hang together without a jump in log depth."""
+    limit = np.float32(_JUMP * np.sqrt(step))
+    jump = np.zeros(near.shape, bool)  # the farther side of a jump is the cut: the nearer one keeps its rim
+    across, down = np.diff(near, axis=1), np.diff(near, axis=0)
+    jump[:, 1:] |= across > limit
+    jump[:, :-1] |= across < -limit
+    jump[1:, :] |= down > limit
+    jump[:-1, :] |= down < -limit
+    _, labels = cv2.connectedComponents((valid & ~jump).astype(np.uint8), connectivity=4)
+    return np.asarray(labels, dtype=np.int32)
+
+
+def floor_of(depth_m: NDArray[np.float32], camera: Pinhole) -> NDArray[np.bool_] | None:
+    """Pixels that show a level floor, or None if no pose without roll explains one.
+
+    A sensor that isn't rolled sees the floor as the plane cos(a) y + sin(a) z = h in its own frame. The pitch a is
+    tried in steps; the right one gathers the most of the lowest points in one thin layer with next to nothing below.
+    """
+    step = max(1, int(np.sqrt(depth_m.size / 5_000)))
+    z = depth_m[step // 2 :: step, step // 2 :: step]
+    rays = camera.rays()[step // 2 :: step, step // 2 :: step]
+    seen = z > 0
+    if seen.sum() < 300:
+        return None
+    z = z[seen].astype(np.float64)
+    y = rays[..., 1][seen] * z
+    best: tuple[float, float, float] | None = None  # (points in the layer, pitch, height)
+    for pitch in np.radians(np.arange(-5.0, 70.1, 2.5)):  # steeper, a wall straight ahead looks the same
+        down = np.cos(pitch) * y + np.sin(pitch) * z
+        count, edges = np.histogram(down, bins=np.arange(0.3, 3.2, _FLOOR_BAND_M))
+        layer = count[:-1] + count[1:]
+        i = int(np.argmax(layer))
+        below = int((down > edges[i + 2] + _FLOOR_BAND_M).sum())
+        if below < 0.03 * layer[i] and (best is None or layer[i] > best[0]):
+            inside = (down >= edges[i]) & (down < edges[i + 2])
+            best = (float(layer[i]), float(pitch), float(np.median(down[inside])))
+    if best is None or best[0] < 0.06 * len(z):
+        return None
+    _, pitch, height = best
+    # Refine pitch and height on the layer itself: least squares of cos(a) y + sin(a) z = h.
+    for band in (0.12, 0.06):
+        down = np.cos(pitch) * y + np.sin(pitch) * z
+        inside = np.abs(down - height) < band
+        if inside.sum() < 100:
+            return None
+        slope, offset = np.polyfit(z[inside], y[inside], 1)
+        pitch = float(np.arctan(-slope))
+        height = float(offset * np.cos(pitch))
+    down_map = np.float32(np.cos(pitch)) * camera.rays()[..., 1] + np.float32(np.sin(pitch))
+    down_map = down_map * depth_m
+    tolerance = np.float32(0.03) + np.float32(0.004) * depth_m * depth_m
+    return (down_map > np.float32(height) - tolerance) & (depth_m > 0)

@@ -1,0 +1,87 @@
+"""What a detector would call a piece of furniture, by the names that people gave it.
+
+COCO's spelling. Armchairs, office chairs and bar chairs with a back are "chair"; only what is named sofa, couch,
+settee or loveseat is "couch"; a backless stool has no label; flowers in a vase count as "potted plant", as COCO's
+annotators have it; a low table, desk or bedside table isn't a "dining table".
+"""
+
+from __future__ import annotations
+
+import re
+
+from surveilnav.categories import COCO
+
+#: In order: the first that matches decides. "" means: known, and not a class.
+_RULES: tuple[tuple[str, str], ...] = (
+    (r"bedside|bed ?sheet|bedspread|bathmat|doormat|flower ?bed", ""),
+    (r"opened? .*sofa|sofa ?bed|day ?bed|futon$|\bbeds?\b|\bcrib\b|\bcot\b|bed\d|(bunk|loft) ?bed", "bed"),
+    (r"sofa|couch|settee|loveseat|canap", "couch"),
+    (r"bar ?chair|bar ?stool", "chair"),
+    (r"wheelchair|puff|ottoman$|bean ?bag", ""),
+    (r"arm ?chair|chair|fauteuil|\bseat\b", "chair"),
+    (r"stool|piano bench", ""),
+    (r"\bbench\b|\bbank\b", "bench"),
+    (r"toilet ?(brush|paper|roll|tissue|dispenser)|tissue", ""),
+    (r"toilet|\bwc\b|water closet", "toilet"),
+    (r"remote", "remote"),
+    (r"(tv|television) ?(stand|cabinet|table|bench)", ""),
+    (r"\btv\b|television|flat ?screen|flattv", "tv"),
+    (r"vase ?lamp|christmas|(maple|palm|coconut) tree|bush|hedge", ""),
+    (r"plant|ficus|yucca|cactus|bonsai|bamboo|orchid|spathi|flowers|tulip|lily|fern", "potted plant"),
+    (r"chest freezer", ""),
+    (r"fridge|refrigerator", "refrigerator"),
+    (r"microwave", "microwave"),
+    (r"oven|cooker|stove|range$", "oven"),
+    (r"toaster", "toaster"),
+    (r"wash ?basin|\bsink\b|vanity|lavabo|lavatory", "sink"),
+    (r"laptop|ibook|notebook", "laptop"),
+    (r"cell ?phone|mobile phone|iphone|smartphone", "cell phone"),
+    (r"keyboard$", "keyboard"),
+    (r"^book$|^books$", "book"),
+    (r"clock", "clock"),
+    (r"\bvase\b", "vase"),
+    (r"teddy", "teddy bear"),
+    (r"(coffee|side|bar|pool|dressing|changing|technical|kid|child|tennis|football|tv|desk) ?\w* ?table", ""),
+    (r"table ?(fan|tennis|football|lamp)", ""),
+    (r"dining table|\btable\b", "dining table"),
+    (r"\bcat\b", "cat"), (r"\bdog\b(?! house)|bulldog", "dog"), (r"^horse$", "horse"),
+    (r"bicycle|^bike$", "bicycle"), (r"motorbike|motorcycle|scooter", "motorcycle"), (r"\bcar\b$|sedan|suv$", "car"),
+    (r"suitcase", "suitcase"), (r"backpack", "backpack"), (r"handbag", "handbag"), (r"^umbrella$", "umbrella"),
+    (r"fire hydrant", "fire hydrant"), (r"skateboard", "skateboard"), (r"tennis racket", "tennis racket"),
+    (r"bottle", "bottle"), (r"\bcup\b|mug$", "cup"), (r"^bowl", "bowl"), (r"scissors", "scissors"),
+    (r"\b(fe)?male\b|^boy$|^girl$", "person"),
+)  # fmt: skip
+
+_COMPILED = tuple((re.compile(pattern, re.IGNORECASE), label) for pattern, label in _RULES)
+
+#: A "table" lower or smaller than this is none to dine at, a plant higher than this is a tree [m].
+_MIN_TABLE_HEIGHT_M, _MIN_TABLE_SIDE_M, _MAX_PLANT_HEIGHT_M = 0.55, 0.6, 2.5
+
+
+def label_of(name: str, size_m: tuple[float, float, float]) -> str:
+    """The class of a piece of that name and size (width, depth, height), or ""."""
+    for pattern, label in _COMPILED:
+        if pattern.search(name):
+            if label == "dining table" and (size_m[2] < _MIN_TABLE_HEIGHT_M or max(size_m[:2]) < _MIN_TABLE_SIDE_M):
+                return ""
+            if label == "potted plant" and size_m[2] > _MAX_PLANT_HEIGHT_M:
+                return ""
+            return label if label in COCO else ""
+    return ""
+
+
+#: What stands in for a model that can't be had: pattern in the name -> parametric piece.
+_STAND_INS: tuple[tuple[str, str], ...] = (
+    (r"bath ?tub|\bbath\b|fittedbath|jacuzzi", "bathtub"), (r"book|shel(f|ves)|bookcase", "bookshelf"),
+    (r"lamp|light$|uplight", "lamp"), (r"carpet|rug|\bmat\b|bathmat", "rug"),
+)  # fmt: skip
+
+
+def stand_in_of(name: str, label: str) -> str:
+    """The parametric piece that stands in for one of that name and class."""
+    if label:
+        return label
+    for pattern, kind in _STAND_INS:
+        if re.search(pattern, name, re.IGNORECASE):
+            return kind
+    return "cabinet"

@@ -1,0 +1,321 @@
+"""Sweet Home 3D's Home.xml as plain data, in the world frame: metres, z up, angles counter-clockwise.
+
+The file has centimetres, y down in the plan, angles clockwise. It may come from anybody: document types and
+entities are refused, every number is checked, and whatever is wrong is named in a ``BuildingError``.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from surveilnav.errors import BuildingError
+
+Color = tuple[float, float, float]
+
+MAX_ELEMENTS = 500_000
+MAX_DEPTH = 64
+MAX_PIECES = 10_000
+MAX_WALLS = 5_000
+MAX_ROOMS = 2_000
+MAX_ROOM_CORNERS = 1_000
+MAX_GROUP_DEPTH = 16
+#: Nothing in a building is further away than this, or larger [cm].
+_FAR_CM = 1_000_000.0
+_LARGE_CM = 100_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A texture in the file: where its image lies and how much it covers [m]."""
+
+    path: str
+    width_m: float
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A storey of the plan."""
+
+    id: str
+    name: str
+    z_m: float
+    height_m: float
+    slab_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlanWall:
+    """A wall's centre line; ``arc_rad`` is the angle that an arc wall spans, else 0."""
+
+    id: str
+    level: str
+    start_m: tuple[float, float]
+    end_m: tuple[float, float]
+    thickness_m: float
+    height_m: float | None
+    end_height_m: float | None
+    arc_rad: float
+    at_start: str
+    at_end: str
+    left: Color | None
+    right: Color | None
+    left_picture: Picture | None
+    right_picture: Picture | None
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRoom:
+    """A room's outline (x, y) [m]."""
+
+    name: str
+    level: str
+    outline_m: tuple[tuple[float, float], ...]
+    floor: bool
+    ceiling: bool
+    ceiling_color: Color | None
+    floor_picture: Picture | None
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A piece of furniture, door, window or light.
+
+    ``size_m``: width, depth, height; ``z_m``: its foot above the level's floor; ``yaw_rad`` about z;
+    ``pitch_rad``, ``roll_rad`` as in Sweet Home 3D; ``rotation``: the OBJ's own 3x3, row-major, y up.
+    """
+
+    name: str
+    level: str
+    catalog_id: str
+    model: str
+    x_m: float
+    y_m: float
+    z_m: float
+    size_m: tuple[float, float, float]
+    yaw_rad: float
+    pitch_rad: float
+    roll_rad: float
+    mirrored: bool
+    rotation: tuple[float, ...] | None
+    color: Color | None
+    picture: Picture | None
+    is_opening: bool
+    stair_cut: str
+    material_colors: dict[str, Color] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """A whole plan."""
+
+    name: str
+    wall_height_m: float
+    levels: tuple[Level, ...]
+    walls: tuple[PlanWall, ...]
+    rooms: tuple[PlanRoom, ...]
+    pieces: tuple[Piece, ...]
+
+
+def parse_xml(data: bytes, source: str) -> ET.Element:
+    """The root element, without document types, entities or anything from outside.
+
+    Raises:
+        BuildingError: no XML, or one of those.
+    """
+    builder = ET.TreeBuilder()
+    parser = expat.ParserCreate()
+    count = depth = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count, depth
+        count += 1
+        depth += 1
+        if count > MAX_ELEMENTS or depth > MAX_DEPTH:
+            raise BuildingError(
+                f"{source}: more than {MAX_ELEMENTS} elements, or nested deeper than {MAX_DEPTH}: refused"
+            )
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refuse(*_: object) -> None:
+        raise BuildingError(f"{source}: a document type or entity declaration has no place in a Home.xml: refused")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartDoctypeDeclHandler = refuse
+    parser.EntityDeclHandler = refuse
+    parser.ExternalEntityRefHandler = lambda *_: 0
+    try:
+        parser.Parse(data, True)
+        return builder.close()
+    except expat.ExpatError as error:
+        raise BuildingError(f"{source} is no well-formed XML ({error})") from error
+    except (AssertionError, LookupError, ValueError) as error:  # LookupError: an encoding that nobody knows
+        raise BuildingError(f"{source} is no XML that can be read ({error})") from error
+
+
+def read_home(data: bytes, source: str) -> Home:
+    """The plan of a Home.xml.
+
+    Raises:
+        BuildingError: not a home, or a value that can't be; the message names the attribute.
+    """
+    root = parse_xml(data, source)
+    if root.tag != "home":
+        raise BuildingError(
+            f"{source}: expected a <home> element as in Sweet Home 3D's Home.xml, got <{root.tag[:40]}>"
+        )
+    pieces = [piece for element in root for piece in _pieces(element, "", source, 0)]
+    walls = tuple(_wall(e, source) for e in root.findall("wall"))
+    counts = (len(pieces), len(walls), len(root.findall("room")))
+    if counts[0] > MAX_PIECES or counts[1] > MAX_WALLS or counts[2] > MAX_ROOMS:
+        raise BuildingError(
+            f"{source} has {counts[0]} pieces, {counts[1]} walls, {counts[2]} rooms; "
+            f"at most {MAX_PIECES}, {MAX_WALLS}, {MAX_ROOMS}"
+        )
+    return Home(
+        name=root.get("name", ""),
+        wall_height_m=_number(root, "wallHeight", source, 250.0, 1.0, _LARGE_CM) / 100,
+        levels=tuple(
+            Level(
+                e.get("id", ""), e.get("name", ""), _number(e, "elevation", source, 0.0) / 100,
+                _number(e, "height", source, 250.0, 1.0, _LARGE_CM) / 100,
+                _number(e, "floorThickness", source, 12.0, 0.0, _LARGE_CM) / 100,
+            )
+            for e in root.findall("level")
+        ),
+        walls=walls,
+        rooms=tuple(_room(e, source) for e in root.findall("room")),
+        pieces=tuple(pieces),
+    )  # fmt: skip
+
+
+def _number(
+    element: ET.Element,
+    name: str,
+    source: str,
+    default: float | None = None,
+    low: float = -_FAR_CM,
+    high: float = _FAR_CM,
+) -> float:
+    """A number of an element's attribute between ``low`` and ``high``."""
+    text = element.get(name)
+    which = f"{source}: {name!r} of <{element.tag}> {(element.get('name') or element.get('id') or '')[:40]!r}"
+    if text is None:
+        if default is None:
+            raise BuildingError(f"{which} is missing")
+        return default
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise BuildingError(f"{which} must be a number, got {text[:40]!r}") from error
+    if not (math.isfinite(value) and low <= value <= high):
+        raise BuildingError(f"{which} must lie between {low:g} and {high:g}, got {text[:40]!r}")
+    return value
+
+
+def _color(element: ET.Element, name: str, source: str) -> Color | None:
+    """sRGB 0-1 of an "AARRGGBB"."""
+    text = element.get(name)
+    if text is None:
+        return None
+    try:
+        value = int(text, 16)
+    except ValueError as error:
+        raise BuildingError(
+            f"{source}: {name!r} of <{element.tag}> must be like 'FFRRGGBB', got {text[:40]!r}"
+        ) from error
+    return ((value >> 16 & 255) / 255, (value >> 8 & 255) / 255, (value & 255) / 255)
+
+
+def _picture(element: ET.Element, attribute: str | None, source: str) -> Picture | None:
+    for child in element.findall("texture"):
+        if attribute is None or child.get("attribute") == attribute:
+            width = _number(child, "width", source, 100.0, 0.1, _LARGE_CM) / 100
+            height = _number(child, "height", source, 100.0, 0.1, _LARGE_CM) / 100
+            return Picture(child.get("image", ""), width, height)
+    return None
+
+
+def _point(element: ET.Element, x: str, y: str, source: str) -> tuple[float, float]:
+    return _number(element, x, source) / 100, -_number(element, y, source) / 100
+
+
+def _wall(e: ET.Element, source: str) -> PlanWall:
+    height = _number(e, "height", source, -1.0, -1.0, _LARGE_CM) / 100
+    end_height = _number(e, "heightAtEnd", source, -1.0, -1.0, _LARGE_CM) / 100
+    return PlanWall(
+        e.get("id", ""), e.get("level", ""), _point(e, "xStart", "yStart", source), _point(e, "xEnd", "yEnd", source),
+        _number(e, "thickness", source, 7.5, 0.01, _LARGE_CM) / 100, height if height >= 0 else None,
+        end_height if end_height >= 0 else None, -_number(e, "arcExtent", source, 0.0, -6.2, 6.2),
+        e.get("wallAtStart", ""), e.get("wallAtEnd", ""), _color(e, "leftSideColor", source),
+        _color(e, "rightSideColor", source), _picture(e, "leftSideTexture", source),
+        _picture(e, "rightSideTexture", source),
+    )  # fmt: skip
+
+
+def _room(e: ET.Element, source: str) -> PlanRoom:
+    points = e.findall("point")
+    if len(points) > MAX_ROOM_CORNERS:
+        raise BuildingError(f"{source}: a room has at most {MAX_ROOM_CORNERS} corners, got {len(points)}")
+    return PlanRoom(
+        e.get("name", "").strip(), e.get("level", ""), tuple(_point(p, "x", "y", source) for p in points),
+        e.get("floorVisible", "true") != "false", e.get("ceilingVisible", "true") != "false",
+        _color(e, "ceilingColor", source), _picture(e, "floorTexture", source),
+    )  # fmt: skip
+
+
+def _pieces(e: ET.Element, level: str, source: str, depth: int) -> Iterator[Piece]:
+    """The pieces of an element; a group's children carry absolute coordinates, and its level where they have none."""
+    if (
+        e.tag not in ("pieceOfFurniture", "doorOrWindow", "light", "shelfUnit", "furnitureGroup")
+        or e.get("visible") == "false"
+    ):
+        return
+    level = e.get("level", level)
+    if e.tag == "furnitureGroup":
+        if depth >= MAX_GROUP_DEPTH:
+            raise BuildingError(f"{source}: groups nested deeper than {MAX_GROUP_DEPTH}: refused")
+        for child in e:
+            yield from _pieces(child, level, source, depth + 1)
+        return
+    rotation: tuple[float, ...] | None = None
+    if e.get("modelRotation"):
+        words = e.get("modelRotation", "").split()
+        try:
+            rotation = tuple(float(word) for word in words)
+        except ValueError:
+            rotation = ()
+        if len(rotation) != 9 or not all(math.isfinite(v) and abs(v) <= 10 for v in rotation):
+            raise BuildingError(
+                f"{source}: 'modelRotation' of {e.get('name', '')[:40]!r} must be nine numbers, "
+                f"got {' '.join(words)[:60]!r}"
+            )
+    x, y = _point(e, "x", "y", source)
+    yield Piece(
+        name=e.get("name", ""), level=level, catalog_id=e.get("catalogId", ""), model=e.get("model", ""),
+        x_m=x, y_m=y, z_m=_number(e, "elevation", source, 0.0) / 100,
+        size_m=(
+            _number(e, "width", source, None, 0.0, _LARGE_CM) / 100,
+            _number(e, "depth", source, None, 0.0, _LARGE_CM) / 100,
+            _number(e, "height", source, None, 0.0, _LARGE_CM) / 100,
+        ),
+        yaw_rad=-_number(e, "angle", source, 0.0), pitch_rad=_number(e, "pitch", source, 0.0),
+        roll_rad=_number(e, "roll", source, 0.0), mirrored=e.get("modelMirrored") == "true", rotation=rotation,
+        color=_color(e, "color", source), picture=_picture(e, None, source), is_opening=e.tag == "doorOrWindow",
+        stair_cut=e.get("staircaseCutOutShape", ""),
+        material_colors={
+            m.get("name", "").lower(): color
+            for m in e.findall("material")
+            if (color := _color(m, "color", source)) is not None
+        },
+    )  # fmt: skip

@@ -1,0 +1,135 @@
+"""The whole system in containers, on a real Docker engine: three cameras in places of their own, and one mission."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import time
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+_ROOT = Path(__file__).parents[2]
+_CAMERAS = 3
+_UP_S, _MISSION_S = 1200, 300
+_FINISHED = ("done", "failed", "cancelled")
+
+
+def _missing() -> str:
+    """Why there is no engine to test on; empty if there is one."""
+    if shutil.which("docker") is None:
+        return "no docker command: install Docker Engine with Compose v2"
+    for command in (["docker", "info"], ["docker", "compose", "version"]):
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        if done.returncode:
+            said = (done.stderr or done.stdout).strip().splitlines() or ["no answer"]
+            return f"`{' '.join(command)}` fails: {said[-1]}"
+    return ""
+
+
+@pytest.fixture(scope="module")
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
+    if missing := _missing():
+        pytest.skip(f"no Docker engine with Compose v2 here ({missing})")
+    stack = Stack(tmp_path_factory.mktemp("models"))
+    try:
+        stack.compose("build", timeout_s=_UP_S)
+        try:
+            stack.compose("up", "--wait", "--scale", f"camera={_CAMERAS}", timeout_s=_UP_S)
+        except AssertionError as error:
+            raise AssertionError(f"{error}\n{stack.state()}") from None
+        yield stack
+    finally:
+        stack.compose("down", "--volumes", "--remove-orphans", "--timeout", "5", timeout_s=120)
+
+
+class Stack:
+    """``docker compose`` with a project, a port and settings of its own."""
+
+    def __init__(self, models: Path) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            port = server.getsockname()[1]
+        self._project = f"surveilnav-test-{uuid.uuid4().hex[:8]}"
+        self._environment = os.environ | {
+            "SURVEILNAV_PORT": str(port), "SURVEILNAV_SIM__BUILDING": "parametric_flat", "SURVEILNAV_SIM__SEED": "0",
+            "SURVEILNAV_SIM__CAMERAS": str(_CAMERAS), "SURVEILNAV_PERCEPTION__BACKEND": "oracle",
+            "SURVEILNAV_MODELS_DIR": str(models),
+        }  # fmt: skip
+        self.gateway = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0)
+
+    def compose(self, *arguments: str, timeout_s: float = 60.0) -> str:
+        done = subprocess.run(
+            ["docker", "compose", "--project-name", self._project, "--progress", "quiet", *arguments],
+            cwd=_ROOT, env=self._environment, capture_output=True, text=True, timeout=timeout_s,
+        )  # fmt: skip
+        assert done.returncode == 0, (
+            f"docker compose {' '.join(arguments)} failed:\n{(done.stdout + done.stderr)[-4000:]}"
+        )
+        return done.stdout
+
+    def containers(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in self.compose("ps", "--all", "--format", "json").splitlines()]
+
+    def state(self) -> str:
+        """For people: every container's state, and the ends of the logs."""
+        rows = [f"{c['Name']}: {c['Status']}" for c in self.containers()]
+        return "\n".join([*rows, self.compose("logs", "--no-color", "--tail", "15")])
+
+    def get(self, path: str) -> Any:
+        return self.gateway.get(path).raise_for_status().json()
+
+    def wait_for_end(self, mission: str) -> dict[str, Any]:
+        deadline_s = time.monotonic() + _MISSION_S
+        while time.monotonic() < deadline_s:
+            found: dict[str, Any] = self.get(f"/api/v1/missions/{mission}")
+            if found["state"] in _FINISHED:
+                return found
+            time.sleep(0.5)
+        pytest.fail(f"the mission is still {found} after {_MISSION_S} s\n{self.state()}")
+
+
+pytestmark = [pytest.mark.compose, pytest.mark.slow, pytest.mark.timeout(_UP_S + 2 * _MISSION_S)]
+
+
+def test_every_container_is_healthy(stack: Stack) -> None:
+    by_service: dict[str, list[dict[str, Any]]] = {}
+    for container in stack.containers():
+        by_service.setdefault(container["Service"], []).append(container)
+    assert [c["ExitCode"] for c in by_service.pop("prepare")] == [0]
+    assert {name: len(containers) for name, containers in by_service.items()} == {
+        "router": 1, "camera": _CAMERAS, "robot": 1, "perception": 1, "fusion": 1, "planner": 1, "gateway": 1,
+    }  # fmt: skip
+    unhealthy = [c["Name"] for containers in by_service.values() for c in containers if c["Health"] != "healthy"]
+    assert not unhealthy, stack.state()
+
+
+def test_services_can_change_nothing_but_their_own_files(stack: Stack) -> None:
+    for service in ("camera", "gateway"):
+        said = stack.compose("exec", "-T", service, "sh", "-c", "id -u; touch /opt/x 2>/dev/null && echo written; true")
+        assert said.split() == ["10001"]
+
+
+def test_each_camera_replica_has_a_place_of_its_own(stack: Stack) -> None:
+    deadline_s = time.monotonic() + 60.0
+    while len(cameras := stack.get("/api/v1/cameras")["items"]) < _CAMERAS and time.monotonic() < deadline_s:
+        time.sleep(1.0)
+    assert len({c["id"] for c in cameras}) == _CAMERAS, stack.state()
+    assert len({(c["floor"], *c["position_m"]) for c in cameras}) == _CAMERAS
+    assert not any(c["stale"] for c in cameras)
+
+
+def test_a_mission_ends_with_an_outcome(stack: Stack) -> None:
+    assert stack.get("/readyz")["ready"] is True
+    answer = stack.gateway.post("/api/v1/missions", json={"target": "couch", "max_steps": 60})
+    assert answer.status_code == 202, answer.text
+    mission = stack.wait_for_end(answer.json()["id"])
+    assert mission["state"] in ("done", "failed"), stack.state()
+    assert mission["step"] > 0, f"the robot never moved: {mission}\n{stack.state()}"
+    assert mission["state"] == "done" or mission["error"], "a failure has a name"

@@ -1,0 +1,71 @@
+"""What every service of compose.yaml must have, checked without an engine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+_ROOT = Path(__file__).parents[2]
+_COMPOSE = yaml.safe_load((_ROOT / "compose.yaml").read_text(encoding="utf-8"))
+_SERVICES = _COMPOSE["services"]
+_ONE_SHOT = {"prepare"}
+
+
+def test_it_starts_the_whole_system() -> None:
+    assert set(_SERVICES) == {"router", "prepare", "camera", "robot", "perception", "fusion", "planner", "gateway"}
+    assert "version" not in _COMPOSE
+
+
+@pytest.mark.parametrize("name", _SERVICES)
+def test_every_service_is_confined(name: str) -> None:
+    service = _SERVICES[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert "no-new-privileges:true" in service["security_opt"]
+    assert service["mem_limit"]
+    assert service["init"] is True, "without an init a service that is still starting ignores SIGTERM"
+    assert "container_name" not in service, "a service with a fixed name can't be scaled"
+    assert not service.get("privileged")
+
+
+@pytest.mark.parametrize("name", sorted(set(_SERVICES) - _ONE_SHOT))
+def test_every_lasting_service_is_watched_and_restarted(name: str) -> None:
+    service = _SERVICES[name]
+    assert service["healthcheck"]["test"]
+    assert not service["healthcheck"].get("disable")
+    assert service["restart"] == "unless-stopped"
+
+
+@pytest.mark.parametrize("name", sorted(set(_SERVICES) - _ONE_SHOT - {"router"}))
+def test_every_node_waits_for_the_router_and_has_a_heartbeat(name: str) -> None:
+    service = _SERVICES[name]
+    assert service["depends_on"]["router"] == {"condition": "service_healthy"}
+    heartbeat = service["environment"]["SURVEILNAV_BUS__HEALTH_FILE"]
+    assert heartbeat in service["healthcheck"]["test"][-1]
+
+
+@pytest.mark.parametrize("name", ["camera", "robot"])
+def test_the_simulators_wait_for_the_building_and_share_its_cache(name: str) -> None:
+    assert _SERVICES[name]["depends_on"]["prepare"] == {"condition": "service_completed_successfully"}
+    assert set(_SERVICES["prepare"]["volumes"]) <= set(_SERVICES[name]["volumes"])
+    settings = _SERVICES["prepare"]["environment"]
+    assert {k: _SERVICES[name]["environment"][k] for k in settings} == settings
+
+
+def test_only_the_simulators_know_which_building_it_is() -> None:
+    told = {n for n, s in _SERVICES.items() if any("SIM__" in key for key in s.get("environment", {}))}
+    assert told == {"prepare", "camera", "robot"}
+
+
+@pytest.mark.parametrize("name", _SERVICES)
+def test_ports_are_bound_to_this_machine_only(name: str) -> None:
+    ports = _SERVICES[name].get("ports", [])
+    assert all(port.startswith("127.0.0.1:") for port in ports)
+    assert bool(ports) == (name == "gateway")
+
+
+def test_only_one_service_builds_the_image_that_all_run() -> None:
+    assert {service["image"] for service in _SERVICES.values()} == {"surveilnav"}
+    assert [name for name, service in _SERVICES.items() if "build" in service] == ["router"]

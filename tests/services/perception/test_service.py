@@ -1,0 +1,227 @@
+"""The worker over real Zenoh."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import msgspec
+import numpy as np
+import pytest
+
+from services.perception.config import PerceptionSettings
+from services.perception.core.truth import Oracle
+from services.perception.service import PerceptionService
+from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
+from surveilnav.geometry import Pinhole
+from surveilnav.messages import InferRequest, Part, Truth
+from surveilnav.runtime import BusSettings, Node, Refused, clock_ns
+from surveilnav.runtime.router import free_port, open_router
+from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
+from surveilnav.sensing.views import ViewPerception
+
+CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
+RANGE_M = (0.5, 5.0)
+
+
+class Patient:
+    """A backend that answers when it is let."""
+
+    name, why, embedding_dim, needs_truth = "patient", "for tests", 4, False
+
+    def __init__(self) -> None:
+        self.let = threading.Event()
+        self.started = threading.Event()
+
+    def perceive(self, rgb, depth_m, camera, *, prompts=(), truth=None, key=()) -> ViewPerception:  # type: ignore[no-untyped-def]
+        self.started.set()
+        assert self.let.wait(10)
+        return ViewPerception(self.name, (), np.array([1, 0, 0, 0], np.float32))
+
+    def embed_texts(self, texts):  # type: ignore[no-untyped-def]
+        return np.eye(4, dtype=np.float32)[[len(t) % 4 for t in texts]]
+
+
+@pytest.fixture(scope="module")
+def bus() -> Iterator[BusSettings]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with open_router(endpoint):
+        yield BusSettings(router=endpoint, building="b")
+
+
+@pytest.fixture
+def client(bus: BusSettings) -> Iterator[Node]:
+    with Node("test", "client", bus, alive=False) as node:
+        yield node
+
+
+def request(seq: int = 1, **changes: object) -> tuple[InferRequest, bytes]:
+    depth = np.full((48, 64), 2.0, np.float32)
+    payload, image, depth_part = encode_rgbd(np.zeros((48, 64, 3), np.uint8), depth, depth_range_m=RANGE_M)
+    asked = InferRequest(
+        stamp_ns=clock_ns(), source="robot/r", view=0, seq=seq, camera=CAMERA, image=image, depth=depth_part,
+        depth_range_m=RANGE_M,
+    )  # fmt: skip
+    return msgspec.structs.replace(asked, **changes), payload
+
+
+def truth(seq: int) -> tuple[Truth, bytes]:
+    ids = np.zeros((48, 64), np.uint16)
+    ids[10:30, 20:50] = 5
+    message = Truth(
+        stamp_ns=clock_ns(), source="robot/r", view=0, seq=seq, width_px=64, height_px=48, labels={5: "bed"}
+    )
+    return message, pack_array(ids)
+
+
+def test_oracle_waits_for_the_instance_ids_of_just_that_view(bus: BusSettings, client: Node) -> None:
+    with Node("perception", "w1", bus) as node:
+        PerceptionService(node, Oracle(), PerceptionSettings(worker="w1", truth_wait_s=5.0))
+        publisher = client.publisher(TRUTH, source="robot-r", view=0)
+        asked, payload = request(seq=7)
+        with ThreadPoolExecutor() as pool:
+            answer = pool.submit(client.ask, PERCEPTION_INFER, asked, payload=payload, worker="w1", timeout_s=10)
+            time.sleep(0.2)
+            publisher.put(*truth(6))
+            time.sleep(0.2)
+            assert not answer.done(), "another view's ids don't count"
+            publisher.put(*truth(7))
+            reply = answer.result(timeout=10).message
+    assert (reply.worker, reply.backend, reply.source, reply.seq) == ("w1", "oracle", "robot/r", 7)
+    seen = perception_from_wire(reply, CAMERA)
+    assert [(d.label, d.box_px) for d in seen.detections] == [("bed", (20.0, 10.0, 50.0, 30.0))]
+
+
+def test_without_instance_ids_the_request_is_refused_by_name(bus: BusSettings, client: Node) -> None:
+    with Node("perception", "w2", bus) as node:
+        PerceptionService(node, Oracle(), PerceptionSettings(worker="w2", truth_wait_s=0.1))
+        asked, payload = request()
+        with pytest.raises(Refused, match="instance ids") as error:
+            client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w2", timeout_s=10)
+    assert error.value.name == "no_truth"
+
+
+def test_a_real_backend_never_listens_to_truth(bus: BusSettings, client: Node) -> None:
+    publisher = client.publisher(TRUTH, source="robot-r", view=0)
+    with Node("perception", "w3", bus) as node:
+        PerceptionService(node, Patient(), PerceptionSettings(worker="w3"))
+        time.sleep(0.5)
+        assert not publisher.matched
+    with Node("perception", "w4", bus) as node:
+        PerceptionService(node, Oracle(), PerceptionSettings(worker="w4"))
+        deadline = time.monotonic() + 10
+        while not publisher.matched and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert publisher.matched, "the test can see a listener"
+
+
+def test_a_full_queue_and_a_passed_deadline_are_refused(bus: BusSettings, client: Node) -> None:
+    backend = Patient()
+    with Node("perception", "w5", bus) as node:
+        service = PerceptionService(node, backend, PerceptionSettings(worker="w5", capacity=2))
+        asked, payload = request()
+        hasty, _ = request(deadline_ms=1)
+
+        def ask(message: InferRequest) -> object:
+            return client.ask(PERCEPTION_INFER, message, payload=payload, worker="w5", timeout_s=20)
+
+        with ThreadPoolExecutor() as pool:
+            first = pool.submit(ask, asked)
+            assert backend.started.wait(10)
+            second = pool.submit(ask, hasty)
+            deadline = time.monotonic() + 10
+            while service.load().queued < 2 and time.monotonic() < deadline:
+                time.sleep(0.01)
+            assert service.load().queued == 2
+            with pytest.raises(Refused) as busy:
+                ask(asked)
+            backend.let.set()
+            first.result(timeout=10)
+            with pytest.raises(Refused) as late:
+                second.result(timeout=10)
+        assert busy.value.name == "busy"
+        assert late.value.name == "too_late"
+        assert service.load().queued == 0
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"image": Part("jpeg", 3)},
+        {"camera": None},
+        {"camera": Pinhole.from_hfov(99, 48, 1.0)},
+        {"depth_range_m": (0.0, 0.0)},
+    ],
+)
+def test_pictures_that_make_no_sense_are_refused_and_the_worker_goes_on(
+    changes: dict[str, object], bus: BusSettings, client: Node
+) -> None:
+    backend = Patient()
+    backend.let.set()
+    with Node("perception", "w6", bus) as node:
+        PerceptionService(node, backend, PerceptionSettings(worker="w6"))
+        bad, payload = request(**changes)
+        with pytest.raises(Refused) as error:
+            client.ask(PERCEPTION_INFER, bad, payload=payload, worker="w6", timeout_s=10)
+        assert error.value.name == "bad_message"
+        good, payload = request()
+        reply = client.ask(PERCEPTION_INFER, good, payload=payload, worker="w6", timeout_s=10).message
+        assert reply.backend == "patient"
+
+
+def test_texts_and_load(bus: BusSettings, client: Node) -> None:
+    with Node("perception", "w7", bus) as node:
+        PerceptionService(node, Oracle("because"), PerceptionSettings(worker="w7", capacity=3))
+        asked = InferRequest(stamp_ns=clock_ns(), texts=["seems like there is a tv", "bed"])
+        reply = client.ask(PERCEPTION_TEXT, asked, worker="w7", timeout_s=10).message
+        assert len(reply.embeddings) == 2
+        tv, bed = (unpack_embedding(e, Oracle.embedding_dim) for e in reply.embeddings)
+        assert tv @ bed < 0.5
+        for texts, name in ((["flux capacitor"], "bad_target"), ([], "bad_message"), (["bed"] * 1000, "bad_message")):
+            with pytest.raises(Refused) as error:
+                client.ask(PERCEPTION_TEXT, InferRequest(stamp_ns=1, texts=texts), worker="w7", timeout_s=10)
+            assert error.value.name == name
+        load = client.ask(PERCEPTION_LOAD, worker="w7", timeout_s=10).message
+        assert (load.backend, load.why, load.queued, load.capacity) == ("oracle", "because", 0, 3)
+
+
+def test_the_process_says_its_backend_and_ends_on_sigterm(bus: BusSettings, client: Node) -> None:
+    env = {
+        "SURVEILNAV_BUS__ROUTER": bus.router, "SURVEILNAV_BUS__BUILDING": "b",
+        "SURVEILNAV_PERCEPTION__BACKEND": "simulated", "SURVEILNAV_PERCEPTION__WORKER": "w8",
+        "PATH": "/usr/bin:/bin", "HOME": "/tmp",
+    }  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, "-m", "services.perception"], env=env, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        deadline = time.monotonic() + 30
+        while "w8" not in client.alive("perception") and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert "w8" in client.alive("perception")
+        process.terminate()
+        _, said = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert process.returncode == 0
+    assert "simulated" in said
+
+
+def test_a_wrong_backend_is_one_line_and_exit_1(bus: BusSettings) -> None:
+    env = {
+        "SURVEILNAV_BUS__ROUTER": bus.router,
+        "SURVEILNAV_PERCEPTION__BACKEND": "magic",
+        "PATH": "/usr/bin:/bin",
+        "HOME": "/tmp",
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "services.perception"], env=env, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 1
+    assert "onnx-coco" in done.stderr
+    assert "Traceback" not in done.stderr
