@@ -45,7 +45,7 @@ def _python() -> Finding:
 
 def _packages() -> list[Finding]:
     findings = []
-    remedies = {"open3d": "apt-get install libusb-1.0-0 libgl1 libgomp1 libx11-6"}
+    remedies = {"open3d": "apt-get install libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6"}
     for name in ("zenoh", "open3d", "numba", "onnxruntime", "cv2", "fastapi"):
         try:
             version = getattr(importlib.import_module(name), "__version__", "present")

@@ -40,7 +40,7 @@ def follow_mission(url: str, target: str, robot: str, max_steps: int, console: C
     shown = ""
     try:
         while True:
-            mission = call(url, "GET", f"/api/v1/missions/{mission['mission']}")
+            mission = call(url, "GET", f"/api/v1/missions/{mission['id']}")
             line = f"{mission['phase']}  step {mission['step']}/{mission['max_steps']}  {mission.get('message', '')}"
             if line != shown:
                 shown = line
@@ -49,7 +49,7 @@ def follow_mission(url: str, target: str, robot: str, max_steps: int, console: C
                 break
             time.sleep(0.5)
     except KeyboardInterrupt:
-        call(url, "POST", f"/api/v1/missions/{mission['mission']}/cancel")
+        call(url, "POST", f"/api/v1/missions/{mission['id']}/cancel")
         console.print("cancelled: the robot stops")
         raise
     colour = "green" if mission.get("found") else "red"

@@ -47,6 +47,8 @@ class CameraService:
             self._state, versions=dict.fromkeys(self._frames, 0), matched=matched, requested=requested
         )
         for view in due:
+            if self._node.stopping.is_set():
+                break
             self._put(view)
         return bool(due)
 

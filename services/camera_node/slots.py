@@ -14,7 +14,7 @@ from surveilnav.building.simulation import CameraPlan, PlannedCamera
 from surveilnav.contract import CAMERA_SLOT
 from surveilnav.errors import ConfigError
 from surveilnav.messages import Ack, SlotClaim
-from surveilnav.runtime import Answer, BusSettings, Node, clock_ns
+from surveilnav.runtime import Answer, BusSettings, Node, Request, clock_ns
 
 _ASK_TIMEOUT_S = 1.0
 
@@ -45,12 +45,18 @@ def lease(plan: CameraPlan, settings: BusSettings, wait_s: float = 3.0) -> tuple
                 continue
             camera = plan.cameras[slot]
             holder = Node("camera", camera.name, settings).__enter__()
-            holder.serve(CAMERA_SLOT, lambda _: Answer(Ack(stamp_ns=clock_ns(), message=me)), slot=slot)
+            claimed = [me]
+
+            def answer(_: Request, claimed: list[str] = claimed) -> Answer:
+                return Answer(Ack(stamp_ns=clock_ns(), message=claimed[0]))
+
+            holder.serve(CAMERA_SLOT, answer, slot=slot)
             candidate.stopping.wait(0.3)  # for a rival's claim to reach the router
             rivals = {
                 a.message.message for a in candidate.ask_all(CAMERA_SLOT, claim, slot=slot, timeout_s=_ASK_TIMEOUT_S)
             }
             if core.keeps_slot(me, rivals - {me}):
+                claimed[0] = ""  # settled: the smallest id of all, so that who comes late yields
                 return camera, holder
             holder.__exit__(None, None, None)
     return None

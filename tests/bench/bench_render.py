@@ -1,6 +1,6 @@
 """What a picture costs: baked light beside unbaked, the z-buffer beside rays, the bake itself. Prints a table.
 
-    .venv/bin/python tests/bench/bench_render.py [--homes studio,3_bedroom] [--views 8] [--no-shadowed]
+.venv/bin/python tests/bench/bench_render.py [--homes studio,3_bedroom] [--views 8] [--no-shadowed]
 """
 
 from __future__ import annotations

@@ -93,10 +93,11 @@ def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, 
     return "move_forward" if best == 0 else "turn_left" if best > 0 else "turn_right"
 
 
-def _bumped(bumps: NDArray[np.float64], robot: RobotView, yaws: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _bumped(bumps: NDArray[np.float64], robot: RobotView, yaws: NDArray) -> NDArray[np.bool_]:
     """Which of the headings ``yaws`` (n,) met something when the robot last tried them from about here."""
     near = np.hypot(bumps[:, 0] - robot.x_m, bumps[:, 1] - robot.y_m) < _SAME_SPOT_M
-    return (np.cos(yaws[:, None] - bumps[near, 2]) > _SAME_HEADING_COS).any(axis=1)
+    same: NDArray[np.bool_] = np.cos(yaws[:, None] - bumps[near, 2]) > _SAME_HEADING_COS
+    return np.asarray(same.any(axis=1))
 
 
 def descend(terrain: Terrain, field: NDArray[np.float64], row: int, col: int) -> tuple[tuple[float, float], ...]:

@@ -96,7 +96,15 @@ def build_terrain(
     here = grid.cells_of((robot.x_m, robot.y_m))
     if grid.contains(here):
         speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
-    return Terrain(grid, row0, col0, occupancy != 0, explored & (occupancy == 0), speed, np.reshape(np.array(state.bumps, dtype=np.float64), (-1, 3)))
+    return Terrain(
+        grid,
+        row0,
+        col0,
+        occupancy != 0,
+        explored & (occupancy == 0),
+        speed,
+        np.reshape(np.array(state.bumps, dtype=np.float64), (-1, 3)),
+    )
 
 
 def arrival_m(

@@ -87,9 +87,7 @@ def _normal(bits):
 
 
 @njit(nogil=True, cache=True)
-def _apply(
-    row0, row1, depth, out, fx, fy, cx, cy, seed, lateral, axial, per_m, z0, step, grazing, dropout
-):
+def _apply(row0, row1, depth, out, fx, fy, cx, cy, seed, lateral, axial, per_m, z0, step, grazing, dropout):
     height, width = depth.shape
     golden = np.uint64(0x9E3779B97F4A7C15)
     key = _mix(seed + golden)

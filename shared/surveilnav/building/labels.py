@@ -1,8 +1,8 @@
 """What a detector would call a piece of furniture, by the names that people gave it.
 
-COCO's spelling. Armchairs, office chairs and bar chairs with a back are "chair"; only what is named sofa, couch,
-settee or loveseat is "couch"; a backless stool has no label; flowers in a vase count as "potted plant", as COCO's
-annotators have it; a low table, desk or bedside table isn't a "dining table".
+COCO's spelling. Armchairs, office chairs and stools are "chair" (COCO's annotators count stools so); only what is named
+sofa, couch, settee or loveseat is "couch"; flowers in a vase are "potted plant", as COCO's annotators have it; a low
+table, desk or bedside table isn't a "dining table".
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ _RULES: tuple[tuple[str, str], ...] = (
     (r"bar ?chair|bar ?stool", "chair"),
     (r"wheelchair|puff|ottoman$|bean ?bag", ""),
     (r"arm ?chair|chair|fauteuil|\bseat\b", "chair"),
-    (r"stool|piano bench", ""),
+    (r"piano bench|footstool", ""),
+    (r"stool", "chair"),
     (r"\bbench\b|\bbank\b", "bench"),
     (r"toilet ?(brush|paper|roll|tissue|dispenser)|tissue", ""),
     (r"toilet|\bwc\b|water closet", "toilet"),

@@ -141,9 +141,7 @@ def _cross(a0, a1, a2, b0, b1, b2):
 
 
 @njit(nogil=True, cache=True)
-def _draw(
-    row0, row1, seen, count, corners, nearest, window, fx, fy, cx, cy, triangle_of, t_hit, triangle, bary
-):
+def _draw(row0, row1, seen, count, corners, nearest, window, fx, fy, cx, cy, triangle_of, t_hit, triangle, bary):
     """Draws rows row0 to row1: inverse depth and winner per pixel, then depth and weights of the winners."""
     width = t_hit.shape[1]
     rows = row1 - row0

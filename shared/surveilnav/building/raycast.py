@@ -16,7 +16,7 @@ try:
 except ImportError as error:  # the wheel needs system libraries that slim machines lack
     raise ConfigError(
         f"Open3D can't be loaded ({error}). It needs system libraries; on Debian or Ubuntu run: "
-        "apt-get install libusb-1.0-0 libgl1 libgomp1 libx11-6"
+        "apt-get install libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6"
     ) from error
 
 #: Open3D's "no triangle".

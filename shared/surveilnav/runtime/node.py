@@ -230,9 +230,9 @@ class Node:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.stopping.set()
         self.wake.set()
-        self._stack.close()
-        for thread in self._threads:
+        for thread in self._threads:  # they use the session
             thread.join(timeout=2.0)
+        self._stack.close()
 
     def run(self, step: Callable[[], bool], idle_s: float = 0.005) -> None:
         """Calls ``step`` until SIGTERM or SIGINT; waits up to ``idle_s`` after a step that had nothing to do."""

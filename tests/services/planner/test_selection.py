@@ -66,7 +66,11 @@ def test_frontier_by_objects_near_it(make_record):
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
-        ([], False), ([0.5], False), ([0.5, 0.5], False), ([0.1, 0.9], True), ([0.50, 0.56], False),
+        ([], False),
+        ([0.5], False),
+        ([0.5, 0.5], False),
+        ([0.1, 0.9], True),
+        ([0.50, 0.56], False),
         ([math.nan, 0.1, 0.9], True),
     ],
 )

@@ -182,4 +182,5 @@ def test_path_never_crosses_known_obstacles(world):
             fine = (path[:-1] + t * (path[1:] - path[:-1])).reshape(-1, 2)
             cells = maps.grid.cells_of(fine)
             assert not maps.occupancy[cells[:, 0], cells[:, 1]].any()
+
     world(TWO_ROOMS).run(watch=watch)

@@ -14,7 +14,7 @@ SIZE = (1.2, 0.8, 0.75)
         ("Bed", "bed"), ("Captain's bed", "bed"), ("Bunk bed", "bed"), ("Crib", "bed"),
         ("Opened convertible sofa BZ", "bed"),
         ("Bedside table", ""), ("Winchester sofa", "couch"), ("Sofa 2 seats", "couch"), ("Futon couch", "couch"),
-        ("Armchair", "chair"), ("Office chair", "chair"), ("Bar chair", "chair"), ("Stool", ""), ("Wheelchair", ""),
+        ("Armchair", "chair"), ("Office chair", "chair"), ("Bar chair", "chair"), ("Stool", "chair"), ("Footstool", ""), ("Wheelchair", ""),
         ("Toilets unit", "toilet"), ("Toilet brush", ""), ("Toilet paper dispenser", ""),
         ("TV 16:9", "tv"), ("Wall flat TV", "tv"), ("TV stand", ""), ("Television cabinet", ""),
         ("TV remote control", "remote"),
