@@ -66,8 +66,10 @@ def test_a_mission_survives_the_death_of_perception(system):
 @pytest.mark.slow
 def test_garbage_on_every_key_stops_nothing(system):
     s = system(cameras=1)
-    ids = {"building": s.node.building, "floor": "0", "camera": s.building.plan.cameras[0].name, "robot": "r1", "view": "0",
-           "worker": "perception-1", "mission": "m1", "layer": "value", "node": "robot-r1", "slot": "0", "source": "robot-r1"}  # fmt: skip
+    ids = {
+        "building": s.node.building, "floor": "0", "camera": s.building.plan.cameras[0].name, "robot": "r1", "view": "0",
+        "worker": "perception-1", "mission": "m1", "layer": "value", "node": "robot-r1", "slot": "0", "source": "robot-r1",
+    }  # fmt: skip
     keys = {stream: stream.key_for(**{f: ids[f] for f in stream.fields}) for stream in STREAMS}
     s.search("tv")
     s.wait(lambda m: m.step >= 1, 90)

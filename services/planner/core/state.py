@@ -116,8 +116,8 @@ class MissionState:
     def copy(self) -> MissionState:
         """A copy whose containers are its own."""
         return replace(
-            self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps), dormant=list(self.dormant),
-            dropped=dict(self.dropped), inspected=dict(self.inspected), looks=dict(self.looks),
+            self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps),
+            dormant=list(self.dormant), dropped=dict(self.dropped), inspected=dict(self.inspected), looks=dict(self.looks),
         )  # fmt: skip
 
 

@@ -40,5 +40,5 @@ def test_resizing_keeps_the_rays():
     "bad", [(0, 4, 1, 1, 0, 0), (4, 4, 0, 1, 0, 0), (4, 4, math.nan, 1, 0, 0), (4, 4, 1, 1, math.inf, 0)]
 )
 def test_cameras_that_are_none_are_refused(bad):
-    with pytest.raises(ValueError, match="pixels|positive|finite"):
+    with pytest.raises(ValueError, match=r"pixels|positive|finite"):
         Pinhole(*bad)

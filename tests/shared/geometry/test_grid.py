@@ -35,5 +35,5 @@ def test_a_grid_of_the_papers_size():
 
 @pytest.mark.parametrize("bad", [(np.nan, 0, 0.05, 1, 1), (0, 0, 0, 1, 1), (0, 0, 0.05, 0, 1), (0, 0, 0.05, 1, 10**9)])
 def test_grids_that_are_none_are_refused(bad):
-    with pytest.raises(ValueError, match="finite|positive|rows and columns"):
+    with pytest.raises(ValueError, match=r"finite|positive|rows and columns"):
         Grid(*bad)

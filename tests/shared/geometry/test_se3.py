@@ -61,5 +61,5 @@ def test_yaw_of_a_base(yaw):
     "pose", [((0, 0, math.nan), (0, 0, 0, 1)), ((0, 0, 0), (0, 0, 0, 2)), ((0, 0, 0), (0, 0, 0, 0))]
 )
 def test_poses_that_are_none_are_refused(pose):
-    with pytest.raises(ValueError, match="finite|unit quaternion"):
+    with pytest.raises(ValueError, match=r"finite|unit quaternion"):
         Pose(*pose)
