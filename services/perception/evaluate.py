@@ -163,6 +163,12 @@ class Tally:
         for row in range(len(RANGE_EDGES_M) + 1):
             cells = [self.cells[row, col] for col in range(len(SIDE_EDGES_PX) + 1)]
             out.append("  " + "  ".join(f"{np.mean(c) if c else math.nan:.2f} ({len(c)})" for c in cells))
+        for least in (0.25, 0.35, 0.45, 0.55, 0.65):
+            right, false = (sum(x >= least for x in scores) for scores in (self.true_scores, self.false_scores))
+            share = right / max(1, right + false)
+            out.append(
+                f"score >= {least}: {right} right, precision {share:.2f}, {false / max(1, self.views):.2f} false a view"
+            )
         wrong = ", ".join(f"{a}->{b} {n}" for (a, b), n in self.confused.most_common(8))
         out.append(f"wrong: {wrong}; {sum(self.false.values()) / max(1, self.views):.2f} per view")
         if self.mask_precision:

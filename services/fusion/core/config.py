@@ -114,6 +114,7 @@ class ObjectConfig(_Part):
         default="share",
         description="of a class: over all evidence, other classes and misses counting 0, or over its own",
     )
+    size_prior: bool = Field(default=True, description="only what has a size that its class can have is confirmed")
     # false positives
     flip: Literal["sustained", "literal"] = Field(
         default="sustained", description="`literal`: any change of class rejects for good"
@@ -154,6 +155,6 @@ class FusionConfig(_Part):
                 geometry="box_iou", tau=1.35, tau_mutual=2.0, merge_box=2.0, dbscan_eps_pixels=0.0,
                 flip="literal", confidence="mean",
                 confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,
-                near_m=1e9, miss_weight=0.0, reject_misses=1_000_000_000,
+                near_m=1e9, miss_weight=0.0, size_prior=False, reject_misses=1_000_000_000,
             ),
         )  # fmt: skip

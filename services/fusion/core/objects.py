@@ -14,6 +14,7 @@ from services.fusion.core.association import Shape, box_iou, box_overlap, boxes_
 from services.fusion.core.clustering import largest_cluster
 from services.fusion.core.config import ObjectConfig
 from services.fusion.core.evidence import Evidence, Status, Support, judge
+from services.fusion.core.sizes import misfit
 from services.fusion.core.visibility import in_plain_view
 from surveilnav.geometry import transform_points
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
@@ -175,6 +176,9 @@ class ObjectMap:
         verdict = judge(obj.evidence, before, self._config)
         obj.label, obj.confidence = verdict.label, verdict.confidence
         obj.status, obj.reason = verdict.status, verdict.reason
+        unfit = misfit(obj.label, _triple(obj.shape.p_max - obj.shape.p_min)) if self._config.size_prior else ""
+        if obj.status == "confirmed" and unfit:
+            obj.status, obj.reason = "candidate", unfit
         if obj.evidence.flipped != flipped:
             self._log(obj, view, obj.label, obj.confidence, "flipped", obj.reason)
         elif obj.status != before and obj.status != "candidate":

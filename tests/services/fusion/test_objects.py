@@ -56,6 +56,18 @@ def test_a_mask_becomes_an_object_where_the_thing_is(furnished, tools):
     ]
 
 
+@pytest.mark.parametrize(("label", "fits"), [("bed", False), ("chair", True), ("unheard of", True)])
+def test_only_what_has_the_size_of_its_class_is_confirmed(furnished, tools, label, fits):
+    for size_prior in (True, False):
+        joint = JointMap(FusionConfig(objects=ObjectConfig(size_prior=size_prior)))
+        for view in around(furnished, STOOL, radius=1.3):
+            joint.integrate(view, tools.seen(furnished.detect(view, "stool", label, 0.9, tools.unit(0))))
+        (stool,) = joint.objects("0")
+        assert stool.status == ("confirmed" if fits or not size_prior else "candidate")
+        if stool.status == "candidate":
+            assert stool.reason.startswith("too small for a bed: 0.")
+
+
 def test_cameras_and_robot_see_one_object(furnished, tools):
     joint = JointMap()  # one camera sees its back, and hardly a point that the others do: merging finds out
     for i, (x, y, yaw) in enumerate([(0.3, 0.3, 0.6), (0.3, 3.7, -0.6), (5.8, 3.8, -2.4)]):

@@ -111,7 +111,7 @@ def test_coarse_reaches_what_fine_reaches(seed):
     assert np.abs(coarse[both] - fine[both]).max() < 0.4 + 0.2 * fine[both].max()
 
 
-@pytest.mark.parametrize(("gap_m", "passes"), [(0.8, True), (0.6, True), (0.3, False)])
+@pytest.mark.parametrize(("gap_m", "passes"), [(0.8, True), (0.6, True), (0.35, True), (0.1, False)])
 def test_doorways(gap_m, passes):
     occupancy = np.zeros((100, 100), np.uint8)
     occupancy[:, 50:53] = 1
@@ -130,8 +130,36 @@ def test_collisions_block_and_visits_open():
     state = MissionState("x", collisions=[(1.0, 1.0)], visited=[(2.1, 1.85)])
     terrain = build_terrain(_maps(grid, occupancy), _robot(4.0, 4.0), state, CONFIG)
     assert terrain.speed[terrain.cell(1.0, 1.0)] == 0
-    assert terrain.speed[terrain.cell(1.1, 1.0)] == 0  # a robot's radius around it as well
+    assert terrain.speed[terrain.cell(1.1, 1.0)] == 1  # it is the centre that can't be there: nothing grows
     assert terrain.speed[terrain.cell(2.1, 1.9)] > 0  # it stood here, so it can be here
+
+
+def test_a_bump_shuts_one_heading_at_one_spot():
+    grid = Grid(0.0, 0.0, 0.05, 100, 100)
+    free = _maps(grid, np.zeros(grid.shape, np.uint8))
+    robot = _robot(1.0, 2.5)
+    goals = build_terrain(free, robot, MissionState("x"), CONFIG).disc(4.0, 2.5, 0.2)
+
+    def action(bumps):
+        terrain = build_terrain(free, robot, MissionState("x", bumps=bumps), CONFIG)
+        return FmmPlanner().route(terrain, goals, robot, CONFIG).action
+
+    assert action([]) == "move_forward"
+    assert action([(1.0, 2.5, 0.0)]).startswith("turn")
+    assert action([(1.0, 2.5, 1.0)]) == "move_forward"
+    assert action([(1.1, 2.5, 0.0)]) == "move_forward"
+
+
+def test_tight_places_are_a_last_resort():
+    grid = Grid(0.0, 0.0, 0.05, 100, 100)
+    occupancy = np.zeros(grid.shape, np.uint8)
+    occupancy[:, 50:53] = 1
+    occupancy[48:53, 50:53] = 0  # straight ahead, 0.25 m
+    occupancy[80:96, 50:53] = 0  # far aside, 0.8 m
+    robot = _robot(1.0, 2.5)
+    terrain = build_terrain(_maps(grid, occupancy), robot, MissionState("x"), CONFIG)
+    route = FmmPlanner().route(terrain, terrain.disc(4.0, 2.5, 0.2), robot, CONFIG)
+    assert max(y for _, y in route.path) > 3.9
 
 
 def test_goal_in_an_obstacle_is_no_way():
