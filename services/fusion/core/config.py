@@ -103,6 +103,10 @@ class ObjectConfig(_Part):
     confirm_score: float = Field(
         default=0.5, ge=0, le=1, description="the paper's threshold on the maximum of both confidences"
     )
+    confirm_scores: dict[str, float] = Field(
+        default={"potted plant": 0.35, "couch": 0.42, "tv": 0.42},
+        description="classes that detectors seldom see wrongly need less: measured precision >= .65 from a score of .25 on",
+    )
     confirm_robot_detections: int = Field(default=3, ge=1, description="near detections of the class by a robot")
     confirm_robot_poses: int = Field(default=2, ge=1, description="... from so many places or directions")
     confirm_camera_score: float = Field(default=0.65, ge=0, le=1)
@@ -155,6 +159,6 @@ class FusionConfig(_Part):
                 geometry="box_iou", tau=1.35, tau_mutual=2.0, merge_box=2.0, dbscan_eps_pixels=0.0,
                 flip="literal", confidence="mean",
                 confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,
-                near_m=1e9, miss_weight=0.0, size_prior=False, reject_misses=1_000_000_000,
+                near_m=1e9, miss_weight=0.0, size_prior=False, confirm_scores={}, reject_misses=1_000_000_000,
             ),
         )  # fmt: skip

@@ -133,6 +133,7 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
         )  # fmt: skip
     # once confirmed, a little less will do: no flicker at the threshold
     lenient = config.confirm_hysteresis if was == "confirmed" else 1.0
+    enough_score = config.confirm_scores.get(label, config.confirm_score)
     by_robot = evidence.confidences(True, config).get(label, 0.0)
     by_cameras = evidence.confidences(False, config).get(label, 0.0)
     sightings = f"{robot.near} near robot detections, {len(cameras.places)} camera views"
@@ -140,15 +141,15 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
         robot.near >= 1
         and robot.near + len(cameras.places) >= config.confirm_robot_detections
         and len(robot.places) + len(cameras.places) >= config.confirm_robot_poses
-        and max(by_robot, by_cameras) >= lenient * config.confirm_score
+        and max(by_robot, by_cameras) >= lenient * enough_score
     ):
         return Verdict(label, confidence, "confirmed", f"{label} {confidence:.2f} by {sightings}")
     n_views = len(cameras.places)
     if n_views >= config.confirm_camera_views and by_cameras >= lenient * config.confirm_camera_score:
         return Verdict(label, confidence, "confirmed", f"{label} {by_cameras:.2f} by {n_views} camera views")
     wanting = (
-        f"confidence {confidence:.2f} < {config.confirm_score:g}"
-        if confidence < config.confirm_score
+        f"confidence {confidence:.2f} < {enough_score:g}"
+        if confidence < enough_score
         else f"needs {config.confirm_robot_detections} sightings, one of them a robot's within {config.near_m:g} m"
     )
     return Verdict(label, confidence, "candidate", f"{wanting}; {sightings}, {evidence.misses} misses")

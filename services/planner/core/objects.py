@@ -72,10 +72,27 @@ def targets_of(
             continue
         if record.id in state.dropped:
             continue
+        if record.id == state.settled_for:
+            found.append(record)
+            continue
         if _near_dropped(record, state, config) and not robot_sees(record, state.target, config):
             continue
         found.append(record)
     return sorted(found, key=lambda o: (not is_confirmed(o, state.target), -relevance(o, state.target)))
+
+
+def reconsider(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> ObjectRecord | None:
+    """Of what was dropped, the object to go back to when nothing else is left, or None.
+
+    It was confirmed since, or the robot takes it for the target with ``settle_confidence`` and nothing speaks for
+    another class more.
+    """
+    again = [
+        record for record in objects
+        if record.id in state.dropped and record.status != "rejected" and record.label_robot == state.target
+        and (verdict(record, state.target, config) == "verified" or record.confidence_robot >= config.settle_confidence)
+    ]  # fmt: skip
+    return max(again, key=lambda o: (o.confidence_robot, -o.id), default=None)
 
 
 def is_confirmed(record: ObjectRecord, target: str) -> bool:

@@ -15,6 +15,8 @@ class PlannerConfig:
             ``region`` (the value map): the paper's three.
         verification: ``two_level`` stops only at what the robot itself confirmed (or very strong surveillance
             evidence that it doesn't contradict); ``paper`` stops at whatever fusion calls confirmed.
+        settle_confidence: when nothing is left to explore, the best object that the robot takes for the target at least
+            this surely is accepted after all: if the target is anywhere, it is there. Above 1: never.
         tight_m, tight_speed: nearer to a mapped obstacle than the robot's radius, down to ``tight_m``, it may go
             at this speed where there is no other way: maps are thicker than walls by a cell or so.
         unknown_speed: how fast the front runs through unknown space, relative to known free space; 0 forbids it.
@@ -69,6 +71,7 @@ class PlannerConfig:
     strong_confidence_surveillance: float = 0.80
     strong_detections: int = 3
     max_looks: int = 4
+    settle_confidence: float = 0.30
 
     # getting stuck
     stuck_steps: int = 24

@@ -92,6 +92,7 @@ class MissionState:
             target, by id: (x, y, why).
         inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
         anchor: (x, y, step) where the robot was when it last moved on; ``escapes`` since then.
+        settled_for: the object accepted on weaker evidence because nothing else is left.
         unreachable: why a confirmed target couldn't be reached (for the final word); empty: none was.
     """
 
@@ -110,6 +111,7 @@ class MissionState:
     peeks: int = 0
     anchor: tuple[float, float, int] | None = None
     escapes: int = 0
+    settled_for: int | None = None
     unreachable: str = ""
     finished: bool = False
 

@@ -131,6 +131,11 @@ def _pursue(now: _Now) -> Decision:
         elif not weak:
             weak = True
             continue
+        elif state.settled_for is None and (best := objects.reconsider(now.maps.objects, state, now.config)):
+            del state.dropped[best.id]
+            state.looks.pop(best.id, None)
+            state.settled_for = best.id
+            continue
         else:
             break
         if decision is not None:
@@ -251,6 +256,8 @@ def _approach(now: _Now, record: ObjectRecord) -> Decision | None:
     """Goes near an object, looks at it on the way, and stops if it is the target: two-level verification."""
     state, config, robot = now.state, now.config, now.robot
     judged = objects.verdict(record, state.target, config)
+    if judged == "open" and record.id == state.settled_for:
+        judged = "verified"
     if judged == "contradicted":
         _drop(state, record, f"the robot sees {record.label_robot or 'something else'}")
         return None
@@ -291,7 +298,9 @@ def _confirm(now: _Now, record: ObjectRecord, judged: objects.Verdict) -> Decisi
     if judged == "verified":
         if turn and waited < config.patience_steps:
             return _decision(now, turn, "confirming", f"turning to {_what(record)}")
-        return _found(now, record, "seen by the robot itself")
+        weakly = record.id == state.settled_for and not objects.is_confirmed(record, state.target)
+        why = "weak evidence, but nothing else is left to look at" if weakly else "seen by the robot itself"
+        return _found(now, record, why)
     if spent == 0 and turn and waited < config.patience_steps:
         return _decision(now, turn, "confirming", f"turning to {_what(record)}")
     away_m = math.hypot(record.center_m[0] - robot.x_m, record.center_m[1] - robot.y_m)
