@@ -6,9 +6,7 @@ A z-buffer finds the surfaces (``raster``), compiled loops shade them (``shading
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +15,12 @@ from surveilnav.building import shading
 from surveilnav.building.bake import LightMap, light_at, load_or_bake
 from surveilnav.building.depth_noise import DepthNoise
 from surveilnav.building.lights import lights_of
+from surveilnav.building.picture import Lighting, Rendered, within
 from surveilnav.building.raster import Rasteriser
 from surveilnav.building.raycast import NOTHING, Hits, RayCaster
 from surveilnav.building.scene import Scene
 from surveilnav.geometry import Matrix4, Pinhole
 
-Lighting = Literal["baked", "shadowed", "flat"]
 Matrix3 = NDArray[np.float32]
 Vector3 = NDArray[np.float32]
 Progress = Callable[[float, str], None]
@@ -35,21 +33,6 @@ _MODES = {"flat": 0, "baked": 1, "shadowed": 2}
 _NO_PIXEL_LIGHT = np.zeros((1, 1, 3), np.float32)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Rendered:
-    """One picture.
-
-    Attributes:
-        rgb: (H, W, 3) uint8 sRGB.
-        depth_m: (H, W) float32 [m] along the optical axis, 0 where nothing is in range.
-        instance_ids: (H, W) uint16, whatever the range; 0: nothing.
-    """
-
-    rgb: NDArray[np.uint8]
-    depth_m: NDArray[np.float32]
-    instance_ids: NDArray[np.uint16]
-
-
 class Renderer:
     """Renders one scene; safe to share between threads.
 
@@ -57,9 +40,6 @@ class Renderer:
     bake nor shadows), "shadowed" (shadows computed anew for each view: slow, for comparison).
     ``progress(fraction, what)`` hears about the bake.
     """
-
-    #: Grows when pictures change; caches of pictures depend on it.
-    VERSION = 2
 
     def __init__(
         self,
@@ -151,12 +131,6 @@ def exposure_of(metered: NDArray[np.float32]) -> float:
     by_mean = _MIDDLE / max(float(metered.mean(dtype=np.float64)), 1e-6)
     by_lights = _HIGHLIGHT / max(float(np.quantile(metered, 0.95)), 1e-6)
     return float(np.clip(min(by_mean, by_lights), 0.5, 2.5))
-
-
-def within(depth_m: NDArray[np.float32], depth_range_m: tuple[float, float]) -> NDArray[np.float32]:
-    """``depth_m`` with 0 wherever it lies outside of (nearest, farthest)."""
-    near, far = depth_range_m
-    return np.where((depth_m >= near) & (depth_m <= far), depth_m, np.float32(0.0))
 
 
 def semantics(rendered: Rendered, scene: Scene) -> NDArray[np.object_]:

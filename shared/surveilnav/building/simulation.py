@@ -19,7 +19,6 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from surveilnav import __version__
 from surveilnav.building.depth_noise import DepthNoise
-from surveilnav.building.sources import open_building
 from surveilnav.building.stored import read_parts, write_parts
 from surveilnav.building.view_cache import ViewCache
 from surveilnav.config import cache_dir
@@ -28,8 +27,9 @@ from surveilnav.geometry import Matrix4, Pinhole, Pose
 if TYPE_CHECKING:
     from surveilnav.building.cameras import PlacedCamera
     from surveilnav.building.navigation import NavigationMap
+    from surveilnav.building.picture import Rendered
     from surveilnav.building.raycast import RayCaster
-    from surveilnav.building.render import Rendered, Renderer
+    from surveilnav.building.render import Renderer
     from surveilnav.building.scene import Scene
 
 Progress = Callable[[float, str], None]
@@ -86,6 +86,8 @@ class SimulatedBuilding:
 
     @cached_property
     def scene(self) -> Scene:
+        from surveilnav.building.sources import open_building
+
         self._progress(0.0, "loading the building")
         return open_building(self.settings.building, seed=self.settings.seed, cache_dir=self._cache_dir)
 

@@ -14,6 +14,7 @@ import os
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -21,9 +22,12 @@ import zstandard
 from numpy.typing import NDArray
 
 from surveilnav.building.depth_noise import DepthNoise
-from surveilnav.building.render import Lighting, Rendered, Renderer, within
+from surveilnav.building.picture import PICTURES_VERSION, Lighting, Rendered, within
 from surveilnav.building.stored import read_parts, write_parts
 from surveilnav.geometry import Matrix4, Pinhole
+
+if TYPE_CHECKING:
+    from surveilnav.building.render import Renderer
 
 _FORMAT = b"surveilnav view 1"
 _DEPTH_STEP_M = 0.0005
@@ -83,7 +87,7 @@ class ViewCache:
     def path_of(self, scene_hash: str, T_world_camera: Matrix4, camera: Pinhole, lighting: Lighting) -> Path:
         """The file of a view: named by everything that the clean picture depends on."""
         digest = hashlib.sha256()
-        digest.update(f"{_FORMAT!r} {Renderer.VERSION} {scene_hash} {lighting}".encode())
+        digest.update(f"{_FORMAT!r} {PICTURES_VERSION} {scene_hash} {lighting}".encode())
         digest.update(np.ascontiguousarray(T_world_camera, dtype="<f8").round(9).tobytes())
         lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
         digest.update(struct.pack("<2i4d", camera.width_px, camera.height_px, *lens))

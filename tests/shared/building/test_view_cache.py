@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from surveilnav.building.depth_noise import DepthNoise
-from surveilnav.building.render import Rendered, Renderer
+from surveilnav.building.picture import Rendered
+from surveilnav.building.render import Renderer
 from surveilnav.building.scene import Floor, Instance, Material, Scene
 from surveilnav.building.view_cache import ViewCache
 from surveilnav.geometry import Pinhole, camera_pose

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmark.perception import ROBOT, RenderedView, Tally, matches
 from services.perception.core.closed_set import embed_object
 from services.perception.core.truth import VisibleThing
-from services.perception.evaluate import ROBOT, RenderedView, Tally, matches
 from surveilnav.categories import COCO
 from surveilnav.sensing.views import Detected, TrueInstances
 

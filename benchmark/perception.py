@@ -1,6 +1,6 @@
 """What a detector sees in rendered buildings: recall and precision by class, distance and size.
 
-    python -m services.perception.evaluate --buildings parametric_flat parametric_house --seeds 2 3 --robot-views 30 \\
+    python -m benchmark.perception --buildings parametric_flat parametric_house --seeds 2 3 --robot-views 30 \\
         [--camera-views 12] [--detectors yolox-nano picodet-s] [--write-errors]
 
 Robot views: 640 x 480, 79 degrees, 0.88 m above places where the robot can stand, level and 30 degrees down; camera
@@ -210,7 +210,7 @@ class Tally:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(prog="services.perception.evaluate", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(prog="benchmark.perception", description=__doc__.partition("\n")[0])
     parser.add_argument("--buildings", nargs="+", required=True)
     parser.add_argument("--seeds", nargs="+", type=int, default=[2])
     parser.add_argument("--robot-views", type=int, default=30, help="per building and seed")
@@ -237,7 +237,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         print("\n".join(tally.lines()), end="\n\n")
     if args.write_errors:
         source = (
-            f"measured by python -m services.perception.evaluate: {' + '.join(args.detectors)} on "
+            f"measured by python -m benchmark.perception: {' + '.join(args.detectors)} on "
             f"{tallies['robot'].views} rendered robot views of {', '.join(args.buildings)}, seeds {args.seeds}; "
             "recall beyond 5 m (.2) and box_jitter are assumptions"
         )
