@@ -57,7 +57,10 @@ def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> 
     )
     building.prepare()
     views = CameraViews(building, backend)
+    parent = os.getppid()
     for target, arm in missing:
+        if os.getppid() != parent:
+            return len(missing)  # whoever started this was killed: don't go on unseen
         facts: dict[str, Any] = {"building": job.building, "seed": job.seed, "target": target, "surveillance": arm}
         try:
             goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
