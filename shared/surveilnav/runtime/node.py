@@ -16,6 +16,7 @@ import os
 import queue
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -41,6 +42,8 @@ _PRIORITY = {
     "data": zenoh.Priority.DATA_HIGH,
     "bulk": zenoh.Priority.DATA_LOW,
 }
+#: A loop that hasn't turned for so long hangs; rendering an uncached view takes a second or two.
+_STALLED_S = 30.0
 #: A slot of a queryable that nobody could free: an honest error beats a silent wait.
 BUSY = "busy"
 
@@ -199,6 +202,7 @@ class Node:
         #: Set whenever something arrived that a loop may wait for.
         self.wake = threading.Event()
         self.ready: Callable[[], bool] = lambda: True
+        self._stepped_s: float | None = None
         self._limit = logs.RateLimit()
         self._declare_alive = alive
         self._threads: list[threading.Thread] = []
@@ -241,6 +245,7 @@ class Node:
                 signal.signal(number, lambda *_: self.stop())
         self.log.info("running", building=self.building, router=self.settings.router)
         while not self.stopping.is_set():
+            self._stepped_s = time.monotonic()
             if not step():
                 self.wake.wait(idle_s)
                 self.wake.clear()
@@ -260,12 +265,17 @@ class Node:
             try:
                 if self._traffic_publisher.matched:
                     self._traffic_publisher.put(self.traffic_report())
-                if self.settings.health_file and self.ready():
+                if self.settings.health_file and self.healthy():
                     self.settings.health_file.parent.mkdir(parents=True, exist_ok=True)
                     self.settings.health_file.touch()
                     os.utime(self.settings.health_file)
             except (zenoh.ZError, OSError) as error:
                 self.warn_seldom("housekeeping failed", error=str(error))
+
+    def healthy(self) -> bool:
+        """Whether the loop still turns and the service says that it can work: a process that hangs isn't healthy."""
+        turning = self._stepped_s is None or time.monotonic() - self._stepped_s < _STALLED_S
+        return turning and not self.session.is_closed() and self.ready()
 
     def traffic_report(self) -> TrafficReport:
         wire = wire_bytes(self.settings.router_port)

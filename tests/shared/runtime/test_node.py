@@ -196,6 +196,21 @@ def test_bytes_offered_delivered_and_on_the_wire_agree(make_node):
     assert 1.0 <= sent / offered < 1.01
 
 
+def test_a_loop_that_hangs_is_not_healthy(bus, tmp_path, monkeypatch):
+    monkeypatch.setattr("surveilnav.runtime.node._STALLED_S", 0.3)
+    hang = threading.Event()
+    settings = bus.model_copy(update={"health_file": tmp_path / "healthy"})
+    with Node("a", "a", settings) as node:
+        loop = threading.Thread(target=node.run, args=(lambda: hang.is_set() and time.sleep(3),))
+        loop.start()
+        assert eventually(settings.health_file.exists)
+        assert node.healthy()
+        hang.set()
+        assert eventually(lambda: not node.healthy())
+        node.stop()
+        loop.join()
+
+
 def test_no_router_and_a_taken_port_are_told_apart():
     port = free_port()
     with (
