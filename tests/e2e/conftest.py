@@ -62,7 +62,7 @@ def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
 
         def start(
             building: str = "parametric_flat", cameras: int = 2, perception: str = "oracle", surveillance: bool = True,
-            robot_start: str = "",
+            robot_start: str = "", gateway_port: int = 0,
         ) -> System:  # fmt: skip
             home = SimulatedBuilding(SimulationSettings(building=building, cameras=cameras))
             home.prepare()
@@ -71,7 +71,8 @@ def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
                 perception=perception, surveillance=surveillance, robot_start=robot_start,
             )  # fmt: skip
             names = [c.name for c in home.plan.cameras]
-            stack = exits.enter_context(Stack(variables, tmp_path / "logs", names))
+            variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
+            stack = exits.enter_context(Stack(variables, tmp_path / "logs", names, gateway=bool(gateway_port)))
             node = exits.enter_context(Node("test", "e2e", stack.bus, alive=False))
             stack.wait_ready(node, 90)
             return System(stack, node, home)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import time
 
 import pytest
@@ -10,6 +13,7 @@ import zenoh
 from surveilnav.contract import MISSION_CANCEL, ROBOT_STATUS, STREAMS
 from surveilnav.messages import MissionCancel
 from surveilnav.runtime import clock_ns
+from surveilnav.runtime.router import free_port
 
 TERMINAL = ("done", "failed", "cancelled")
 
@@ -106,3 +110,27 @@ def test_goals_that_cannot_be_met_are_refused_and_cancel_stops_the_robot(system)
     before = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
     time.sleep(1.0)
     assert s.node.ask(ROBOT_STATUS, robot="r1").message.seq == before
+
+
+@pytest.mark.slow
+def test_find_and_status_through_the_gateway(system, tmp_path):
+    port = free_port()
+    system(cameras=1, gateway_port=port)
+
+    def surveilnav(*arguments):
+        command = [sys.executable, "-m", "cli.main", *arguments, "--url", f"http://127.0.0.1:{port}", "--json"]
+        return subprocess.run(command, capture_output=True, text=True, timeout=150, check=False)
+
+    until = time.monotonic() + 30
+    while (run := surveilnav("status")).returncode and time.monotonic() < until:
+        time.sleep(0.5)
+    facts = json.loads(run.stdout)
+    assert [r["id"] for r in facts["robots"]["items"]] == ["r1"]
+    assert [c["id"] for c in facts["cameras"]["items"]] == ["c0-1"]
+    refused = surveilnav("find", "unicorn")
+    assert refused.returncode == 1
+    assert "unicorn" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    run = surveilnav("find", "tv")
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["found"] is True

@@ -61,7 +61,7 @@ class BusSettings(BaseSettings):
 
 
 def router_config(listen: str) -> str:
-    """Zenoh's JSON5 for the router; ``docs/running.md`` shows the same for zenohd."""
+    """Zenoh's JSON5 for the router (zenohd takes the same)."""
     return json.dumps(
         {
             "mode": "router",
