@@ -6,7 +6,7 @@ READY := .venv/.set-up
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test test-compose demo bench-core bench-render clean
+.PHONY: help setup check test test-compose demo bench-core bench-render bench-homes docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -38,6 +38,12 @@ bench-core: $(READY) ## what a robot step costs, detector left out
 
 bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)
+
+bench-homes: $(READY) ## nine homes x targets x seeds, with and without cameras; resumable; needs detector weights
+	$(BIN)/python -m benchmark.homes $(ARGS)
+
+docs: $(READY) ## write docs/contract.md from the contract table
+	$(BIN)/python -m surveilnav.contract > docs/contract.md
 
 clean: ## remove caches; .venv and runs/ stay
 	rm -rf .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache build dist
