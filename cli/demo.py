@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 
 from cli.progress import bar
 from cli.recorder import Recorder
@@ -85,7 +86,7 @@ def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
                 stack.wait_ready(node, _READY_S, spinner.update)
             recorder = Recorder(node, f"demo-{uuid.uuid4().hex[:8]}", ROBOT)
             backend, why = recorder.perception()
-            console.print(f"perception: [bold]{backend}[/] ({why})")
+            console.print(f"perception: [bold]{backend}[/] ({escape(why)})")
             status = _search(node, stack, recorder, options, goals.label, console)
             verdict = _judge(recorder, goals, start)
             record = _record(options, building, recorder, node, status, verdict, start, started)
@@ -102,7 +103,7 @@ def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
 
 
 def _prepare(options: DemoOptions, console: Console) -> tuple[SimulatedBuilding, Goals, Start]:
-    console.print(f"building: [bold]{options.building}[/] seed {options.seed}")
+    console.print(f"building: [bold]{escape(options.building)}[/] seed {options.seed}")
     settings = SimulationSettings(
         building=options.building, seed=options.seed, area_per_camera_m2=options.area_per_camera_m2,
         cameras=options.cameras if options.surveillance else 0,
@@ -113,7 +114,7 @@ def _prepare(options: DemoOptions, console: Console) -> tuple[SimulatedBuilding,
         start = sample_start(building.scene, building.navigation, goals, seed=options.seed, caster=building.caster)
         building.prepare()
     for note in (*building.scene.notes, *start.notes):
-        console.print(f"note: {note}")
+        console.print(f"note: {note}", markup=False)
     console.print(
         f"target: [bold]{goals.label}[/] ({len(goals.instances)} in the building, the nearest {start.shortest_path_m:.1f} m "
         f"away and {'in sight' if start.notes else 'out of sight'})"
@@ -135,9 +136,9 @@ def _search(
             text = (
                 f"{status.phase}: step {status.step}/{status.max_steps}, {status.path_m:.1f} m{left}  {status.message}"
             )
-            spinner.update(text)
+            spinner.update(escape(text))
             if not console.is_terminal and (status.step % 10 == 0 or status.state != "active"):
-                console.print("  " + text)
+                console.print("  " + text, markup=False)
 
         try:
             return recorder.watch(show, stack.check)
@@ -283,7 +284,7 @@ def _picture(node: Node, recorder: Recorder, event: Any) -> tuple[bytes, float] 
 
 def _say(outcome: dict[str, Any], record: RunRecord, console: Console) -> None:
     tone, sentence = in_words(record)
-    console.print(f"[{'green' if tone == 'good' else 'red'}]{sentence}[/]")
+    console.print(f"[{'green' if tone == 'good' else 'red'}]{escape(sentence)}[/]")
     traffic = outcome["traffic"]
     wire = human_bytes(traffic["wire"]) if traffic["wire"] is not None else "unknown"
     console.print(

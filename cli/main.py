@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from pydantic import ValidationError
+from pydantic_settings import SettingsError
 from rich.console import Console
 
 from surveilnav.errors import SurveilNavError
@@ -22,6 +24,16 @@ app = typer.Typer(
 console = Console(stderr=True, highlight=False)
 
 
+DEFAULT_CAMERAS = 4
+
+
+class Backend(str, Enum):
+    auto = "auto"
+    onnx_coco = "onnx-coco"
+    oracle = "oracle"
+    simulated = "simulated"
+
+
 class OnOff(str, Enum):
     on = "on"
     off = "off"
@@ -31,12 +43,19 @@ Building = Annotated[
     str, typer.Option(help="An example home (see `surveilnav buildings`) or the path of a .sh3d file.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Draws furniture models, textures, start and sensor noise.")]
-Cameras = Annotated[int | None, typer.Option(min=0, max=10_000, help="So many cameras in all, instead of by area.")]
-Area = Annotated[float, typer.Option(min=1.0, help="One camera for so many square metres of floor.")]
-Perception = Annotated[str, typer.Option(help="auto, onnx-coco, oracle or simulated.")]
+Cameras = Annotated[int | None, typer.Option(min=0, max=10_000, help="So many cameras in all (4 if no area is given).")]
+Area = Annotated[float | None, typer.Option(min=1.0, help="One camera for so many square metres of floor.")]
+Perception = Annotated[Backend, typer.Option(help="What looks at the pictures; auto takes the best that can run.")]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
 Url = Annotated[str, typer.Option(envvar="SURVEILNAV_URL", help="The gateway.")]
 DEFAULT_URL = "http://127.0.0.1:8080"
+
+
+def _density(cameras: int | None, area_per_camera_m2: float | None) -> dict[str, Any]:
+    """The camera plan's two settings: a number, else an area, else four cameras."""
+    if cameras is None and area_per_camera_m2 is None:
+        cameras = DEFAULT_CAMERAS
+    return {"cameras": cameras, "area_per_camera_m2": area_per_camera_m2 or 100.0}
 
 
 @app.command()
@@ -44,10 +63,10 @@ def demo(
     building: Building = "2_bedroom",
     seed: Seed = 0,
     target: Annotated[str, typer.Option(help="What to find: bed, couch, chair, toilet, tv, potted plant, ...")] = "tv",
-    perception: Perception = "auto",
+    perception: Perception = Backend.auto,
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
-    cameras: Cameras = 4,
-    area_per_camera: Area = 100.0,
+    cameras: Cameras = None,
+    area_per_camera: Area = None,
     max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
     runs: Annotated[Path, typer.Option(help="Where run folders go.")] = Path("runs"),
     as_json: AsJson = False,
@@ -56,8 +75,8 @@ def demo(
     from cli.demo import DemoOptions, run_demo
 
     options = DemoOptions(
-        building=building, seed=seed, target=target, perception=perception, surveillance=surveillance is OnOff.on,
-        cameras=cameras, area_per_camera_m2=area_per_camera, max_steps=max_steps, runs=runs,
+        building=building, seed=seed, target=target, perception=perception.value, surveillance=surveillance is OnOff.on,
+        **_density(cameras, area_per_camera), max_steps=max_steps, runs=runs,
     )  # fmt: skip
     outcome = run_demo(options, console)
     if as_json:
@@ -69,10 +88,10 @@ def demo(
 def up(
     building: Building = "2_bedroom",
     seed: Seed = 0,
-    perception: Perception = "auto",
+    perception: Perception = Backend.auto,
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
-    cameras: Cameras = 4,
-    area_per_camera: Area = 100.0,
+    cameras: Cameras = None,
+    area_per_camera: Area = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="The gateway's port.")] = 8080,
     router: Annotated[str, typer.Option(help="The router's endpoint.")] = "tcp/127.0.0.1:7447",
     logs: Annotated[Path, typer.Option(help="Where the services' logs go.")] = Path("runs/up"),
@@ -81,8 +100,8 @@ def up(
     from cli.up import run_up
 
     run_up(
-        console, building=building, seed=seed, perception=perception, surveillance=surveillance is OnOff.on,
-        cameras=cameras, area_per_camera_m2=area_per_camera, port=port, router=router, logs=logs,
+        console, building=building, seed=seed, perception=perception.value, surveillance=surveillance is OnOff.on,
+        **_density(cameras, area_per_camera), port=port, router=router, logs=logs,
     )  # fmt: skip
 
 
@@ -153,12 +172,16 @@ def prepare() -> None:
 
 def main() -> None:
     """The console script: a user's mistake is one line, never a traceback."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that whatever was started is stopped
     try:
         app(standalone_mode=True)
     except ValidationError as error:
         from surveilnav.runtime.main import explain
 
         print(explain(error), file=sys.stderr)
+        sys.exit(1)
+    except SettingsError as error:
+        print(f"error: {error}", file=sys.stderr)
         sys.exit(1)
     except SurveilNavError as error:
         print(f"error: {error}", file=sys.stderr)

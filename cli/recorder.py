@@ -76,17 +76,20 @@ class Recorder:
                     shown = now
                     on_change(status)
                 if status.state in TERMINAL:
-                    self._settle()
+                    self._settle(wait_for_stop=status.found)
                     return status
             check()
             time.sleep(0.01)
 
-    def _settle(self) -> None:
-        """The last traffic reports come within a second."""
-        until_s = time.monotonic() + 1.3
-        while time.monotonic() < until_s:
+    def _settle(self, *, wait_for_stop: bool) -> None:
+        """The last traffic reports come within a second; the view after ``stop`` takes as long as it is rendered."""
+        now_s = time.monotonic()
+        while time.monotonic() < now_s + (15.0 if wait_for_stop and not self._stopped() else 1.3):
             self.poll()
             time.sleep(0.02)
+
+    def _stopped(self) -> bool:
+        return bool(self.observations) and self.observations[max(self.observations)][0].last_action == "stop"
 
     def traffic(self) -> list[TrafficReport]:
         return [row.message for row in self._traffic.rows()]

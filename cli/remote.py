@@ -8,9 +8,12 @@ from typing import Any
 
 import httpx
 from rich.console import Console
+from rich.markup import escape
 
 from cli.recorder import TERMINAL
 from surveilnav.errors import SurveilNavError
+
+_LOST_S = 20.0
 
 
 def call(url: str, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
@@ -37,23 +40,28 @@ def follow_mission(url: str, target: str, robot: str, max_steps: int, console: C
     """Submits a mission and shows its progress to the end; the mission's last state."""
     body: dict[str, Any] = {"target": target, "max_steps": max_steps} | ({"robot": robot} if robot else {})
     mission: dict[str, Any] = call(url, "POST", "/api/v1/missions", body)
-    shown = ""
+    shown, heard_s = "", time.monotonic()
     try:
         while True:
             mission = call(url, "GET", f"/api/v1/missions/{mission['id']}")
             line = f"{mission['phase']}  step {mission['step']}/{mission['max_steps']}  {mission.get('message', '')}"
             if line != shown:
                 shown = line
-                console.print(line)
+                console.print(line, markup=False)
             if mission["state"] in TERMINAL:
                 break
+            heard_s = heard_s if mission.get("stale") else time.monotonic()
+            if time.monotonic() - heard_s > _LOST_S:
+                raise SurveilNavError("the planner hasn't been heard of for 20 s: see `surveilnav status` and its log")
             time.sleep(0.5)
     except KeyboardInterrupt:
         call(url, "POST", f"/api/v1/missions/{mission['id']}/cancel")
         console.print("cancelled: the robot stops")
         raise
     colour = "green" if mission.get("found") else "red"
-    console.print(f"[{colour}]{mission['state']}[/] {mission.get('error', '')} {mission.get('message', '')}")
+    console.print(
+        f"[{colour}]{mission['state']}[/] {escape(str(mission.get('error', '')))} {escape(str(mission.get('message', '')))}"
+    )
     return mission
 
 
@@ -69,4 +77,4 @@ def system_status(url: str, console: Console, as_json: bool) -> None:
         console.print(f"[bold]{name}[/] ({len(items)})")
         for row in items:
             facts = {k: v for k, v in row.items() if isinstance(v, (str, int, float, bool)) and v != ""}
-            console.print("  " + "  ".join(f"{k}={v}" for k, v in list(facts.items())[:8]))
+            console.print("  " + "  ".join(f"{k}={v}" for k, v in list(facts.items())[:8]), markup=False)

@@ -138,6 +138,7 @@ def environment(
         "SURVEILNAV_SIM__SEED": str(seed),
         "SURVEILNAV_SIM__AREA_PER_CAMERA_M2": str(area_per_camera_m2),
         "SURVEILNAV_PERCEPTION__BACKEND": perception,
+        "SURVEILNAV_PERCEPTION__SEED": str(seed),
         "SURVEILNAV_FUSION__SURVEILLANCE": str(surveillance).lower(),
         "SURVEILNAV_ROBOT__START": robot_start,
         # Two cores: every process with a pool of its own would only wait for the others.

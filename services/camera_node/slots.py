@@ -38,7 +38,8 @@ def lease(plan: CameraPlan, settings: BusSettings, wait_s: float = 3.0) -> tuple
         stop_ns = clock_ns() + int(wait_s * 1e9)
         while clock_ns() < stop_ns:
             claim = SlotClaim(stamp_ns=clock_ns(), node=me)
-            taken = {int(a.ids["slot"]) for a in candidate.ask_all(CAMERA_SLOT, claim, timeout_s=_ASK_TIMEOUT_S)}
+            answers = candidate.ask_all(CAMERA_SLOT, claim, timeout_s=_ASK_TIMEOUT_S)
+            taken = {int(a.ids["slot"]) for a in answers if a.ids["slot"].isdecimal()}
             slot = core.choose_slot(taken, len(plan.cameras), me)
             if slot is None:
                 candidate.stopping.wait(0.5)

@@ -58,6 +58,7 @@ class Perceiver:
         self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
         self._digests: dict[ViewKey, bytes] = {}
         self._texts: OrderedDict[tuple[str, str], bytes] = OrderedDict()
+        node.alive("perception")  # the first call starts watching
         for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
             threading.Thread(target=self._work, args=(lane,), name=f"perceive-{name}", daemon=True).start()
 
@@ -120,7 +121,13 @@ class Perceiver:
                 finished = self._perceive(lane, frame)
             except WireError as error:
                 self._node.reject("frame", f"{frame.message.source} view {frame.message.view}: {error}")
-                finished = None
+                finished = self._unreadable(lane, frame)
+            except Exception as error:  # this thread is fusion's only pair of eyes on its lane
+                self._node.warn_seldom("a view could not be perceived", error=f"{type(error).__name__}: {error}")
+                self._node.stopping.wait(self._settings.retry_s)
+                with self._lock:
+                    lane.waiting.setdefault((frame.message.source, frame.message.view), frame)
+                continue
             while finished is not None and not self._node.stopping.is_set():
                 try:
                     lane.done.put(finished, timeout=0.2)
@@ -128,6 +135,11 @@ class Perceiver:
                     break
                 except queue.Full:
                     continue
+
+    def _unreadable(self, lane: _Lane, frame: Received[FrameHeader]) -> Perceived | None:
+        """A camera's broken picture counts as held, empty: nobody should wait for it for ever. A robot's is dropped."""
+        header = frame.message
+        return None if lane is self._robots else Perceived((header.source, header.view), header, None, None)
 
     def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> Perceived | None:
         """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""
@@ -174,7 +186,14 @@ class Perceiver:
         return perception_from_wire(reply, header.camera)
 
     def _least_loaded(self) -> WorkerLoad:
-        loads: list[WorkerLoad] = [r.message for r in self._workers.rows(max_age_s=PERCEPTION_LOAD.max_age_ms / 1000)]
+        rows = self._workers.rows(max_age_s=PERCEPTION_LOAD.max_age_ms / 1000)
+        # what a load says of itself is believed only of a worker that lives, and only if it can be
+        alive = self._node.alive("perception")
+        loads: list[WorkerLoad] = [
+            r.message
+            for r in rows
+            if r.message.worker == r.ids["worker"] and r.ids["worker"] in alive and r.message.queued >= 0
+        ]
         if not loads:
             raise PerceptionError("no worker is there")
         return min(loads, key=lambda w: (w.queued, w.latency_ms, w.worker))

@@ -21,6 +21,7 @@ from surveilnav.runtime import Answer, Node, Publisher, Refused, Request, clock_
 from surveilnav.sensing.packing import pack_array, unpack_embedding
 
 _HEARTBEAT_S = 1.0
+_MAX_FLOORS = 64
 
 
 class FusionService:
@@ -49,7 +50,7 @@ class FusionService:
             self._perceiver.withdraw(source)
         for frame in frames:
             header = frame.message
-            if header.source.startswith("robot/"):
+            if header.source.startswith("robot/") and len(self._waiting_on) < _MAX_FLOORS:
                 self._waiting_on[header.floor] = header.T_world_camera.translation_m[2] - header.mounting_offset_m
             self._perceiver.submit(frame)
         # robots first; cameras' views in slices, so that a robot never waits for many

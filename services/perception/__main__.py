@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 
+import structlog
+
 from services.perception.choose import choose_backend
 from services.perception.config import PerceptionSettings
 from services.perception.service import PerceptionService
@@ -21,9 +23,9 @@ def main() -> None:
         seed=settings.seed,
         download=settings.download,
     )
+    structlog.get_logger().info("backend", backend=backend.name, why=backend.why)
     with Node("perception", settings.worker, bus) as node:
         service = PerceptionService(node, backend, settings)
-        node.log.info("backend", backend=backend.name, why=backend.why)
         node.run(service.step, idle_s=0.2)
 
 

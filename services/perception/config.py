@@ -6,6 +6,7 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from services.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
+from surveilnav.runtime.settings import ID_PATTERN
 
 
 class PerceptionSettings(BaseSettings):
@@ -13,7 +14,7 @@ class PerceptionSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PERCEPTION__", extra="ignore")
 
-    worker: str = Field(default="perception-1", description="this worker's name in its keys")
+    worker: str = Field(default="perception-1", pattern=ID_PATTERN, description="this worker's name in its keys")
     backend: str = Field(default="auto", description="auto, onnx-coco, oracle or simulated")
     detectors: list[str] = Field(default=list(DEFAULT_DETECTORS), description="onnx-coco's networks (JSON list)")
     large_detectors: list[str] = Field(default=list(DEFAULT_LARGE_DETECTORS), description="the same for cameras' views")

@@ -92,9 +92,11 @@ class Mission:
             status = self._world.robot_status()
             maps = self._world.maps_with(status.seq, wait_for_cameras=self._memory.step == 0)
             decision = self._decide(status, maps)
-            if decision.finished:
-                self._conclude(decision, status.seq)
+            if decision.finished and self._concluded(decision, status.seq):
                 return
+            if decision.finished:
+                self._memory.finished = False  # the robot stands elsewhere than we thought: look again
+                continue
             self._world.check_cancelled()
             self._act(decision, status.seq)
 
@@ -128,16 +130,19 @@ class Mission:
             raise LostError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
         self._last_action = action if newest == seq + 1 else None
 
-    def _conclude(self, decision: Decision, seq: int) -> None:
+    def _concluded(self, decision: Decision, seq: int) -> bool:
+        """Ends the mission as decided; False if the robot didn't carry out the stop that says "found"."""
         if not decision.found:
             self._stop_robot()
             self._end("failed", error=decision.error, message=decision.message)
-            return
+            return True
         try:
-            self._world.move("stop", seq, self.id)
+            if self._world.move("stop", seq, self.id) != seq + 1:
+                return False
         except Refused as refused:
             raise LostError("stuck", f"robot {self.robot} refused to stop: {refused}") from refused
         self._end("done", found=True, message=decision.message)
+        return True
 
     def _stop_robot(self) -> None:
         """Tells the robot to stop, once and without insisting: its own deadline does the rest."""

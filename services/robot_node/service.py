@@ -55,10 +55,11 @@ class RobotService:
                     )
                 )  # fmt: skip
             if command.mission != self._mission:
-                self._mission, state = command.mission, core.begin_mission(state)
+                state = core.begin_mission(state)
             if reason := core.refusal(state, command.action, self._building.navigation, command.to_floor):
                 raise Refused("bad_command", reason)
             self._state = core.act(state, command.action, self._building.navigation, command.to_floor)
+            self._mission = command.mission
             self._unpublished, self._repeats, self._message = True, 0, ""
             self._deadline_s = None if self._state.stopped else time.monotonic() + command.deadline_ms / 1000
             self._node.wake.set()

@@ -68,7 +68,9 @@ class Stream:
 
     def ids_of(self, key: str) -> dict[str, str] | None:
         """The ids in a concrete key, or None if it isn't one of this stream's."""
-        pattern = re.escape(ROOT + "/") + re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>[^/*]+)", re.escape(self.key))
+        pattern = re.escape(ROOT + "/") + re.sub(
+            r"\\\{(\w+)\\\}", r"(?P<\1>[A-Za-z0-9][A-Za-z0-9_.-]{0,63})", re.escape(self.key)
+        )
         match = re.fullmatch(pattern, key)
         return match.groupdict() if match else None
 
@@ -156,8 +158,8 @@ MISSION_PLAN = Stream(
     "data", "waypoint, path, candidates",
 )  # fmt: skip
 TRAFFIC = Stream(
-    "traffic", "{building}/traffic/{node}", m.TrafficReport, "every node", "put+query", 1.0, 5_000,
-    "data", "bytes offered and delivered per key, bytes on the wire",
+    "traffic", "{building}/traffic/{node}", m.TrafficReport, "every node", "put+query", 1.0, 20_000,
+    "data", "bytes offered and delivered per key, bytes on the wire; at most at this rate, seldom without news",
 )  # fmt: skip
 TRUTH = Stream(
     "truth", "{building}/truth/{source}/{view}", m.Truth, "simulator nodes", "put", None, 10_000,

@@ -60,7 +60,11 @@ class JointMap:
         _check(view, perception)
         storey = self._storey_of(view)
         # point cloud, obstacle and exploration maps
-        n_points, reach_m = storey.geometry.integrate(view)
+        try:
+            n_points, reach_m = storey.geometry.integrate(view)
+        except ValueError:
+            self._forget_if_new(storey)
+            raise
         self.revision += 1
         storey.geometry.revision = self.revision
         n_located = 0
@@ -71,6 +75,13 @@ class JointMap:
             # object map
             n_located = storey.objects.integrate(view, perception.detections)
         return Integrated(storey.geometry.floor, self.revision, n_points, n_located)
+
+    def _forget_if_new(self, storey: _Storey) -> None:
+        """Takes back a storey that only a refused view made."""
+        if storey.geometry.revision == 0:
+            name = storey.geometry.floor
+            self._storeys.pop(name, None)
+            self._name_of = {said: known for said, known in self._name_of.items() if known != name}
 
     def layer(
         self, floor: str, name: str, text_embedding: NDArray[np.floating] | None = None

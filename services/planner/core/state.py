@@ -59,7 +59,7 @@ class Commitment:
     ``best_m`` is the shortest remaining way so far, reached at ``best_step``: no progress for long ends it.
     """
 
-    kind: Literal["target", "candidate", "frontier"]
+    kind: Literal["target", "candidate", "frontier", "sweep"]
     x_m: float
     y_m: float
     since_step: int
@@ -93,6 +93,7 @@ class MissionState:
         inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
         anchor: (x, y, step) where the robot was when it last moved on; ``escapes`` since then.
         settled_for: the object accepted on weaker evidence because nothing else is left.
+        scans: where the robot looked all around; ``sweep_left``: turns left of such a look at the last of them.
         unreachable: why a confirmed target couldn't be reached (for the final word); empty: none was.
     """
 
@@ -112,6 +113,8 @@ class MissionState:
     anchor: tuple[float, float, int] | None = None
     escapes: int = 0
     settled_for: int | None = None
+    scans: list[tuple[float, float]] = field(default_factory=list)
+    sweep_left: int = 0
     unreachable: str = ""
     finished: bool = False
 
@@ -119,6 +122,7 @@ class MissionState:
         """A copy whose containers are its own."""
         return replace(
             self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps),
+            scans=list(self.scans),
             dormant=list(self.dormant), dropped=dict(self.dropped), inspected=dict(self.inspected), looks=dict(self.looks),
         )  # fmt: skip
 

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,6 +108,8 @@ def _scan(now: _Now) -> Decision | None:
     if state.scan_left == 0 or objects.targets_of(now.maps.objects, state, now.config):
         state.scan_left = 0
         return None
+    if state.scan_left == now.config.scan_turns:
+        state.scans.append((now.robot.x_m, now.robot.y_m))
     done = now.config.scan_turns - state.scan_left
     state.scan_left -= 1
     memory.rest(state)
@@ -131,6 +134,8 @@ def _pursue(now: _Now) -> Decision:
         elif not weak:
             weak = True
             continue
+        elif decision := _sweep(now):
+            return decision
         elif state.settled_for is None and (best := objects.reconsider(now.maps.objects, state, now.config)):
             del state.dropped[best.id]
             state.looks.pop(best.id, None)
@@ -145,6 +150,52 @@ def _pursue(now: _Now) -> Decision:
     if state.unreachable:
         return _failure("unreachable", state.unreachable)
     return _failure("not_found", f"nothing is left to explore or to look at, and {state.target!r} was not found")
+
+
+def _sweep(now: _Now) -> Decision | None:
+    """All is explored and the target wasn't seen: looks all around once more from places far from earlier such looks,
+    the most promising and nearest first. None when no such place is left."""
+    state, config, robot, terrain = now.state, now.config, now.robot, now.terrain
+    if config.sweep_m <= 0:
+        return None
+    if state.sweep_left and math.dist((robot.x_m, robot.y_m), state.scans[-1]) < config.reached_m:
+        state.sweep_left -= 1
+        memory.rest(state)
+        return _decision(now, "turn_left", "sweeping", f"looking around once more, {state.sweep_left} turns to go")
+    state.sweep_left = 0
+    for _ in range(_MAX_TRIES):
+        place = _sweep_place(now)
+        if place is None:
+            return None
+        if math.dist(place, (robot.x_m, robot.y_m)) <= config.reached_m:
+            state.scans.append((robot.x_m, robot.y_m))
+            state.sweep_left = config.scan_turns - 1
+            return _decision(now, "turn_left", "sweeping", "looking around once more")
+        _commit(now, Candidate("sweep", *place, 0.0, True, "far from every look around"))
+        route = _drive(now, terrain.disc(*place, 0.2) & np.isfinite(now.arrival))
+        if route is not None:
+            message = f"to look around once more, {route.remaining_m:.1f} m"
+            return _level(now) or _decision(now, route.action, "sweeping", message, route)
+        state.scans.append(place)  # it can't be got to: as good as looked at
+    return None
+
+
+def _sweep_place(now: _Now) -> tuple[float, float] | None:
+    """Where to look around next; the present choice is kept while it stands."""
+    state, config, terrain, held = now.state, now.config, now.terrain, now.state.commitment
+    unseen = np.ones(terrain.grid.shape, dtype=np.uint8)
+    for x_m, y_m in state.scans:
+        unseen[terrain.disc(x_m, y_m, config.sweep_m)] = 0
+    places = (unseen != 0) & terrain.known & np.isfinite(now.arrival) & (terrain.speed > config.tight_speed)
+    if held is not None and held.kind == "sweep" and places[terrain.cell(held.x_m, held.y_m)]:
+        return held.x_m, held.y_m
+    if not places.any():
+        return None
+    value = np.nan_to_num(terrain.crop(now.maps.value), nan=0.0)
+    window = 2 * round(1.0 / terrain.grid.resolution_m) + 1
+    score = cv2.blur(value.astype(np.float32), (window, window)) - config.distance_weight_per_m * now.arrival
+    row, col = np.unravel_index(int(np.argmax(np.where(places, score, -np.inf))), score.shape)
+    return terrain.place(int(row), int(col))
 
 
 # --- choosing ---------------------------------------------------------------------------------------------------------

@@ -66,7 +66,7 @@ class MissionStatus(Message, frozen=True, kw_only=True):
 class Candidate(msgspec.Struct, frozen=True):
     """A place the planner weighed: kind, (x, y) in the world, score, and why it was or wasn't taken."""
 
-    kind: Literal["target", "candidate", "frontier", "stairs"]
+    kind: Literal["target", "candidate", "frontier", "stairs", "sweep"]
     x_m: float
     y_m: float
     score: float

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
 
 from pydantic import ValidationError
+from pydantic_settings import SettingsError
 
 from surveilnav.errors import SurveilNavError
 from surveilnav.runtime import logs
@@ -14,6 +16,7 @@ from surveilnav.runtime.settings import BusSettings
 
 def run_service(main: Callable[[], None]) -> int:
     """Runs ``main``; returns the process's exit code."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until ``Node.run`` takes over
     try:
         settings = BusSettings()
         logs.configure(settings.log_format, settings.log_level)
@@ -21,7 +24,7 @@ def run_service(main: Callable[[], None]) -> int:
     except ValidationError as error:
         print(explain(error), file=sys.stderr)
         return 1
-    except SurveilNavError as error:
+    except (SettingsError, SurveilNavError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -261,9 +261,15 @@ class Node:
         self._threads.append(thread)
 
     def _housekeeping(self) -> None:
+        said: object = None
+        said_s = 0.0
         while not self.stopping.wait(1.0):
             try:
-                if self._traffic_publisher.matched:
+                # A report of many rows every second would itself be traffic: only when there is news, else seldom.
+                news = [row for row in self.traffic.rows() if row.key != self._traffic_publisher.key]
+                due = news != said or time.monotonic() - said_s >= TRAFFIC.max_age_ms / 2000
+                if due and self._traffic_publisher.matched:
+                    said, said_s = news, time.monotonic()
                     self._traffic_publisher.put(self.traffic_report())
                 if self.settings.health_file and self.healthy():
                     self.settings.health_file.parent.mkdir(parents=True, exist_ok=True)
@@ -366,6 +372,8 @@ class Node:
             elif stream.request is not None:
                 raise WireError(f"expected a {stream.request.__name__}, got a query without a payload")
             ids = stream.ids_of(key) or {}
+            if stream.kind == "query" and stream.request is not None and not ids:
+                raise WireError(f"expected a key like {stream.key} without wildcards, got {key!r:.120}")
             answers = handler(Request(ids, _parameters(query), message, payload, received_ns))
             for answer in answers if isinstance(answers, list) else [answers]:
                 reply_key = (
@@ -382,7 +390,8 @@ class Node:
         except zenoh.ZError as error:
             self.warn_seldom("reply failed", stream=stream.name, error=str(error))
         except Exception as error:  # a handler's bug must not end the service, nor stay silent
-            self.log.exception("query failed", stream=stream.name)
+            if self._limit.allows(f"query failed {stream.name}"):
+                self.log.exception("query failed", stream=stream.name)
             self._refuse(query, "internal", f"{type(error).__name__}: {error}")
         finally:
             query.drop()  # a query kept alive stalls its caller until the timeout

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 DEFAULT_PORT = 7447
+#: What can stand in a key.
+ID_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 _ENDPOINT = re.compile(r"tcp/[^/?#\s]+:\d{1,5}")
 
 
@@ -19,12 +22,12 @@ class BusSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_BUS__", extra="ignore")
 
     router: str = Field(f"tcp/127.0.0.1:{DEFAULT_PORT}", description="the router's endpoint, tcp/HOST:PORT")
-    building: str = Field("building", description="the building's name in every key")
+    building: str = Field("building", pattern=ID_PATTERN, description="the building's name in every key")
     connect_timeout_s: float = Field(30.0, description="how long to wait for the router at start; -1: for ever")
     lease_ms: int = Field(2000, description="a peer silent for so long counts as gone")
     health_file: Path | None = Field(None, description="touched every second while the service is healthy")
-    log_format: str = Field("console", description="console or json")
-    log_level: str = Field("info", description="debug, info, warning or error")
+    log_format: Literal["console", "json"] = "console"
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
 
     @field_validator("router")
     @classmethod

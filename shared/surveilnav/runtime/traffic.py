@@ -16,6 +16,10 @@ from typing import Literal
 
 from surveilnav.messages import TrafficRow
 
+#: So many keys are counted apart (1,000 cameras have 13,000), the others together.
+_MAX_ROWS = 20_000
+OTHER_KEYS = "(other keys)"
+
 Direction = Literal["offered", "delivered"]
 _TCP_INFO_BYTES_RECEIVED = 128  # offset of tcpi_bytes_received, linux/tcp.h
 _TCP_INFO_BYTES_SENT = 200  # offset of tcpi_bytes_sent (kernel >= 4.19): retransmissions included
@@ -32,6 +36,8 @@ class TrafficMeter:
 
     def count(self, key: str, direction: Direction, n_bytes: int) -> None:
         with self._lock:
+            if (key, direction) not in self._bytes and len(self._bytes) >= _MAX_ROWS:
+                key = OTHER_KEYS  # a stranger who invents keys fills no memory
             self._messages[key, direction] += 1
             self._bytes[key, direction] += n_bytes
 

@@ -171,7 +171,7 @@ class Scene:
         threading.Thread(target=self.node.run, args=(self.service.step,), daemon=True).start()
 
     def worker(self) -> Worker:
-        return Worker(self.make_node("perception", "w", alive=False))
+        return Worker(self.make_node("perception", "w"))
 
     def camera(self, name="c", floor="0", floor_z=0.0) -> Camera:
         return Camera(self.make_node("camera", name, alive=False), self.world, name, floor, floor_z)
@@ -217,6 +217,24 @@ def test_an_observation_becomes_maps_and_objects(scene):
     assert every.ids["floor"] == "0"
     assert scene.client.ask(contract.MAP_REVISION, floor="0").message.robots == {"r": 3}
     assert scene.revision().revision == len(worker.seen) == 3
+
+
+@pytest.mark.parametrize("worker", ["a/b", "nobody", "*", "w"])
+def test_a_load_that_lies_steers_nothing(scene, worker):
+    """A message that decodes, says that an impossible or absent worker is idle, and must be believed by nobody."""
+    scene.worker()
+    scene.start()
+    liar = scene.make_node("stranger", "x", alive=False)
+    publisher = liar.publisher(contract.PERCEPTION_LOAD, worker="nobody")
+    until(lambda: publisher.matched)
+    lie = WorkerLoad(
+        stamp_ns=clock_ns(), worker=worker, backend="fake", why="", queued=-5, capacity=4, latency_ms=float("nan")
+    )
+    publisher.put(lie)
+    for _ in range(3):
+        seq = scene.robot.observe()
+        until(lambda seq=seq: scene.holds(seq))
+        publisher.put(lie)
 
 
 def test_only_the_cameras_of_the_robots_floor_are_invoked_and_asked_once(scene):
