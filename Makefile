@@ -33,8 +33,8 @@ demo: $(READY) ## one search in a simulated home; the report lands in runs/
 	$(BIN)/surveilnav demo $(ARGS)
 
 bench-core: $(READY) ## what a robot step costs, detector left out
-	@for bench in $(filter-out %/bench_render.py,$(wildcard tests/bench/bench_*.py)); do \
-	  echo "$$bench"; $(BIN)/python $$bench $(ARGS) || exit; done
+	$(BIN)/python tests/bench/bench_fusion.py $(ARGS)
+	$(BIN)/python -m pytest -q tests/bench/bench_planner.py --benchmark-timer=time.process_time --benchmark-columns=min,median,max,rounds
 
 bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)
