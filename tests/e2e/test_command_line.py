@@ -101,7 +101,7 @@ def test_hostile_homes_are_refused_in_one_line(tmp_path, case):
 )
 def test_mistakes_are_explained(tmp_path, arguments, words):
     run = surveilnav("demo", *arguments, "--runs", str(tmp_path / "runs"), cache=tmp_path / "cache")
-    assert run.returncode == 1
+    assert run.returncode in (1, 2)  # 2: what the command line itself refuses
     assert "Traceback" not in run.stderr
     assert re.search(words, " ".join(run.stderr.split())), run.stderr
 
