@@ -117,6 +117,30 @@ def test_ends_not_found_when_nothing_is_left(world):
     assert state.step < 250
 
 
+def test_what_was_only_glanced_at_is_looked_at_again(world, thing):
+    """A detector that sees no farther than 1.2 m: exploring alone passes the chair by, looking around again finds it."""
+    found = {}
+    for sweep_m in (0.0, 2.0):
+        w = world(ONE_HALL, {"C": thing("chair", looks_like="chair")}, sees_from_m=1.2)
+        _, decision = w.run(config=PlannerConfig(sweep_m=sweep_m))
+        found[sweep_m] = decision.found
+    assert found == {0.0: False, 2.0: True}
+
+
+def test_a_dropped_candidate_is_accepted_when_nothing_else_is_left(world, thing):
+    """The robot takes it for the target all along, but fusion never confirms it."""
+    for settle, found in ((0.30, True), (1.1, False)):
+        w = world(TWO_ROOMS, {"C": thing("chair", looks_like="chair", known={"label": "chair", "confidence": 0.5})})
+        objects = w.objects
+        w.objects = lambda objects=objects: [
+            msgspec.structs.replace(o, status="candidate", confidence_robot=0.35 * (o.confidence_robot > 0))
+            for o in objects()
+        ]
+        _, decision = w.run(config=PlannerConfig(settle_confidence=settle))
+        assert decision.found is found, decision.message
+        assert not found or "nothing else is left" in decision.message
+
+
 def test_out_of_steps(world):
     state, decision = world(TWO_ROOMS).run(max_steps=20)
     assert decision.error == "out_of_steps"
@@ -136,6 +160,19 @@ def test_a_robot_that_cannot_move_ends_stuck(world):
     assert decision.finished
     assert decision.error == "stuck"
     assert state.step < 200
+
+
+ONE_HALL = """
+########################
+#                      #
+#                      #
+#   R                  #
+#                      #
+#                      #
+#                      #
+#                    C #
+########################
+"""
 
 
 @pytest.mark.parametrize("strategy", ["greedy", "object", "region"])
