@@ -62,7 +62,9 @@ def _density(cameras: int | None, area_per_camera_m2: float | None) -> dict[str,
 def demo(
     building: Building = "2_bedroom",
     seed: Seed = 0,
-    target: Annotated[str, typer.Option(help="What to find: bed, couch, chair, toilet, tv, potted plant, ...")] = "couch",
+    target: Annotated[
+        str, typer.Option(help="What to find: bed, couch, chair, toilet, tv, potted plant, ...")
+    ] = "couch",
     perception: Perception = Backend.auto,
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
     cameras: Cameras = None,

@@ -105,9 +105,12 @@ class Perceiver:
             if len(reply.embeddings) != 1:
                 raise WireError(f"expected one embedding, got {len(reply.embeddings)}")
             unpack_embedding(reply.embeddings[0])
-            self._texts[key] = reply.embeddings[0]
-            while len(self._texts) > 256:
-                self._texts.popitem(last=False)
+            embedding: bytes = reply.embeddings[0]
+            with self._lock:
+                self._texts[key] = embedding
+                while len(self._texts) > 256:
+                    self._texts.popitem(last=False)
+            return embedding
         return self._texts[key]
 
     def _work(self, lane: _Lane) -> None:

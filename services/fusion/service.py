@@ -38,7 +38,8 @@ class FusionService:
         self._waiting_on: dict[str, float] = {}  # floors that robots say they are on -> altitude
         self._publishers: dict[str, Publisher] = {}
         self._said: dict[str, tuple[Revision, float]] = {}
-        node.serve(MAP_LAYER, self._layer)
+        # a value layer may wait for perception: the others must not wait with it
+        node.serve(MAP_LAYER, self._layer, workers=3)
         node.serve(OBJECTS, self._objects)
         node.serve(MAP_REVISION, self._revisions)
 
