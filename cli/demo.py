@@ -251,8 +251,10 @@ def _deciding_views(
         best[event.source, event.view if event.source.startswith("camera/") else event.seq] = event
     views: list[DecidingView] = []
     for event in sorted(best.values(), key=lambda e: -e.score):
+        if len(views) == _MOST_DECIDING_VIEWS:
+            break
         picture = _picture(node, recorder, event)
-        if picture is not None and len(views) < _MOST_DECIDING_VIEWS:
+        if picture is not None:
             jpeg, scale = picture
             box = tuple(v * scale for v in event.box_px)
             caption = (

@@ -20,10 +20,11 @@ from services.gateway.core import resources as r
 from services.gateway.core.problems import Problem
 from services.gateway.service import ROOT, Backend
 from surveilnav import __version__
+from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import SurveilNavError
 
 T = TypeVar("T")
-Id = Annotated[str, InPath(pattern=r.ID_PATTERN)]
+Id = Annotated[str, InPath(pattern=ID_PATTERN)]
 Limit = Annotated[int, Query(ge=1, le=1000)]
 Offset = Annotated[int, Query(ge=0)]
 MAX_BODY_BYTES = 64 * 1024
@@ -159,7 +160,7 @@ def _add_building(app: FastAPI, backend: Backend) -> None:
 
     @app.get(f"{ROOT}/objects", tags=["building"])
     def objects(
-        floor: Annotated[str | None, Query(pattern=r.ID_PATTERN)] = None,
+        floor: Annotated[str | None, Query(pattern=ID_PATTERN)] = None,
         label: Annotated[str | None, Query(max_length=200)] = None,
         limit: Limit = 100,
         offset: Offset = 0,

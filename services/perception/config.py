@@ -6,7 +6,7 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from services.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
-from surveilnav.runtime.settings import ID_PATTERN
+from surveilnav.contract import ID_PATTERN
 
 
 class PerceptionSettings(BaseSettings):

@@ -92,9 +92,9 @@ class Mission:
             status = self._world.robot_status()
             maps = self._world.maps_with(status.seq, wait_for_cameras=self._memory.step == 0)
             decision = self._decide(status, maps)
-            if decision.finished and self._concluded(decision, status.seq):
-                return
             if decision.finished:
+                if self._concluded(decision, status.seq):
+                    return
                 self._memory.finished = False  # the robot stands elsewhere than we thought: look again
                 continue
             self._world.check_cancelled()

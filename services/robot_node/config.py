@@ -5,13 +5,15 @@ from __future__ import annotations
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from surveilnav.contract import ID_PATTERN
+
 
 class RobotSettings(BaseSettings):
     """One simulated robot."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_ROBOT__", extra="ignore")
 
-    id: str = Field("r1", pattern=r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+    id: str = Field("r1", pattern=ID_PATTERN)
     start: str = Field("", description="x,y,floor,yaw_deg in the world; empty: a place drawn by the seed")
     start_for: str = Field("", description="begin out of sight and at least 5 m away from this target")
     jpeg_quality: int = Field(90, ge=10, le=100)

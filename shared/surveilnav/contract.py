@@ -19,7 +19,10 @@ LIVELINESS = "@surveilnav/" + str(VERSION) + "/{building}/{kind}/{id}"
 
 Priority = Literal["control", "data", "bulk"]
 _FIELD = re.compile(r"\{(\w+)\}")
-_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+#: What can stand in a key, and so be the id of anything; ``ID_PATTERN`` is the same for a whole string.
+ID = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
+ID_PATTERN = f"^{ID}$"
+_ID = re.compile(ID)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +71,7 @@ class Stream:
 
     def ids_of(self, key: str) -> dict[str, str] | None:
         """The ids in a concrete key, or None if it isn't one of this stream's."""
-        pattern = re.escape(ROOT + "/") + re.sub(
-            r"\\\{(\w+)\\\}", r"(?P<\1>[A-Za-z0-9][A-Za-z0-9_.-]{0,63})", re.escape(self.key)
-        )
+        pattern = re.escape(ROOT + "/") + re.sub(r"\\\{(\w+)\\\}", rf"(?P<\1>{ID})", re.escape(self.key))
         match = re.fullmatch(pattern, key)
         return match.groupdict() if match else None
 

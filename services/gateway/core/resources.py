@@ -17,9 +17,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from services.gateway.core.traffic import SourceTraffic as SourceSums
 from services.gateway.core.traffic import Traffic as Sums
 from surveilnav import messages as m
+from surveilnav.contract import ID_PATTERN
 from surveilnav.geometry import yaw_of
 
-ID_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 FINISHED = ("done", "failed", "cancelled")
 T = TypeVar("T")
 

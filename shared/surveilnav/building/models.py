@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 from surveilnav.building.archive import decode_picture
 from surveilnav.building.objfile import MtlMaterial, ObjModel, read_mtl, read_obj
 from surveilnav.building.scene import Material
+from surveilnav.building.stored import replacing
 from surveilnav.errors import BuildingError
 
 #: Part of the cache's file names: raise it whenever parsing changes.
@@ -210,15 +209,8 @@ def _save_cached(path: Path, model: Model) -> None:
         if m.texture is not None:
             arrays[f"texture_{index}"] = m.texture
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]
-            os.replace(name, path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        with replacing(path) as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]
     except OSError:
         return
 

@@ -12,8 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
-import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +25,7 @@ from scipy import ndimage
 from surveilnav.building.geodesic import UNREACHED, first_blocked, mark_triangles, spread
 from surveilnav.building.raycast import RayCaster
 from surveilnav.building.scene import Scene, Stair
+from surveilnav.building.stored import replacing
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
 
@@ -248,16 +247,8 @@ class NavigationMap:
             arrays[f"grid{i}"] = np.array([g.origin_x_m, g.origin_y_m, g.resolution_m, g.rows, g.cols])
             for name in ("free", "supported", "indoor", "obstacle"):
                 arrays[f"{name}{i}"] = np.packbits(getattr(floor, name))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Written beside and moved, so that another process never reads half a file.
-        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-            os.replace(part, path)
-        except BaseException:
-            Path(part).unlink(missing_ok=True)
-            raise
+        with replacing(path) as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
     @classmethod
     def _load(cls, path: Path, scene: Scene, radius_m: float) -> NavigationMap:

@@ -9,6 +9,7 @@ import struct
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import IO
 
 try:
     import fcntl
@@ -16,18 +17,25 @@ except ImportError:  # not a POSIX system: work may be done twice, never wrongly
     fcntl = None  # type: ignore[assignment]
 
 
-def write_parts(path: Path, kind: bytes, parts: Sequence[bytes]) -> int:
-    """Writes ``parts`` to ``path`` at once; returns the size of the file. Raises OSError as the disk does."""
-    body = struct.pack(f"<I{len(parts)}Q", len(parts), *map(len, parts)) + b"".join(parts)
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[IO[bytes]]:
+    """A file to write that becomes ``path`` when all is written, and leaves nothing if that fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".part")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(kind + b"\n" + hashlib.sha256(body).digest() + body)
+            yield file
         os.replace(temporary, path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def write_parts(path: Path, kind: bytes, parts: Sequence[bytes]) -> int:
+    """Writes ``parts`` to ``path`` at once; returns the size of the file. Raises OSError as the disk does."""
+    body = struct.pack(f"<I{len(parts)}Q", len(parts), *map(len, parts)) + b"".join(parts)
+    with replacing(path) as file:
+        file.write(kind + b"\n" + hashlib.sha256(body).digest() + body)
     return len(kind) + 33 + len(body)
 
 

@@ -10,9 +10,9 @@ from typing import Literal
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from surveilnav.contract import ID_PATTERN
+
 DEFAULT_PORT = 7447
-#: What can stand in a key.
-ID_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 _ENDPOINT = re.compile(r"tcp/[^/?#\s]+:\d{1,5}")
 
 

@@ -28,6 +28,7 @@ import numpy as np
 import zstandard
 from numpy.typing import DTypeLike, NDArray
 
+from surveilnav.contract import ID
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import Detection, FrameHeader, InferReply, Part
@@ -42,7 +43,7 @@ MAX_EMBEDDING_DIM: Final = 4096
 MAX_DETECTIONS: Final = 1000
 MAX_LABEL_CHARS: Final = 100
 
-_SOURCE = re.compile(r"(robot|camera)/[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+_SOURCE = re.compile(rf"(robot|camera)/{ID}")
 _BASELINE_JPEG = {0xC0, 0xC1}  # progressive pictures may hold thousands of cheap-to-write, dear-to-read scans
 _STANDALONE = {0x01, *range(0xD0, 0xD9)}
 
