@@ -15,7 +15,6 @@ from functools import lru_cache
 import numpy as np
 
 from services.fusion.core import FusionConfig, JointMap, active_cameras
-from services.perception.core import Backend
 from services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
 from services.robot_node import core as robot
 from surveilnav.building.goals import Goals, Start, Verdict, judge
@@ -23,6 +22,7 @@ from surveilnav.building.simulation import CAMERA_DEPTH_RANGE_M, PlannedCamera, 
 from surveilnav.contract import CAMERA_FRAME, ROBOT_OBSERVATION
 from surveilnav.geometry import Pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader, Observation
+from surveilnav.perception import Backend
 from surveilnav.runtime.wire import encode
 from surveilnav.sensing.packing import decode_frame, encode_rgbd
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception

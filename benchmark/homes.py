@@ -43,9 +43,9 @@ class Job:
 def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> int:
     """Runs what is missing of a job; returns how many episodes it ran."""
     from benchmark.episode import CameraViews, run_episode
-    from services.perception.choose import choose_backend
     from surveilnav.building.goals import find_goals, sample_start
     from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+    from surveilnav.perception.choose import choose_backend
 
     missing = [(t, a) for t in job.targets for a in job.arms if (job.building, job.seed, t, a) not in done]
     if not missing:

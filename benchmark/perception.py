@@ -24,9 +24,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from services.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS, choose_backend
-from services.perception.core import truth as truth_core
-from services.perception.core.boxes import overlaps
 from surveilnav.building.depth_noise import DepthNoise
 from surveilnav.building.navigation import NavigationMap
 from surveilnav.building.raycast import RayCaster
@@ -35,6 +32,9 @@ from surveilnav.building.sources import open_building
 from surveilnav.categories import TARGETS
 from surveilnav.config import cache_dir
 from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.perception import truth as truth_core
+from surveilnav.perception.boxes import overlaps
+from surveilnav.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS, choose_backend
 from surveilnav.sensing.views import Detected, TrueInstances
 
 ROBOT = Pinhole.from_hfov(640, 480, math.radians(79))

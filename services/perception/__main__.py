@@ -6,9 +6,9 @@ import sys
 
 import structlog
 
-from services.perception.choose import choose_backend
 from services.perception.config import PerceptionSettings
 from services.perception.service import PerceptionService
+from surveilnav.perception.choose import choose_backend
 from surveilnav.runtime import BusSettings, Node
 from surveilnav.runtime.main import run_service
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from services.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
 from surveilnav.contract import ID_PATTERN
+from surveilnav.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
 
 
 class PerceptionSettings(BaseSettings):

@@ -14,7 +14,7 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from surveilnav.geometry import Matrix4, Pinhole, base_pose, camera_pose
-from surveilnav.messages import ACTIONS
+from surveilnav.messages import ACTIONS, Stair
 
 FORWARD_M = 0.25
 TURN_RAD = math.radians(30.0)
@@ -78,6 +78,18 @@ class RobotState:
     @property
     def p_world(self) -> tuple[float, float, float]:
         return self.x_m, self.y_m, self.z_m
+
+
+def stairs_of(navigation: NavigationLike) -> list[Stair]:
+    """All stairs of the building, each in both directions."""
+    return [
+        Stair(
+            floor=floor, to_floor=t.other_floor(floor), at_m=t.end_on(floor), to_m=t.end_on(t.other_floor(floor)),
+            length_m=t.length_m,
+        )
+        for t in navigation.transits
+        for floor in _floors_of(t)
+    ]  # fmt: skip
 
 
 def begin_mission(state: RobotState) -> RobotState:

@@ -40,6 +40,7 @@ class RobotService:
         self._truth = node.publisher(TRUTH, source=f"robot-{settings.id}", view=0)
         self._status_s = 0.0
         self._message = ""
+        self._stairs = core.stairs_of(building.navigation)
         node.serve(ROBOT_COMMAND, self._on_command, robot=settings.id)
         node.serve(ROBOT_STATUS, lambda _: Answer(self._status_message()), robot=settings.id)
 
@@ -123,6 +124,7 @@ class RobotService:
         return RobotStatus(
             stamp_ns=clock_ns(), robot=self._settings.id, floor=state.floor, seq=state.seq, pitch_rad=state.pitch_rad, state=kind,  # type: ignore[arg-type]
             T_world_base=Pose.from_matrix(core.base_pose_of(state)), message=self._message,
+            stairs=self._stairs,
         )  # fmt: skip
 
 

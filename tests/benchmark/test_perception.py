@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmark.perception import ROBOT, RenderedView, Tally, matches
-from services.perception.core.closed_set import embed_object
-from services.perception.core.truth import VisibleThing
 from surveilnav.categories import COCO
+from surveilnav.perception.closed_set import embed_object
+from surveilnav.perception.truth import VisibleThing
 from surveilnav.sensing.views import Detected, TrueInstances
 
 

@@ -17,7 +17,7 @@ from surveilnav.messages.maps import (
 from surveilnav.messages.mission import Candidate, MissionAck, MissionCancel, MissionGoal, MissionStatus, Plan
 from surveilnav.messages.node import Ack, ErrorReply, TrafficReport, TrafficRow
 from surveilnav.messages.perception import Detection, InferReply, InferRequest, TextReply, WorkerLoad
-from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Observation, RobotStatus
+from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Truth
 from surveilnav.messages.view import FrameHeader, Part
 
@@ -25,5 +25,6 @@ __all__ = [
     "ACTIONS", "Ack", "CameraInfo", "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate", "Command",
     "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FrameHeader", "InferReply", "InferRequest", "LayerHeader",
     "MissionAck", "MissionCancel", "MissionGoal", "MissionStatus", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation",
-    "Part", "Plan", "Revision", "RobotStatus", "SlotClaim", "TextReply", "TrafficReport", "TrafficRow", "Truth", "WorkerLoad",
+    "Part", "Plan", "Revision", "RobotStatus", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth",
+    "WorkerLoad",
 ]  # fmt: skip

@@ -9,24 +9,26 @@ import msgspec
 from surveilnav.geometry import Grid
 from surveilnav.messages.base import Message
 
-LayerName = Literal["occupancy", "explored", "frontier", "value", "cloud"]
-DEFAULT_LAYERS: tuple[str, ...] = ("occupancy", "explored", "frontier", "value", "cloud")
+LayerName = Literal["occupancy", "explored", "frontier", "value", "cloud", "provenance"]
+DEFAULT_LAYERS: tuple[str, ...] = ("occupancy", "explored", "frontier", "value", "cloud", "provenance")
 
 
 class LayerHeader(Message, frozen=True, kw_only=True):
     """Describes one map layer; the payload is a zstd-compressed, row-major array.
 
     occupancy, explored, frontier: uint8 (0 or 1) on ``grid``; value: float32 on ``grid``, NaN where
-    unknown, for ``target``; cloud: (N, 6) float32 of x, y, z [m, world] and r, g, b [0-1].
+    unknown, for ``target``; cloud: (N, 6) float32 of x, y, z [m, world] and r, g, b [0-1]; provenance: (N, 3) int64,
+    a line for each of the cloud's points at the same revision: index into ``source_sets``, first and last seen [ns].
     """
 
     floor: str
     layer: LayerName
     revision: int
     grid: Grid
-    dtype: Literal["uint8", "float32"]
+    dtype: Literal["uint8", "float32", "int64"]
     shape: tuple[int, ...]
     target: str = ""
+    source_sets: list[list[str]] = []
 
 
 class CameraUse(msgspec.Struct, frozen=True):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+import msgspec
+
 from surveilnav.geometry import Pose
 from surveilnav.messages.base import Message
 from surveilnav.messages.view import FrameHeader
@@ -29,8 +31,24 @@ class Observation(FrameHeader, frozen=True, kw_only=True):
     path_m: float = 0.0
 
 
+class Stair(msgspec.Struct, frozen=True, kw_only=True):
+    """A way to another floor that a robot can take by ``take_stairs``, in one direction.
+
+    ``at_m``, ``to_m``: its ends (x, y, z) on the two floors [m, world]; ``length_m``: of the way between them.
+    """
+
+    floor: str
+    to_floor: str
+    at_m: tuple[float, float, float]
+    to_m: tuple[float, float, float]
+    length_m: float
+
+
 class RobotStatus(Message, frozen=True, kw_only=True):
-    """State of a robot, at 1 Hz and on change. ``seq``: its newest observation; ``pitch_rad`` of its camera, up > 0."""
+    """State of a robot, at 1 Hz and on change. ``seq``: its newest observation; ``pitch_rad`` of its camera, up > 0.
+
+    ``stairs``: the stairs (or lifts) of the building that this robot can take, in both directions.
+    """
 
     robot: str
     floor: str
@@ -39,6 +57,7 @@ class RobotStatus(Message, frozen=True, kw_only=True):
     T_world_base: Pose
     pitch_rad: float = 0.0
     message: str = ""
+    stairs: list[Stair] = []
 
 
 class Command(Message, frozen=True, kw_only=True):

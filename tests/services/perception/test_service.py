@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from services.perception.config import PerceptionSettings
-from services.perception.core.truth import Oracle
 from services.perception.service import PerceptionService
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, Part, Truth
+from surveilnav.perception.truth import Oracle
 from surveilnav.runtime import BusSettings, Node, Refused, clock_ns
 from surveilnav.runtime.router import free_port, open_router
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding

@@ -17,6 +17,7 @@ from services.robot_node.core import (
     begin_mission,
     camera_pose_of,
     refusal,
+    stairs_of,
 )
 from surveilnav.building.geodesic import first_blocked
 from surveilnav.building.navigation import Transit
@@ -172,3 +173,10 @@ def test_poses() -> None:
     assert np.allclose(T[:3, 2], (0.0, math.cos(math.radians(30)), -0.5))
     assert (CAMERA.width_px, CAMERA.height_px) == (640, 480)
     assert math.degrees(CAMERA.hfov_rad) == pytest.approx(79.0)
+
+
+def test_stairs_are_told_in_both_directions():
+    up, down = stairs_of(WORLD)
+    assert (up.floor, up.to_floor, up.at_m, up.to_m) == ("0", "1", STAIR.lower_m, STAIR.upper_m)
+    assert (down.floor, down.to_floor, down.at_m, down.to_m) == ("1", "0", STAIR.upper_m, STAIR.lower_m)
+    assert up.length_m == down.length_m == STAIR.length_m

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.perception.core import closed_set
-from services.perception.core.boxes import Boxes, agreed, merged
-from services.perception.core.detectors import Detector
-from services.perception.core.masks import floor_of, mask_of
-from services.perception.core.sizes import extent_m, plausible
 from surveilnav.categories import COCO
 from surveilnav.geometry import Pinhole
+from surveilnav.perception import closed_set
+from surveilnav.perception.boxes import Boxes, agreed, merged
+from surveilnav.perception.detectors import Detector
+from surveilnav.perception.masks import floor_of, mask_of
+from surveilnav.perception.sizes import extent_m, plausible
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
 
 

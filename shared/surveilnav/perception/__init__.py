@@ -1,5 +1,5 @@
 """The backends of perception, pure: arrays in, arrays out."""
 
-from services.perception.core.backend import Backend
+from surveilnav.perception.backend import Backend
 
 __all__ = ["Backend"]

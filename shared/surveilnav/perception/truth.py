@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from services.perception.core import closed_set
 from surveilnav.categories import COCO, canonical
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
+from surveilnav.perception import closed_set
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception, box_cells
 
 

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
-from services.perception.choose import choose_backend
-from services.perception.core.boxes import Boxes
-from services.perception.core.detectors import load
-from services.perception.core.onnx_coco import OnnxCoco, Thresholds
 from surveilnav.categories import COCO
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
+from surveilnav.perception.boxes import Boxes
+from surveilnav.perception.choose import choose_backend
+from surveilnav.perception.detectors import load
+from surveilnav.perception.onnx_coco import OnnxCoco, Thresholds
 
 needs_models = pytest.mark.skipif(
     not os.environ.get("SURVEILNAV_MODELS_DIR"), reason="SURVEILNAV_MODELS_DIR names no directory with detector weights"

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from services.perception import weights
-from services.perception.core import Backend, detectors
-from services.perception.core.onnx_coco import OnnxCoco, Thresholds
-from services.perception.core.truth import Oracle, Simulated
 from surveilnav.errors import PerceptionError
+from surveilnav.perception import Backend, detectors, weights
+from surveilnav.perception.onnx_coco import OnnxCoco, Thresholds
+from surveilnav.perception.truth import Oracle, Simulated
 
 BACKENDS: tuple[str, ...] = ("auto", "onnx-coco", "oracle", "simulated")
 #: The pairs that did best for their time on rendered homes: for robots' views, and for cameras' (the first in tiles).

@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from services.perception.core.truth import Oracle, Simulated, error_model, visible_things
 from surveilnav.categories import COCO
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
+from surveilnav.perception.truth import Oracle, Simulated, error_model, visible_things
 from surveilnav.sensing.views import TrueInstances, box_cells
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.3)

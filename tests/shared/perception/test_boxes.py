@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.perception.core.boxes import Boxes, agreed, merged, overlaps
-from services.perception.core.onnx_coco import quarters
 from surveilnav.categories import COCO
+from surveilnav.perception.boxes import Boxes, agreed, merged, overlaps
+from surveilnav.perception.onnx_coco import quarters
 
 
 def boxes(*rows: tuple[tuple[float, float, float, float], dict[str, float]]) -> Boxes:

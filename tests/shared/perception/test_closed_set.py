@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.perception.core import closed_set
 from surveilnav.categories import COCO, TARGETS
 from surveilnav.errors import TargetError
+from surveilnav.perception import closed_set
 
 
 def seen(**classes: float) -> list[np.ndarray]:

@@ -10,9 +10,9 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from services.perception.core.boxes import Boxes
 from surveilnav.categories import COCO
 from surveilnav.errors import PerceptionError
+from surveilnav.perception.boxes import Boxes
 
 #: Weaker scores than this are noise, which adds up over 80 classes and hundreds of boxes.
 LOWEST = 0.08
