@@ -11,17 +11,22 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
+from benchmark.oracle import OraclePlanner
+from services.camera_node.core import Seen, labels_of, summary
 from services.fusion.core import FusionConfig, JointMap, active_cameras
 from services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
+from services.planner.core.drive import FmmPlanner
+from services.planner.core.state import FloorChange
 from services.robot_node import core as robot
 from surveilnav.building.goals import Goals, Start, Verdict, judge
 from surveilnav.building.simulation import CAMERA_DEPTH_RANGE_M, PlannedCamera, SimulatedBuilding
-from surveilnav.contract import CAMERA_FRAME, ROBOT_OBSERVATION
+from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
 from surveilnav.geometry import Pose
-from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader, Observation
+from surveilnav.messages import CameraInfo, CameraSummary, CameraViewInfo, FrameHeader, Observation, Stair
 from surveilnav.perception import Backend
 from surveilnav.runtime.wire import encode
 from surveilnav.sensing.packing import decode_frame, encode_rgbd
@@ -42,7 +47,12 @@ class EncodedView:
 
 @dataclass(slots=True)
 class Episode:
-    """What came of one search. ``reason`` names the failure, empty for a success."""
+    """What came of one search. ``reason`` names the failure, empty for a success.
+
+    ``summary_bytes``: what each camera offered so that a floor could be chosen. ``floors``: those that the robot was
+    on, in order; ``changes``: the stairs it took. ``trajectory``: (x, y, yaw) after every action, ``trajectory_floors``
+    the floor of each.
+    """
 
     verdict: Verdict
     found: bool
@@ -54,6 +64,10 @@ class Episode:
     robot_bytes: int
     camera_bytes: dict[str, int]
     trajectory: list[tuple[float, float, float]] = field(default_factory=list)
+    summary_bytes: dict[str, int] = field(default_factory=dict)
+    floors: tuple[str, ...] = ()
+    changes: tuple[FloorChange, ...] = ()
+    trajectory_floors: list[str] = field(default_factory=list)
 
 
 class CameraViews:
@@ -64,10 +78,33 @@ class CameraViews:
         self.infos = [_info(building, camera) for camera in building.plan.cameras]
         self._cameras = {camera.name: camera for camera in building.plan.cameras}
         self.of = lru_cache(maxsize=None)(self._of)
+        self.summary = lru_cache(maxsize=None)(self._summary)
 
     def _of(self, name: str) -> tuple[EncodedView, ...]:
         camera = self._cameras[name]
         return tuple(self._view(camera, index) for index in range(len(camera.views)))
+
+    def _summary(self, name: str) -> tuple[CameraSummary, int]:
+        """What a camera reports of all its views, made by its own perception, and the bytes that it offers for it."""
+        seen = {}
+        for index, view in enumerate(self.of(name)):
+            labels: dict[str, float] = {}
+            for detected in view.perception.detections if view.perception else ():
+                labels[detected.label] = max(detected.score, labels.get(detected.label, 0.0))
+            seen[index] = Seen(1, labels)
+        floor = self._cameras[name].floor
+        message = summary(name, floor, labels_of(seen), stamp_ns=0)
+        key = CAMERA_SUMMARY.key_for(building=_BUILDING, floor=floor, camera=name)
+        return message, len(encode(message)) + len(key)
+
+    def by_floor(self) -> dict[str, dict[str, float]]:
+        """Floor -> label -> highest confidence that a camera of that floor reports."""
+        floors: dict[str, dict[str, float]] = {}
+        for info in self.infos:
+            labels = floors.setdefault(info.floor, {})
+            for label, confidence in self.summary(info.camera)[0].labels.items():
+                labels[label] = max(confidence, labels.get(label, 0.0))
+        return floors
 
     def _view(self, camera: PlannedCamera, index: int) -> EncodedView:
         rendered = self._building.camera_view(camera, index)
@@ -117,21 +154,28 @@ def run_episode(
     *,
     max_steps: int = 500,
     fusion: FusionConfig | None = None,
-    planner: PlannerConfig | None = None,
+    settings: PlannerConfig | None = None,
+    planner: Literal["fmm", "sp"] = "fmm",
+    summaries: bool = True,
     on_step: Callable[[int, PosedView, JointMap, MapView, Decision], None] | None = None,
 ) -> Episode:
     """Searches for ``goals.label`` from ``start``; ``cameras`` None means without surveillance.
 
+    ``planner``: ``fmm`` drives by the known map, ``sp`` is the oracle that knows the true navigation mesh.
+    ``summaries``: whether the cameras of all floors report what they last saw.
     ``on_step(step, view, joint, maps, decision)`` may look on.
     """
     began_s = time.perf_counter()
     joint = JointMap(fusion)
     state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
-    mission, config = MissionState(goals.label, max_steps=max_steps), planner or PlannerConfig()
+    mission, config = MissionState(goals.label, max_steps=max_steps), settings or PlannerConfig()
+    driver = OraclePlanner(building.navigation) if planner == "sp" else FmmPlanner()
+    stairs = tuple(robot.stairs_of(building.navigation))
+    reported = cameras.by_floor() if cameras is not None and summaries and len(building.navigation.floors) > 1 else {}
     text = backend.embed_texts([f"seems like there is a {goals.label}"])[0]
     invoked: dict[str, int] = {}
     robot_bytes = 0
-    trajectory = [(state.x_m, state.y_m, state.yaw_rad)]
+    trajectory, floors = [(state.x_m, state.y_m, state.yaw_rad)], [state.floor]
     while True:
         # active camera invocation (eq. 1)
         robot_view = observe(building, backend, state)
@@ -147,18 +191,22 @@ def run_episode(
         robot_bytes += robot_view.offered_bytes
         # waypoint and action
         maps = map_view(joint, placed.floor, text)
-        mission, decision = step(mission, maps, robot_state_view(state), config)
+        mission, decision = step(mission, maps, robot_state_view(state, stairs), config, driver, reported)
         if on_step is not None:
             on_step(state.seq, robot_view.view, joint, maps, decision)
-        if decision.action is not None:
+        # a refused stair leaves the robot where it is: the mission sees that at its next step
+        if decision.action and not robot.refusal(state, decision.action, building.navigation, decision.to_floor):
             state = robot.act(state, decision.action, building.navigation, decision.to_floor)
             trajectory.append((state.x_m, state.y_m, state.yaw_rad))
+            floors.append(state.floor)
         if decision.finished or decision.action is None:
             break
     verdict = judge(goals, state, shortest_path_m=start.shortest_path_m)
     return Episode(
         verdict, decision.found, mission.step, decision.error, reason_of(verdict, decision), decision.message,
         time.perf_counter() - began_s, robot_bytes, invoked, trajectory,
+        {info.camera: cameras.summary(info.camera)[1] for info in cameras.infos} if cameras and reported else {},
+        (start.floor, *(change.to_floor for change in mission.changes)), tuple(mission.changes), floors,
     )  # fmt: skip
 
 
@@ -191,10 +239,10 @@ def map_view(joint: JointMap, floor: str, text: np.ndarray) -> MapView:
     )  # fmt: skip
 
 
-def robot_state_view(state: robot.RobotState) -> RobotView:
+def robot_state_view(state: robot.RobotState, stairs: tuple[Stair, ...] = ()) -> RobotView:
     return RobotView(
         state.seq, state.x_m, state.y_m, state.yaw_rad, state.pitch_rad, state.floor, state.collided, state.last_action,
-        state.path_m,
+        state.path_m, stairs,
     )  # fmt: skip
 
 

@@ -90,9 +90,9 @@ def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> 
     return len(missing)
 
 
-def append(out: Path, record: dict[str, Any]) -> None:
+def append(out: Path, record: dict[str, Any], name: str = "episodes.jsonl") -> None:
     """One line, written whole: a kill leaves at most a broken last line, which ``load`` ignores."""
-    descriptor = os.open(out / "episodes.jsonl", os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+    descriptor = os.open(out / name, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
     try:
         end = os.lseek(descriptor, 0, os.SEEK_END)
         torn = end > 0 and os.pread(descriptor, 1, end - 1) != b"\n"
@@ -101,9 +101,9 @@ def append(out: Path, record: dict[str, Any]) -> None:
         os.close(descriptor)
 
 
-def load(out: Path) -> list[dict[str, Any]]:
+def load(out: Path, name: str = "episodes.jsonl") -> list[dict[str, Any]]:
     """All records so far."""
-    path = out / "episodes.jsonl"
+    path = out / name
     records = []
     for line in path.read_text().splitlines() if path.exists() else []:
         try:

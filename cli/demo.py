@@ -78,6 +78,7 @@ def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
     variables = environment(
         router=f"tcp/127.0.0.1:{free_port()}", building=options.building, seed=options.seed, cameras=options.cameras,
         area_per_camera_m2=options.area_per_camera_m2, perception=options.perception, surveillance=options.surveillance,
+        state=run_dir / "state",
         robot_start=f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}",
     )  # fmt: skip
     try:

@@ -128,9 +128,9 @@ def _terminate(processes: list[subprocess.Popen[bytes]]) -> None:
 
 def environment(
     *, router: str, building: str, seed: int, cameras: int | None, area_per_camera_m2: float, perception: str,
-    surveillance: bool, robot_start: str = "",
+    surveillance: bool, state: Path, robot_start: str = "",
 ) -> dict[str, str]:  # fmt: skip
-    """The settings of a stack as environment variables."""
+    """The settings of a stack as environment variables. ``state``: where maps and missions of this building are kept."""
     settings = {
         "SURVEILNAV_BUS__ROUTER": router,
         "SURVEILNAV_BUS__BUILDING": bus_name(building),
@@ -139,7 +139,13 @@ def environment(
         "SURVEILNAV_SIM__AREA_PER_CAMERA_M2": str(area_per_camera_m2),
         "SURVEILNAV_PERCEPTION__BACKEND": perception,
         "SURVEILNAV_PERCEPTION__SEED": str(seed),
+        # With what a camera looks for its summary; it does so only in buildings of more than one floor, where the
+        # planner has a floor to choose. SURVEILNAV_CAMERA__PERCEPTION in the environment is stronger: "none" spares
+        # the cameras' processors, and every floor is then as promising as the other.
+        "SURVEILNAV_CAMERA__PERCEPTION": os.environ.get("SURVEILNAV_CAMERA__PERCEPTION", perception),
         "SURVEILNAV_FUSION__SURVEILLANCE": str(surveillance).lower(),
+        "SURVEILNAV_FUSION__STORE": str(state.resolve() / "fusion.sqlite"),
+        "SURVEILNAV_PLANNER__STORE": str(state.resolve() / "planner.sqlite"),
         "SURVEILNAV_ROBOT__START": robot_start,
         # Two cores: every process with a pool of its own would only wait for the others.
         "OMP_NUM_THREADS": "2",

@@ -19,13 +19,15 @@ def run_up(
     area_per_camera_m2: float, port: int, router: str, logs: Path,
 ) -> None:  # fmt: skip
     """Prepares the building, starts everything, and waits."""
-    variables = environment(
-        router=router, building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
-        perception=perception, surveillance=surveillance,
-    ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}  # fmt: skip
     settings = SimulationSettings(building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2)
     with bar(console) as progress:
         plan = SimulatedBuilding(settings, progress).prepare()
+    # Maps and missions of a building, to go on with next time; never those of another one, or of its plan before a change.
+    state = logs / "state" / plan.scene_hash[:16]
+    variables = environment(
+        router=router, building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
+        perception=perception, surveillance=surveillance, state=state,
+    ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}  # fmt: skip
     names = [camera.name for camera in plan.cameras] if surveillance else []
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -34,7 +36,8 @@ def run_up(
         with Node("cli", "up", stack.bus, alive=False) as node:
             stack.wait_ready(node, 120.0)
         console.print(
-            f"ready: http://127.0.0.1:{port}/  (building {plan.building}, {len(names)} cameras; logs in {logs})"
+            f"ready: http://127.0.0.1:{port}/  (building {plan.building}, {len(names)} cameras; logs in {logs}, "
+            f"maps and missions in {state})"
         )
         console.print('try: surveilnav find "tv"    stop: Ctrl-C')
         while not stopping.wait(1.0):

@@ -6,6 +6,7 @@ import sys
 import time
 
 from services.camera_node.config import CameraSettings
+from services.camera_node.eyes import open_eyes
 from services.camera_node.service import CameraService
 from services.camera_node.slots import lease, named
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
@@ -22,7 +23,13 @@ def main() -> None:
     else:
         camera, node = _leased(building, bus)
     with node:
-        node.run(CameraService(node, building, camera, settings).step, idle_s=0.02)
+        service = CameraService(node, building, camera, settings)
+        eyes = open_eyes(node, building, camera, settings, lambda: service.sending)
+        try:
+            node.run(service.step, idle_s=0.02)
+        finally:
+            if eyes is not None:
+                eyes.close()
 
 
 def _leased(building: SimulatedBuilding, bus: BusSettings):  # type: ignore[no-untyped-def]

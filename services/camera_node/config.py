@@ -14,3 +14,14 @@ class CameraSettings(BaseSettings):
     id: str = Field("", description="a camera of the plan; empty: lease any free slot of it")
     jpeg_quality: int = Field(85, ge=10, le=100)
     thumbnail_width_px: int = Field(480, ge=64, le=1280)
+    perception: str = Field(
+        "none",
+        pattern="^(none|auto|onnx-coco|oracle|simulated)$",
+        description="with what the camera looks at its own views, for its summary; none: it doesn't",
+    )
+    least_floors: int = Field(
+        2, ge=1, description="it looks only in buildings of so many floors: a floor is chosen among several"
+    )
+    look_period_s: float = Field(1.0, gt=0, description="it looks at one of its views in so long")
+    threads: int = Field(1, ge=1, le=64, description="threads of its own perception's networks")
+    download: bool = Field(True, description="whether missing weights may be downloaded")

@@ -12,6 +12,8 @@ from surveilnav.messages import CameraSummary
 
 #: A summary is for choosing the floor: it must stay this small whatever the camera sees.
 SUMMARY_LIMIT_BYTES = 512
+#: News may come sooner than the summary's own rate, but a camera that nobody invoked stays under 1 kB/s in all.
+_NEWS_PERIOD_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,37 @@ def views_to_send(
     due = [v for v in listened if v in requested or state.sent.get(v) != versions[v]]
     sent = {v: versions[v] if v in due else state.sent[v] for v in listened}
     return SendState(sent), tuple(sorted(due, key=lambda v: (v not in requested, v)))
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What a camera's own perception saw in one view: which version of it, and label -> highest confidence."""
+
+    version: int
+    labels: Mapping[str, float]
+
+
+def view_to_look_at(seen: Mapping[int, Seen], versions: Mapping[int, int]) -> int | None:
+    """The next view for the camera's own perception: one never looked at, else one that changed since; None if none is.
+
+    The view whose last look is the most versions old comes first.
+    """
+    stale = [v for v in versions if v not in seen or seen[v].version != versions[v]]
+    return min(stale, key=lambda v: (v in seen, seen[v].version - versions[v] if v in seen else 0, v), default=None)
+
+
+def labels_of(seen: Mapping[int, Seen]) -> dict[str, float]:
+    """Label -> highest confidence over all views."""
+    labels: dict[str, float] = {}
+    for view in seen.values():
+        for label, confidence in view.labels.items():
+            labels[label] = max(confidence, labels.get(label, 0.0))
+    return labels
+
+
+def summary_due(waited_s: float, *, news: bool, period_s: float) -> bool:
+    """Whether the summary is put now, ``waited_s`` after the last one: at its rate, sooner if there is news."""
+    return waited_s >= (min(_NEWS_PERIOD_S, period_s) if news else period_s)
 
 
 def choose_slot(claimed: Collection[int], total: int, node_id: str) -> int | None:

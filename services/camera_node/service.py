@@ -31,6 +31,8 @@ class CameraService:
         self._state = core.SendState()
         self._requested: set[int] = set()
         self._lock = threading.Lock()
+        #: Frames are on their way: whatever can wait should.
+        self.sending = False
         self._seq = dict.fromkeys(views, 0)
         self._encoded = lru_cache(maxsize=len(camera.views))(self._encode)
         node.serve(CAMERA_INFO, lambda _: Answer(self._info()), **self._place)
@@ -46,10 +48,12 @@ class CameraService:
         self._state, due = core.views_to_send(
             self._state, versions=dict.fromkeys(self._frames, 0), matched=matched, requested=requested
         )
+        self.sending = bool(due)
         for view in due:
             if self._node.stopping.is_set():
                 break
             self._put(view)
+        self.sending = False
         return bool(due)
 
     def _put(self, view: int) -> None:

@@ -13,7 +13,9 @@ from surveilnav.runtime.main import run_service
 def main() -> None:
     settings = FusionSettings()
     with Node("fusion", "fusion", BusSettings()) as node:
-        node.run(FusionService(node, settings).step)
+        service = FusionService(node, settings)
+        node.run(service.step)
+        service.close()
 
 
 if __name__ == "__main__":

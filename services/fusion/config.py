@@ -24,6 +24,13 @@ class FusionSettings(BaseSettings):
     map: dict[str, Any] = Field(default={}, description="what differs from the preset, see core.config.MapConfig")
     value: dict[str, Any] = Field(default={}, description="... ValueConfig")
     objects: dict[str, Any] = Field(default={}, description="... ObjectConfig")
+    guard: dict[str, Any] = Field(default={}, description="... GuardConfig")
+    store: str = Field(
+        default="", description="file that the maps survive in (SQLite); empty: they end with the process"
+    )
+    snapshot_views: int = Field(default=100, ge=1, description="views logged between two snapshots of the maps")
+    snapshot_mb: int = Field(default=256, ge=1, description="... or megabytes of them")
+    max_events: int = Field(default=1_000_000, ge=1, description="of objects, kept in the store; the oldest go first")
     prompts: list[str] = Field(default=[], description="class names for detectors with an open vocabulary (JSON list)")
     camera_views_per_step: int = Field(
         default=2, ge=1, description="camera views integrated between two looks at robots"
@@ -37,7 +44,7 @@ class FusionSettings(BaseSettings):
     def core(self) -> FusionConfig:
         """The preset with what was set on top. ConfigError: a name or a number that can't be."""
         base = FusionConfig.preset(self.preset).model_dump()
-        for part in ("map", "value", "objects"):
+        for part in ("map", "value", "objects", "guard"):
             base[part] |= getattr(self, part)
         try:
             return FusionConfig.model_validate(base)

@@ -13,6 +13,8 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass, field
 
+import msgspec
+
 from services.fusion.config import FusionSettings
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import BusError, PerceptionError, WireError
@@ -30,12 +32,20 @@ _STEEP = math.radians(75)  # looking down more steeply than this shows nothing t
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perceived:
-    """A view that is ready for the maps. ``view`` None: its picture is the one that the maps hold already."""
+    """A view that is ready for the maps.
+
+    ``view`` None: its picture is of no use (``fault`` says why) or the one that the maps hold already. ``payload``,
+    ``reply``: as they arrived; ``digest`` of pose and picture.
+    """
 
     key: ViewKey
     header: FrameHeader
-    view: PosedView | None
-    perception: ViewPerception | None
+    view: PosedView | None = None
+    perception: ViewPerception | None = None
+    payload: bytes = b""
+    reply: bytes = b""
+    digest: bytes = b""
+    fault: str = ""
 
 
 @dataclass(slots=True)
@@ -50,13 +60,14 @@ class _Lane:
 class Perceiver:
     """Views in by ``submit``, out by ``robots`` and ``cameras``."""
 
-    def __init__(self, node: Node, settings: FusionSettings) -> None:
+    def __init__(self, node: Node, settings: FusionSettings, digests: dict[ViewKey, bytes]) -> None:
+        """``digests``: of the cameras' views that the maps hold."""
         self._node, self._settings = node, settings
         self._workers = node.table(PERCEPTION_LOAD)
         self._lock = threading.Condition()
         self._robots = _Lane(queue.Queue(maxsize=8))
         self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
-        self._digests: dict[ViewKey, bytes] = {}
+        self._digests = dict(digests)
         self._texts: OrderedDict[tuple[str, str], bytes] = OrderedDict()
         node.alive("perception")  # the first call starts watching
         for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
@@ -124,7 +135,8 @@ class Perceiver:
                 finished = self._perceive(lane, frame)
             except WireError as error:
                 self._node.reject("frame", f"{frame.message.source} view {frame.message.view}: {error}")
-                finished = self._unreadable(lane, frame)
+                header = frame.message
+                finished = Perceived((header.source, header.view), header, fault=f"unreadable: {error}")
             except Exception as error:  # this thread is fusion's only pair of eyes on its lane
                 self._node.warn_seldom("a view could not be perceived", error=f"{type(error).__name__}: {error}")
                 self._node.stopping.wait(self._settings.retry_s)
@@ -139,24 +151,19 @@ class Perceiver:
                 except queue.Full:
                     continue
 
-    def _unreadable(self, lane: _Lane, frame: Received[FrameHeader]) -> Perceived | None:
-        """A camera's broken picture counts as held, empty: nobody should wait for it for ever. A robot's is dropped."""
-        header = frame.message
-        return None if lane is self._robots else Perceived((header.source, header.view), header, None, None)
-
     def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> Perceived | None:
         """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""
         header, key = frame.message, (frame.message.source, frame.message.view)
         digest = hashlib.blake2b(repr((header.T_world_camera, header.camera)).encode(), digest_size=16)
         digest.update(frame.payload)
         if key[0].startswith("camera/") and self._digests.get(key) == digest.digest():
-            return Perceived(key, header, None, None)
+            return Perceived(key, header)
         view = decode_frame(header, frame.payload)
-        perception, attempts = None, 0
+        reply, perception, attempts = b"", None, 0
         looks_down = view.T_world_camera[2, 2] < -math.sin(_STEEP)
         while not looks_down and attempts < _ATTEMPTS:
             try:
-                perception = self._ask(frame)
+                reply, perception = self._ask(frame)
                 break
             except (Refused, WireError) as error:
                 attempts += not (isinstance(error, Refused) and error.name in _PASSING)
@@ -171,9 +178,10 @@ class Perceiver:
                     return None
         lane.problem = ""
         self._digests[key] = digest.digest()
-        return Perceived(key, header, view, perception)
+        return Perceived(key, header, view, perception, frame.payload, reply, digest.digest())
 
-    def _ask(self, frame: Received[FrameHeader]) -> ViewPerception:
+    def _ask(self, frame: Received[FrameHeader]) -> tuple[bytes, ViewPerception]:
+        """A worker's reply, as it was sent and as it is understood."""
         header, timeout_s = frame.message, self._settings.infer_timeout_s
         request = InferRequest(
             stamp_ns=clock_ns(), source=header.source, view=header.view, seq=header.seq, camera=header.camera,
@@ -186,7 +194,7 @@ class Perceiver:
         ).message
         if (reply.source, reply.view, reply.seq) != (header.source, header.view, header.seq):
             raise WireError(f"worker {worker} answered about another view")
-        return perception_from_wire(reply, header.camera)
+        return msgspec.msgpack.encode(reply), perception_from_wire(reply, header.camera)
 
     def _least_loaded(self) -> WorkerLoad:
         rows = self._workers.rows(max_age_s=PERCEPTION_LOAD.max_age_ms / 1000)

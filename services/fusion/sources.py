@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from services.fusion.config import FusionSettings
-from services.fusion.core import active_cameras
+from services.fusion.core import MapConfig
+from services.fusion.core.invocation import Invocation, invoke
+from services.fusion.keeper import HeldRobot
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
 from surveilnav.errors import BusError
 from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
@@ -23,7 +26,6 @@ class InvokedCamera:
 
     info: CameraInfo
     slots: dict[int, Slot[FrameHeader]]
-    wanted_s: float
     arrived: set[int] = field(default_factory=set)
     ask_again_s: float = 0.0
     patience_s: float = 0.0
@@ -33,12 +35,14 @@ class InvokedCamera:
 class Sources:
     """Keeps the subscriptions as eq. 1 wants them and hands over the newest frame of each."""
 
-    def __init__(self, node: Node, settings: FusionSettings, tau_z_m: float) -> None:
-        self._node, self._settings, self._tau_z_m = node, settings, tau_z_m
+    def __init__(self, node: Node, settings: FusionSettings, config: MapConfig, held: Mapping[str, HeldRobot]) -> None:
+        """``held``: the newest observation that the maps hold, by robot."""
+        self._node, self._settings, self._config = node, settings, config
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
         self._robots: dict[str, Slot[FrameHeader]] = {}
-        self._newest: dict[str, int] = {}
+        self._newest = {robot: (h.seq, h.stamp_ns) for robot, h in held.items()}
+        self._invocation = Invocation()
         self._floor_z_m: dict[str, float] = {}
         self._refreshed_s = 0.0
         self.cameras: dict[str, InvokedCamera] = {}
@@ -69,8 +73,9 @@ class Sources:
                 continue
             header = frame.message
             self._floor_z_m[robot] = header.T_world_camera.translation_m[2] - header.mounting_offset_m
-            if header.seq != self._newest.get(robot):  # a robot repeats what nobody followed up
-                self._newest[robot] = header.seq
+            # a robot repeats what nobody followed up; one that was restarted counts anew
+            if (header.seq, header.stamp_ns) != self._newest.get(robot):
+                self._newest[robot] = header.seq, header.stamp_ns
                 frames.append(frame)
         return frames
 
@@ -100,6 +105,14 @@ class Sources:
             return False
         return True
 
+    def wrong_intrinsics(self, header: FrameHeader) -> str:
+        """Why a camera's frame can't be what its camera says of itself; "" if it can."""
+        kind, _, name = header.source.partition("/")
+        camera = self.cameras.get(name) if kind == "camera" else None
+        if camera is None or header.camera == camera.info.intrinsics:
+            return ""
+        return f"wrong_intrinsics: the camera says {camera.info.intrinsics}, its frame {header.camera}"
+
     def _invoke(self, now_s: float) -> list[str]:
         """Eq. 1: listens to the cameras on the robots' floors; lets go of others after a while."""
         if not self._settings.surveillance:
@@ -109,12 +122,17 @@ class Sources:
             row.ids["camera"]: row.message for row in self._infos.rows() if row.ids["camera"] == row.message.camera
         }
         floors_z_m = [z_m for robot, z_m in self._floor_z_m.items() if robot in here]
-        for name in active_cameras(floors_z_m, infos.values(), self._tau_z_m):
+        self._invocation = invoke(
+            self._invocation, floors_z_m, infos.values(), now_s, tau_z_m=self._config.tau_z_m,
+            release_z_m=self._config.release_z_m, linger_s=self._settings.linger_s,
+        )  # fmt: skip
+        active = self._invocation.active
+        for name in active:
             if name in self.cameras:
-                self.cameras[name].wanted_s = now_s
+                self.cameras[name].info = infos[name]
             elif len(self.cameras) < _MAX_CAMERAS:
                 self._listen(infos[name], now_s)
-        gone = [name for name, c in self.cameras.items() if now_s - c.wanted_s > self._settings.linger_s]
+        gone = sorted(set(self.cameras) - set(active))
         for name in gone:
             for slot in self.cameras.pop(name).slots.values():
                 slot.close()
@@ -130,9 +148,7 @@ class Sources:
             self._node.reject("camera_info", str(error))
             return
         patience_s = self._settings.resend_after_s
-        self.cameras[info.camera] = InvokedCamera(
-            info, slots, now_s, ask_again_s=now_s + patience_s, patience_s=patience_s
-        )
+        self.cameras[info.camera] = InvokedCamera(info, slots, ask_again_s=now_s + patience_s, patience_s=patience_s)
         self._node.log.info("invokes a camera", camera=info.camera, views=len(slots))
 
     def _ask_again(self, now_s: float) -> None:

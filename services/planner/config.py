@@ -12,11 +12,14 @@ from services.planner.core import PlannerConfig
 
 
 class PlannerSettings(BaseSettings):
-    """How long the planner waits for others, and how it plans."""
+    """How long the planner waits for others, how it plans, and where its missions are kept."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PLANNER__", env_nested_delimiter="__", extra="ignore")
 
     core: PlannerConfig = PlannerConfig()
+    store: str = Field(
+        default="", description="the SQLite file that missions are kept in; empty: they don't outlive the planner"
+    )
     wait_for_cameras_s: float = Field(
         default=120.0, ge=0, description="a mission starts when the cameras' first views are in the maps, or after this"
     )

@@ -4,43 +4,71 @@ from __future__ import annotations
 
 import math
 import threading
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 
 from services.planner.config import PlannerSettings
 from services.planner.core import Decision, MapView, MissionState, RobotView, step
+from services.planner.store import Pending, SavedMission, Store, StoreError
+from services.planner.summaries import Summaries
 from services.planner.world import CancelError, LostError, World, yaw_of_status
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
-from surveilnav.messages import MissionGoal, MissionStatus, Plan, Revision, RobotStatus
-from surveilnav.runtime import Node, Refused, Table, clock_ns
+from surveilnav.messages import MissionGoal, MissionStatus, Plan, Revision, RobotStatus, Stair
+from surveilnav.runtime import Node, Publisher, Refused, Table, clock_ns
 
 FINISHED = ("done", "failed", "cancelled")
+#: So often in a row a robot may refuse a stair; the core gives the stair up long before.
+_MAX_REFUSALS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What all missions share: the bus, the settings, what is heard from fusion and the cameras, and the store."""
+
+    node: Node
+    settings: PlannerSettings
+    revisions: Table[Revision]
+    summaries: Summaries
+    store: Store
+
+
+def accepted(goal: MissionGoal, target: str, robot: str) -> SavedMission:
+    """A mission that nothing was done for yet."""
+    now_ns = clock_ns()
+    return SavedMission(
+        status=MissionStatus(
+            stamp_ns=now_ns, mission=goal.mission, target=target, robot=robot, state="queued", phase="queued", step=0,
+            max_steps=goal.max_steps, path_m=0.0, started_ns=now_ns,
+        )
+    )  # fmt: skip
 
 
 class Mission:
-    """A goal and what became of it. ``status`` and ``plan`` are the newest of their kind."""
+    """A goal and what became of it, new or as the store kept it. ``status`` and ``plan`` are the newest of their kind."""
 
-    def __init__(
-        self, node: Node, settings: PlannerSettings, revisions: Table[Revision], goal: MissionGoal, target: str,
-        robot: str,
-    ) -> None:  # fmt: skip
-        self.robot = robot
-        self._node, self._settings = node, settings
-        self._memory = MissionState(target, max_steps=goal.max_steps)
-        self._cancel: str | None = None
+    def __init__(self, around: Surroundings, saved: SavedMission) -> None:
+        self._node, self._settings, self._store = around.node, around.settings, around.store
+        self._summaries = around.summaries
+        self.status, self.plan, self.robot = saved.status, saved.plan, saved.status.robot
+        self._memory = self._remembered(saved)
+        self._pending, self._cancel = saved.pending, saved.cancel
+        self._last_place, self._last_action = saved.place, saved.last_action
+        self._refusals = 0
+        self._settled_on: str | None = None  # the floor whose cameras' first views were waited for
         self._ended = threading.Event()
-        self._world = World(node, settings, revisions, robot, target, self._hold, lambda: self._cancel is not None)
-        self._last_place: tuple[float, float] | None = None
-        self._last_action: str | None = None
-        self.plan: Plan | None = None
-        self.status = MissionStatus(
-            stamp_ns=clock_ns(), mission=goal.mission, target=target, robot=robot, state="queued", phase="queued",
-            step=0, max_steps=goal.max_steps, path_m=0.0, started_ns=clock_ns(),
+        self._saving = threading.Lock()  # who cancels writes too, and an older state must not come last
+        self._world = World(
+            self._node, self._settings, around.revisions, self.robot, self.status.target, self._hold,
+            lambda: self._cancel is not None,
         )  # fmt: skip
-        self._statuses = node.publisher(MISSION_STATUS, mission=goal.mission)
-        self._plans = node.publisher(MISSION_PLAN, mission=goal.mission)
-        self._thread = threading.Thread(target=self._run, name=f"mission-{goal.mission}", daemon=True)
+        # what was heard before counts too: the choice stands on it
+        heard = sum(self._summaries.received_bytes().values()) - self._summaries.held_bytes()
+        self._summary_bytes_before = heard - self.status.floor_choice_bytes
+        self._statuses: Publisher | None = None
+        self._plans: Publisher | None = None
+        self._thread = threading.Thread(target=self._run, name=f"mission-{self.id}", daemon=True)
 
     @property
     def id(self) -> str:
@@ -50,13 +78,28 @@ class Mission:
     def finished(self) -> bool:
         return self.status.state in FINISHED
 
+    def save(self) -> None:
+        """Writes the mission to the store. Raises StoreError."""
+        with self._saving:
+            memory = "" if self.finished else self._memory.to_json().decode()
+            saved = SavedMission(
+                status=self.status, plan=self.plan, pending=self._pending, place=self._last_place,
+                last_action=self._last_action, cancel=self._cancel, memory=memory,
+            )  # fmt: skip
+            under_way = not self.finished and self._pending is not None and self._cancel is None
+            self._store.save(saved, finished=self.finished, sync=not under_way)
+
     def start(self) -> None:
+        """Begins, or goes on where the store says that it was."""
+        self._statuses = self._node.publisher(MISSION_STATUS, mission=self.id)
+        self._plans = self._node.publisher(MISSION_PLAN, mission=self.id)
         self._say()
         self._thread.start()
 
     def cancel(self, reason: str, wait_s: float) -> None:
         """Has the robot stop; waits a little for that to have happened."""
         self._cancel = reason or "cancelled"
+        self._save_or_warn()
         self._ended.wait(wait_s)
 
     # --- the loop -------------------------------------------------------------------------------------------------
@@ -82,66 +125,109 @@ class Mission:
         finally:
             self._ended.set()
             if not self._node.stopping.is_set():
-                self._statuses.close()
-                self._plans.close()
+                for publisher in (self._statuses, self._plans):
+                    if publisher is not None:
+                        publisher.close()
 
     def _search(self) -> None:
-        """Maps that hold observation n -> decision -> action -> observation n + 1, until the mission ends."""
+        """Maps that hold observation n -> decision -> action -> observation n + 1, until the mission ends.
+
+        A mission that was interrupted begins with the action that it last decided on: whether the robot had carried it
+        out is told by its sequence number.
+        """
         while True:
             self._world.check_cancelled()
-            status = self._world.robot_status()
-            maps = self._world.maps_with(status.seq, wait_for_cameras=self._memory.step == 0)
-            decision = self._decide(status, maps)
-            if decision.finished:
-                if self._concluded(decision, status.seq):
-                    return
-                self._memory.finished = False  # the robot stands elsewhere than we thought: look again
-                continue
+            if self._pending is None:
+                status = self._world.robot_status()
+                # the cameras of a floor that the robot comes to: their first views are worth a wait
+                maps = self._world.maps_with(status.seq, wait_for_cameras=status.floor != self._settled_on)
+                self._settled_on = status.floor
+                self._pending = self._decide(status, maps)
             self._world.check_cancelled()
-            self._act(decision, status.seq)
+            if self._carry_out(self._pending):
+                return
+            self._pending = None
 
-    def _decide(self, status: RobotStatus, maps: MapView) -> Decision:
+    def _decide(self, status: RobotStatus, maps: MapView) -> Pending:
+        """The next action; written to the store, so that it may be sent."""
+        stairs = self._world.stairs(status)
+        moved_m = self._moved_m(status, stairs)
         x_m, y_m, _ = status.T_world_base.translation_m
-        moved_m = math.dist((x_m, y_m), self._last_place) if self._last_place else 0.0
         self._last_place = x_m, y_m
         path_m = self.status.path_m + moved_m
         collided = self._last_action == "move_forward" and moved_m < 0.96 * self._settings.core.step_m
         robot = RobotView(
             status.seq, x_m, y_m, yaw_of_status(status), status.pitch_rad, status.floor, collided, self._last_action,
-            path_m,
+            path_m, stairs,
         )  # fmt: skip
-        self._memory, decision = step(self._memory, maps, robot, self._settings.core)
-        self._put_plan(decision, status)
+        self._memory, decision = step(
+            self._memory, maps, robot, self._settings.core, summaries=self._summaries.by_floor()
+        )
+        facts = {
+            "step": self._memory.step, "path_m": path_m, "floor": status.floor, "object_id": decision.object_id,
+            "floor_choice_bytes": self._floor_choice_bytes(),
+        }  # fmt: skip
         if not decision.finished:
-            self._say(
-                state="confirming" if decision.phase == "confirming" else "active", phase=decision.phase,
-                step=self._memory.step, path_m=path_m, floor=status.floor, object_id=decision.object_id,
-                distance_remaining_m=decision.distance_m, message=decision.message,
-            )  # fmt: skip
-        else:
-            self._note(step=self._memory.step, path_m=path_m, floor=status.floor, object_id=decision.object_id)
-        return decision
+            facts |= {
+                "state": "confirming" if decision.phase == "confirming" else "active", "phase": decision.phase,
+                "distance_remaining_m": decision.distance_m, "message": decision.message,
+            }  # fmt: skip
+        self._note(**facts)
+        self.plan = self._plan(decision, status)
+        self._pending = Pending.of(decision, status.seq)
+        self._save_or_warn()
+        self._tell(self._plans, self.plan)
+        if not decision.finished:
+            self._tell(self._statuses, self.status)
+        return self._pending
 
-    def _act(self, decision: Decision, seq: int) -> None:
-        action = str(decision.action)
+    def _moved_m(self, status: RobotStatus, stairs: tuple[Stair, ...]) -> float:
+        """Metres since the last decision; over a stair its length, and the way to its near end."""
+        if self._last_place is None:
+            return 0.0
+        here = status.T_world_base.translation_m[:2]
+        taken = [s for s in stairs if (s.floor, s.to_floor) == (self.status.floor, status.floor)]
+        if self._last_action != "take_stairs" or not taken:
+            return math.dist(here, self._last_place)
+        stair = min(taken, key=lambda s: math.dist(s.to_m[:2], here))
+        return math.dist(self._last_place, stair.at_m[:2]) + stair.length_m
+
+    def _carry_out(self, pending: Pending) -> bool:
+        """Has the robot do what was decided; True if that ended the mission."""
+        if pending.finished:
+            if self._concluded(pending):
+                return True
+            self._memory.finished = False  # the robot stands elsewhere than we thought: look again
+            return False
+        self._act(pending)
+        return False
+
+    def _act(self, pending: Pending) -> None:
+        action = str(pending.action)
         try:
-            newest = self._world.move(action, seq, self.id, decision.to_floor)
+            newest = self._world.move(action, pending.seq, self.id, pending.to_floor)
         except Refused as refused:
-            raise LostError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
-        self._last_action = action if newest == seq + 1 else None
+            self._refusals += 1
+            if action != "take_stairs" or self._refusals > _MAX_REFUSALS:
+                raise LostError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
+            self._last_action = None  # the core counts it against the stair, and chooses again
+            self._hold(f"robot {self.robot} refused {action}: {refused}")
+            return
+        self._refusals = 0
+        self._last_action = action if newest == pending.seq + 1 else None
 
-    def _concluded(self, decision: Decision, seq: int) -> bool:
+    def _concluded(self, pending: Pending) -> bool:
         """Ends the mission as decided; False if the robot didn't carry out the stop that says "found"."""
-        if not decision.found:
+        if not pending.found:
             self._stop_robot()
-            self._end("failed", error=decision.error, message=decision.message)
+            self._end("failed", error=pending.error, message=pending.message)
             return True
         try:
-            if self._world.move("stop", seq, self.id) != seq + 1:
+            if self._world.move("stop", pending.seq, self.id) != pending.seq + 1:
                 return False
         except Refused as refused:
             raise LostError("stuck", f"robot {self.robot} refused to stop: {refused}") from refused
-        self._end("done", found=True, message=decision.message)
+        self._end("done", found=True, message=pending.message)
         return True
 
     def _stop_robot(self) -> None:
@@ -155,7 +241,31 @@ class Mission:
         except (LostError, Refused, CancelError) as error:
             self._node.log.warning("couldn't stop the robot", robot=self.robot, error=str(error))
 
+    # --- keeping it -----------------------------------------------------------------------------------------------
+
+    def _remembered(self, saved: SavedMission) -> MissionState:
+        """What the core remembered; a planner of another version may have to begin anew, with the steps counted on."""
+        status = saved.status
+        fresh = MissionState(status.target, max_steps=status.max_steps, step=status.step)
+        if not saved.memory:
+            return fresh
+        try:
+            return MissionState.from_json(saved.memory.encode())
+        except msgspec.MsgspecError as error:
+            self._node.log.error("memory_unreadable: the mission begins anew", mission=status.mission, error=str(error))
+            return fresh
+
+    def _save_or_warn(self) -> None:
+        """A mission under way goes on also where its store is full: it may only not outlive the planner."""
+        try:
+            self.save()
+        except StoreError as error:
+            self._node.warn_seldom("store_failed: this mission may not survive a restart", error=str(error))
+
     # --- saying so ------------------------------------------------------------------------------------------------
+
+    def _floor_choice_bytes(self) -> int:
+        return sum(self._summaries.received_bytes().values()) - self._summary_bytes_before
 
     def _hold(self, why: str) -> None:
         if self.status.message != why:
@@ -166,19 +276,27 @@ class Mission:
 
     def _say(self, **changes: Any) -> None:
         self._note(**changes)
-        self._statuses.put(self.status)
+        self._tell(self._statuses, self.status)
+
+    def _tell(self, publisher: Publisher | None, message: MissionStatus | Plan) -> None:
+        if publisher is not None:
+            publisher.put(message)
 
     def _end(self, state: str, *, error: str = "", message: str = "", found: bool = False) -> None:
-        self._say(
+        self._note(
             state=state, phase="finished", error=error, message=message, found=found, finished_ns=clock_ns(),
-            distance_remaining_m=None,
+            distance_remaining_m=None, floor_choice_bytes=self._floor_choice_bytes(),
         )  # fmt: skip
-        self._node.log.info("mission ended", mission=self.id, state=state, error=error, message=message)
+        self._save_or_warn()
+        self._tell(self._statuses, self.status)
+        self._node.log.info(
+            "mission ended", mission=self.id, state=state, error=error, message=message,
+            floor_choice_bytes=self.status.floor_choice_bytes, summary_bytes_by_floor=self._summaries.received_bytes(),
+        )  # fmt: skip
 
-    def _put_plan(self, decision: Decision, status: RobotStatus) -> None:
-        self.plan = Plan(
+    def _plan(self, decision: Decision, status: RobotStatus) -> Plan:
+        return Plan(
             stamp_ns=clock_ns(), mission=self.id, robot=self.robot, floor=status.floor, step=self._memory.step,
             seq=status.seq, action=decision.action or "", waypoint=decision.plan,
             path_m=[(round(x, 3), round(y, 3)) for x, y in decision.path], candidates=list(decision.candidates),
         )  # fmt: skip
-        self._plans.put(self.plan)

@@ -1,4 +1,7 @@
-"""The planner service: takes missions, gives each a robot and a thread, tells what becomes of them."""
+"""The planner service: takes missions, gives each a robot and a thread, tells what becomes of them.
+
+With a store it takes up again, when it starts, what it was killed over.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,9 @@ import threading
 from collections.abc import Callable
 
 from services.planner.config import PlannerSettings
-from services.planner.mission import Mission
+from services.planner.mission import Mission, Surroundings, accepted
+from services.planner.store import Store, StoreError
+from services.planner.summaries import Summaries
 from surveilnav.categories import closed_set_target
 from surveilnav.contract import MAP_REVISION, MISSION_CANCEL, MISSION_GOAL, MISSION_PLAN, MISSION_STATUS, ROBOT_STATUS
 from surveilnav.errors import MissionError, TargetError
@@ -25,8 +30,10 @@ class PlannerService:
         self._missions: dict[str, Mission] = {}
         for kind in ("robot", "fusion", "perception"):
             node.alive(kind)  # the first call starts watching
-        self._revisions = node.table(MAP_REVISION)
         self._robots = node.table(ROBOT_STATUS)
+        self._store = Store(settings.store, node)
+        self._around = Surroundings(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
+        self._resume()
         node.serve(MISSION_GOAL, self._on_goal)
         node.serve(MISSION_CANCEL, self._on_cancel, workers=2)
         node.serve(MISSION_STATUS, lambda request: self._tell(request, _status_of))
@@ -35,6 +42,20 @@ class PlannerService:
     def step(self) -> bool:
         """Nothing to do here: missions run on threads of their own."""
         return False
+
+    def _resume(self) -> None:
+        """Takes up the unfinished missions of the store, and knows the finished ones again."""
+        try:
+            saved = self._store.load()
+        except StoreError as error:
+            self._node.log.error("store_failed: no mission is resumed", error=str(error))
+            return
+        for mission in (Mission(self._around, s) for s in saved):
+            self._missions[mission.id] = mission
+            if not mission.finished:
+                self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
+                mission.start()
+        self._forget_oldest()
 
     # --- goals and cancels ----------------------------------------------------------------------------------------
 
@@ -70,7 +91,11 @@ class PlannerService:
                     return known  # the same goal sent again
                 raise MissionError("mission_exists", f"mission {id!r} exists already for {known.status.target!r}")
             robot = self._free_robot(goal.robot)
-            mission = Mission(self._node, self._settings, self._revisions, goal, target, robot)
+            mission = Mission(self._around, accepted(goal, target, robot))
+            try:
+                mission.save()  # before it is acknowledged: what was accepted exists, come what may
+            except StoreError as error:
+                raise MissionError("store_failed", str(error)) from error
             self._missions[id] = mission
             self._forget_oldest()
             mission.start()
@@ -100,8 +125,13 @@ class PlannerService:
 
     def _forget_oldest(self) -> None:
         finished = [id for id, m in self._missions.items() if m.finished]
-        for id in finished[: max(0, len(finished) - self._settings.finished_missions_kept)]:
+        oldest = finished[: max(0, len(finished) - self._settings.finished_missions_kept)]
+        for id in oldest:
             del self._missions[id]
+        try:
+            self._store.forget(oldest)
+        except StoreError as error:
+            self._node.warn_seldom("store_failed: old missions stay in it", error=str(error))
 
     def _on_cancel(self, request: Request) -> Answer:
         cancel: MissionCancel = request.message

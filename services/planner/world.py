@@ -16,7 +16,7 @@ from services.planner.core import MapView
 from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS, ROBOT_COMMAND, ROBOT_STATUS
 from surveilnav.errors import WireError
 from surveilnav.geometry import Grid
-from surveilnav.messages import Command, CommandReply, LayerHeader, Revision, RobotStatus
+from surveilnav.messages import Command, CommandReply, LayerHeader, Revision, RobotStatus, Stair
 from surveilnav.messages.robot import ActionName
 from surveilnav.runtime import Node, Refused, Table, Unanswered, clock_ns
 from surveilnav.sensing.packing import unpack_array
@@ -24,6 +24,10 @@ from surveilnav.sensing.packing import unpack_array
 _LAYERS = ("occupancy", "explored", "frontier", "value")
 _POLL_S = 0.004
 _ASK_AGAIN_S = 2.0
+#: Who comes to a floor believes "no camera's view is on its way" only after this: fusion needs a moment to invoke them.
+_INVOCATION_S = 0.3
+_MAX_STAIRS = 64
+_FARTHEST_M = 10_000.0
 
 
 class LostError(Exception):
@@ -55,14 +59,27 @@ class World:
     cancelled: Callable[[], bool]
 
     def robot_status(self) -> RobotStatus:
-        """The robot's own word now. LostError: it didn't answer for ``robot_timeout_s``."""
+        """The robot's own word now. LostError: no word that makes sense came for ``robot_timeout_s``."""
         began_s = time.monotonic()
         while True:
             try:
                 timeout_s = self.settings.ask_timeout_s
-                return cast("RobotStatus", self.node.ask(ROBOT_STATUS, robot=self.robot, timeout_s=timeout_s).message)
-            except (Unanswered, Refused) as error:
-                self._silent(began_s, error)
+                status: RobotStatus = self.node.ask(ROBOT_STATUS, robot=self.robot, timeout_s=timeout_s).message
+                if math.isfinite(status.pitch_rad):
+                    return status
+                self.node.reject(ROBOT_STATUS.name, f"robot {self.robot}: its camera's pitch is {status.pitch_rad}")
+                error: Exception = WireError(f"the pitch of its camera is {status.pitch_rad}")
+            except (Unanswered, Refused) as unanswered:
+                error = unanswered
+            self._silent(began_s, error)
+
+    def stairs(self, status: RobotStatus) -> tuple[Stair, ...]:
+        """The stairs that the robot speaks of, without those that can't be; they are counted as dropped."""
+        kept = tuple(s for s in status.stairs[:_MAX_STAIRS] if _is_stair(s))
+        if len(kept) < len(status.stairs):
+            dropped = len(status.stairs) - len(kept)
+            self.node.reject("stairs", f"robot {self.robot} speaks of {dropped} that can't be, or of too many")
+        return kept
 
     def maps_with(self, seq: int, *, wait_for_cameras: bool = False) -> MapView:
         """The maps as soon as they hold the robot's observation ``seq``.
@@ -73,10 +90,12 @@ class World:
         began_s = time.monotonic()
         while True:
             revision = self._revision_with(seq, began_s)
-            pending = revision.pending_views if wait_for_cameras else 0
+            pending = revision.pending_views
             waited_s = time.monotonic() - began_s
-            if pending and waited_s < self.settings.wait_for_cameras_s:
-                self.hold(f"waiting for the cameras' first views: {pending} are on their way")
+            coming = pending > 0 or waited_s < _INVOCATION_S
+            if wait_for_cameras and coming and waited_s < self.settings.wait_for_cameras_s:
+                if pending:
+                    self.hold(f"waiting for the cameras' first views: {pending} are on their way")
                 self._pause(0.05)
                 continue
             try:
@@ -198,6 +217,13 @@ def yaw_of_status(status: RobotStatus) -> float:
     """Heading [rad] of a robot's base."""
     T = status.T_world_base.matrix()
     return math.atan2(T[1, 0], T[0, 0])
+
+
+def _is_stair(stair: Stair) -> bool:
+    """Whether a stair joins two floors at places that can be, over a length that can be walked."""
+    places = all(math.isfinite(v) and abs(v) < _FARTHEST_M for v in (*stair.at_m, *stair.to_m))
+    floors = bool(stair.floor) and bool(stair.to_floor) and stair.floor != stair.to_floor
+    return places and floors and 0.0 < stair.length_m < _FARTHEST_M
 
 
 def _shape(grid: Grid) -> tuple[int, int]:

@@ -96,7 +96,7 @@ CAMERA_FRAME = Stream(
 )  # fmt: skip
 CAMERA_SUMMARY = Stream(
     "camera_summary", "{building}/{floor}/camera/{camera}/summary", m.CameraSummary, "camera_node", "put", 0.2, 15_000,
-    "data", "labels and confidences last seen, at most 512 bytes: for choosing the floor (nobody sends it yet)",
+    "data", "labels and confidences last seen, at most 512 bytes: for choosing the floor",
 )  # fmt: skip
 CAMERA_REQUEST = Stream(
     "camera_request", "{building}/{floor}/camera/{camera}/request", m.Ack, "camera_node", "query", None, 5_000,

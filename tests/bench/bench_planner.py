@@ -1,15 +1,26 @@
-"""What a planning step costs; for CPU time add ``--benchmark-timer=time.process_time``."""
+"""What a planning step costs; for CPU time add ``--benchmark-timer=time.process_time``.
+
+``test_whole_robot_step``: a view into the joint maps, the layers, and the planner's step, on the views of one search of
+an example home (a home made in code where its assets can't be had); ``extra_info`` holds median and 99th percentile over
+all steps of the search. ``test_field``: the travel-time field beside scikit-fmm's in the same run.
+"""
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import skfmm
 
-from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
+from services.fusion.core import JointMap
+from services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView, step
+from services.planner.core.terrain import arrival_m, build_terrain
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
+
+HOME, SUBSTITUTE, TARGET, STEPS = "4_bedroom", "parametric_house", "tv", 150
 
 
 def flat(side_cells: int) -> MapView:
@@ -43,7 +54,95 @@ def test_step(benchmark, side_cells, goal):
         )  # fmt: skip
         maps = replace(maps, objects=[record])
     robot = RobotView(0, 2.0, 2.0, 0.3, 0.0, "0", False, None, 0.0)
-    state = MissionState("bed", scan_left=0)
+    state = MissionState("bed", floor="0", floors={"0": FloorMemory(scan_left=0)})
     _, decision = benchmark(step, state, maps, robot, PlannerConfig())
     assert decision.action is not None
     assert decision.phase == ("exploring" if goal == "frontier" else "approaching")
+
+
+@pytest.mark.parametrize("by", ["own", "scikit-fmm"])
+@pytest.mark.parametrize("side_cells", [200, 400])
+def test_field(benchmark, side_cells, by):
+    """Travel time from a goal to every cell of the map."""
+    robot = RobotView(0, 2.0, 2.0, 0.3, 0.0, "0", False, None, 0.0)
+    terrain = build_terrain(flat(side_cells), robot, MissionState("bed"), PlannerConfig())
+    goals = terrain.disc(side_cells * 0.05 - 3.0, side_cells * 0.05 - 2.0, 0.3)
+    open_ = terrain.speed > 0.0
+
+    def scikit():
+        phi = np.ma.MaskedArray(np.where(goals, -1.0, 1.0), mask=~open_)
+        return skfmm.travel_time(phi, np.where(open_, terrain.speed, 1.0), dx=0.05, order=1)
+
+    benchmark.group = f"field, {side_cells} cells"
+    benchmark(scikit if by == "scikit-fmm" else lambda: arrival_m(terrain.speed, goals, 0.05))
+
+
+@pytest.fixture(scope="module")
+def search():
+    """One search of a home, looked at from a place where it can be played again: views, what the planner was told."""
+    from benchmark.episode import CameraViews, map_view, observe, robot_state_view
+    from services.robot_node import core as robot
+    from surveilnav.building.goals import find_goals, sample_start
+    from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+    from surveilnav.errors import AssetError
+    from surveilnav.perception.choose import choose_backend
+
+    try:
+        building = SimulatedBuilding(SimulationSettings(building=HOME))
+        building.prepare()
+    except AssetError:
+        building = SimulatedBuilding(SimulationSettings(building=SUBSTITUTE))
+        building.prepare()
+    backend = choose_backend("simulated")
+    views = CameraViews(building, backend)
+    goals = find_goals(building.scene, building.navigation, TARGET, caster=building.caster)
+    start = sample_start(building.scene, building.navigation, goals, seed=0, caster=building.caster)
+    text = backend.embed_texts([f"seems like there is a {TARGET}"])[0]
+    cameras = [v for info in views.infos if info.floor == start.floor for v in views.of(info.camera)]
+    joint, state = JointMap(), robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
+    mission = MissionState("no such thing", max_steps=STEPS + 1)  # so the search goes on to the last step
+    for camera in cameras:
+        joint.integrate(camera.view, camera.perception)
+    steps = []
+    while len(steps) < STEPS:
+        seen = observe(building, backend, state)
+        placed = joint.integrate(seen.view, seen.perception)
+        told = robot_state_view(state)
+        mission, decision = step(mission, map_view(joint, placed.floor, text), told, PlannerConfig())
+        steps.append((seen.view, seen.perception, told, decision.action))
+        if decision.finished:
+            break
+        state = robot.act(state, decision.action, building.navigation)
+    return cameras, steps, text
+
+
+def test_whole_robot_step(benchmark, search):
+    """Detector and embeddings left out: they are recorded."""
+    from benchmark.episode import map_view
+
+    cameras, steps, text = search
+    cpu_ms, plan_ms = [], []
+
+    def play():
+        joint, mission = JointMap(), MissionState("no such thing", max_steps=STEPS + 1)
+        for camera in cameras:
+            joint.integrate(camera.view, camera.perception)
+        joint.layer(steps[0][0].floor, "value", text)
+        for view, perception, told, action in steps:
+            begin = time.process_time()
+            placed = joint.integrate(view, perception)
+            maps = map_view(joint, placed.floor, text)
+            mapped = time.process_time()
+            mission, decision = step(mission, maps, told, PlannerConfig())
+            end = time.process_time()
+            assert decision.action == action
+            cpu_ms.append(1e3 * (end - begin))
+            plan_ms.append(1e3 * (end - mapped))
+
+    benchmark.pedantic(play, rounds=2, warmup_rounds=1)
+    warm = len(steps)  # the first round compiles
+    benchmark.extra_info["steps"] = len(steps)
+    for name, ms in (("whole step", cpu_ms[warm:]), ("planner", plan_ms[warm:])):
+        said = {"median": np.median(ms), "p99": np.percentile(ms, 99), "max": np.max(ms)}
+        benchmark.extra_info[name] = {k: round(float(v), 1) for k, v in said.items()}
+        print(f"{name}: " + ", ".join(f"{k} {v:.1f} ms" for k, v in said.items()))

@@ -132,3 +132,25 @@ def test_a_mission_ends_with_an_outcome(stack: Stack) -> None:
     mission = stack.wait_for_end(answer.json()["id"])
     assert (mission["state"], mission["found"]) == ("done", True), f"{mission}\n{stack.state()}"
     assert mission["step"] > 0, f"the robot never moved: {mission}\n{stack.state()}"
+
+
+def test_maps_and_missions_outlive_their_containers(stack: Stack) -> None:
+    before = stack.get("/api/v1/missions")["items"]
+    assert before, "this test needs the mission of the one above"
+    stack.compose("rm", "--stop", "--force", "planner")
+    stack.compose("up", "--detach", "--wait", "--no-deps", "planner", timeout_s=120)
+    kept = stack.compose("exec", "-T", "planner", "sh", "-c", "stat -c '%u %n' /var/lib/surveilnav/*/planner.sqlite")
+    assert kept.split() == ["10001", "/var/lib/surveilnav/parametric_flat-0/planner.sqlite"]
+    said = stack.compose("logs", "--no-color", "planner")
+    assert "store_" not in said, said
+    stack.compose("restart", "gateway", timeout_s=120)  # so that it remembers nothing
+    deadline_s = time.monotonic() + 60.0
+    while time.monotonic() < deadline_s:
+        try:
+            after = stack.get("/api/v1/missions")["items"]
+        except httpx.HTTPError:
+            after = []
+        if after:
+            break
+        time.sleep(1.0)
+    assert [(m["id"], m["state"], m["found"]) for m in after] == [(m["id"], m["state"], m["found"]) for m in before]

@@ -69,3 +69,21 @@ def test_ports_are_bound_to_this_machine_only(name: str) -> None:
 def test_only_one_service_builds_the_image_that_all_run() -> None:
     assert {service["image"] for service in _SERVICES.values()} == {"surveilnav"}
     assert [name for name, service in _SERVICES.items() if "build" in service] == ["router"]
+
+
+@pytest.mark.parametrize("name", ["fusion", "planner"])
+def test_what_must_outlive_a_container_lies_in_a_volume_by_building(name: str) -> None:
+    service = _SERVICES[name]
+    store = service["environment"][f"SURVEILNAV_{name.upper()}__STORE"]
+    volume, mount = next(v for v in service["volumes"] if v.startswith("state:")).split(":")
+    assert volume in _COMPOSE["volumes"]
+    assert store.startswith(f"{mount}/")
+    assert "${SURVEILNAV_SIM__BUILDING:-" in store, "another building's maps and missions would be taken up"
+    assert f"install -d -o 10001 -g 10001 {mount}" in (_ROOT / "Dockerfile").read_text(encoding="utf-8")
+
+
+def test_cameras_look_with_the_backend_of_perception_unless_told_otherwise() -> None:
+    camera, perception = _SERVICES["camera"], _SERVICES["perception"]
+    backend = perception["environment"]["SURVEILNAV_PERCEPTION__BACKEND"]
+    assert camera["environment"]["SURVEILNAV_CAMERA__PERCEPTION"] == "${SURVEILNAV_CAMERA__PERCEPTION:-" + backend + "}"
+    assert set(perception["volumes"]) <= set(camera["volumes"])

@@ -68,7 +68,7 @@ def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
             home.prepare()
             variables = environment(
                 router=f"tcp/127.0.0.1:{free_port()}", building=building, seed=0, cameras=cameras, area_per_camera_m2=100,
-                perception=perception, surveillance=surveillance, robot_start=robot_start,
+                perception=perception, surveillance=surveillance, robot_start=robot_start, state=tmp_path / "state",
             )  # fmt: skip
             names = [c.name for c in home.plan.cameras]
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)

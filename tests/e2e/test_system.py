@@ -7,10 +7,11 @@ import subprocess
 import sys
 import time
 
+import httpx
 import pytest
 import zenoh
 
-from surveilnav.contract import MISSION_CANCEL, ROBOT_STATUS, STREAMS
+from surveilnav.contract import MISSION_CANCEL, MISSION_STATUS, ROBOT_STATUS, STREAMS
 from surveilnav.messages import MissionCancel
 from surveilnav.runtime import clock_ns
 from surveilnav.runtime.router import free_port
@@ -27,7 +28,10 @@ def test_only_cameras_of_the_robots_floor_send_frames(system):
     s = system("parametric_house", cameras=2)
     floors = {c.name: c.floor for c in s.building.plan.cameras}
     assert sorted(floors.values()) == ["0", "1"]
-    robot_floor = s.node.ask(ROBOT_STATUS, robot="r1").message.floor
+    until = time.monotonic() + 30
+    while not (robots := s.node.ask_all(ROBOT_STATUS)):  # its token may be there before it answers
+        assert time.monotonic() < until
+    robot_floor = robots[0].message.floor
     here = next(name for name, floor in floors.items() if floor == robot_floor)
     other = next(name for name, floor in floors.items() if floor != robot_floor)
     until = time.monotonic() + 60
@@ -134,3 +138,50 @@ def test_find_and_status_through_the_gateway(system, tmp_path):
     run = surveilnav("find", "tv")
     assert run.returncode == 0, run.stderr
     assert json.loads(run.stdout)["found"] is True
+
+
+@pytest.mark.slow
+def test_over_the_stairs_to_the_only_floor_that_has_the_target(system):
+    """The cameras' summaries tell the planner where to go; they cost hundreds of bytes."""
+    s = system("parametric_house", cameras=6, robot_start="5,4.25,1,0")
+    floors = {i.floor for i in s.building.scene.labelled("refrigerator")}
+    assert floors == {"0"}, "this test needs a target that is on one floor only"
+    s.search("refrigerator", max_steps=400)
+    s.wait(lambda m: "cameras of floor 0 saw 'refrigerator'" in m.message, 180)
+    ended = s.wait(lambda m: m.state in TERMINAL, 300)
+    assert (ended.state, ended.found, ended.floor) == ("done", True, "0"), ended
+    robot = s.node.ask(ROBOT_STATUS, robot="r1").message
+    assert robot.floor == "0"
+    assert 500 < ended.floor_choice_bytes < 100_000
+    for camera in s.building.plan.cameras:
+        rows = [r for r in s.traffic("camera", camera.name).rows if "/summary" in r.key]
+        assert rows, f"camera {camera.name} told nothing"
+        assert all(r.n_bytes / r.messages <= 600 for r in rows)
+
+
+@pytest.mark.slow
+def test_a_mission_survives_the_death_of_its_planner(system):
+    port = free_port()
+    s = system(cameras=1, gateway_port=port)
+    s.search("tv")
+    steps = []
+    for _ in range(3):
+        steps.append(s.wait(lambda m: m.step >= (steps[-1] if steps else 0) + 4 or m.state in TERMINAL, 90).step)
+        s.stack.kill("planner")
+        s.stack.start_service("planner")
+        until_s = time.monotonic() + 30
+        while not s.node.ask_all(MISSION_STATUS):
+            assert time.monotonic() < until_s, "the planner didn't come back with its mission"
+            time.sleep(0.2)
+    ended = s.wait(lambda m: m.state in TERMINAL, 180)
+    assert (ended.state, ended.found) == ("done", True), ended
+    seq = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
+    assert seq == ended.step, "as many actions as were decided: none twice, none lost"
+    s.stack.kill("planner")
+    s.stack.start_service("planner")
+    until_s = time.monotonic() + 30
+    while s.node.ask_all(MISSION_STATUS) == []:
+        assert time.monotonic() < until_s
+        time.sleep(0.2)
+    told = httpx.get(f"http://127.0.0.1:{port}/api/v1/missions").raise_for_status().json()["items"]
+    assert [(m["id"], m["state"], m["found"]) for m in told] == [("m1", "done", True)]

@@ -1,53 +1,198 @@
-"""The joint point cloud: coloured voxels in a hash table. Cost per point doesn't depend on the size of the map."""
+"""The joint point cloud: voxels with a mean position and colour, who saw them when, and whether they are still there.
+
+Voxels stand one after the other in an array; blocks of 4x4x4 voxels know where theirs stand, and regions of 8x8x8
+blocks know their blocks. The cost of a point doesn't depend on the size of the map, and neither does that of a view
+that looks for voxels which it sees through: it asks the regions before it only.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-_KEY, _COUNT, _RED_GREEN, _BLUE = 0, 1, 2, 3  # columns of the table; key 0: an empty slot (that corner is refused)
-_BITS = 21  # per axis: +-26 km at 2.5 cm
-_HALF = 1 << (_BITS - 1)
-_MASK = (1 << _BITS) - 1
+from services.fusion.core import voxels
+from services.fusion.core.carving import Clearance
+from services.fusion.core.config import MapConfig
+from services.fusion.core.provenance import MAX_SETS, SourceSets
+from services.fusion.core.voxels import BITS, HALF, MASK, NEVER, VOXEL
 
 
 class VoxelCloud:
-    """Counts and mean colours of voxels. Sums of integers: the order of views doesn't matter.
+    """Mean positions and colours of voxels, their provenance, and which of them are gone.
 
-    Open addressing with linear probing; the 64 voxels of a 4x4x4 block share a stretch of slots, so that
-    neighbouring pixels find their voxels in the processor's cache.
+    A point weighs in by the inverse of its depth's variance (``MapConfig.depth_noise_m``), quantised to 1..64. Up to
+    a weight of 16.8 million (a quarter of a million points near by) means are exact; then they stand.
+    A voxel is gone while ``carve_views`` views that are newer than its last point see through it; gone voxels are
+    left out of everything, and make room when the cloud is full.
+
+    Attributes:
+        refused: points that had no place, because the cloud was full or they lay outside the world.
+        n_gone: voxels that are kept, but gone.
     """
 
-    def __init__(self, voxel_m: float, max_voxels: int) -> None:
-        self._voxel_m = voxel_m
-        self._max_voxels = max_voxels
-        self._table = np.zeros((1 << 16, 4), np.int64)  # 32 bytes a slot: one line of the cache
-        self.size = 0
+    def __init__(self, config: MapConfig) -> None:
+        self._config = config
+        self._voxels = np.zeros(1 << 12, VOXEL)
+        self._index = voxels.new_index(1 << 10)
+        self._n = 0
+        self._max_blocks = config.max_voxels // 4 + 1024  # a surface fills eight of a block's voxels or more
+        self._sets = SourceSets()
+        self._joined = np.full(MAX_SETS, -1, np.int32)  # scratch: set -> set with the view's source
+        self.n_gone = 0
         self.refused = 0
 
-    def add(self, p_world: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
-        """Adds points (N, 3) [m, world] with colours (N, 3) uint8."""
-        while 2 * min(self.size + len(p_world), self._max_voxels) > len(self._table):
-            self._table = _rehash(self._table, 4 * len(self._table))
-        self.size, refused = _add(self._table, self.size, self._max_voxels, p_world, colours, 1.0 / self._voxel_m)
-        self.refused += refused
+    @property
+    def size(self) -> int:
+        """Voxels that are there."""
+        return self._n - self.n_gone
+
+    def add(
+        self, p_world: NDArray[np.float32], colours: NDArray[np.uint8], p_camera: NDArray[np.float64],
+        source: str, stamp_ns: int,
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
+        """Adds points (N, 3) [m, world] with colours (N, 3) uint8, seen by ``source`` from ``p_camera`` (3,).
+
+        Returns the numbers of new voxels, and of those that were gone and are back.
+        """
+        c = self._config
+        n = len(p_world)
+        if self._n + n > c.max_voxels and self.n_gone > c.max_voxels // 16:
+            self._drop_gone()
+        self._reserve(n)
+        hits, back = np.empty(n, np.int32), np.empty(n, np.int32)
+        before = self._n
+        per_m = 1.0 / c.voxel_m
+        self._n = voxels.find(
+            self._voxels, self._index, self._n, c.max_voxels, self._max_blocks, p_world, stamp_ns, per_m, hits
+        )  # fmt: skip
+        n_hits, n_back = voxels.add(
+            self._voxels, hits, p_world, colours, p_camera, stamp_ns, per_m, c.depth_noise_m**2,
+            c.depth_noise_per_m**2, c.carve_views, back,
+        )  # fmt: skip
+        self.refused += n - n_hits
+        self.n_gone -= n_back
+        self._note_source(hits, source)
+        return np.arange(before, self._n, dtype=np.int32), back[:n_back].copy()
+
+    def carve(self, view: Clearance) -> NDArray[np.int32]:
+        """Notes what a view sees through; returns the numbers of the voxels that are gone by it."""
+        gone = np.empty(self._n, np.int32)  # pages that nobody writes to cost nothing
+        c = self._config
+        n = voxels.carve(
+            self._voxels, self._index, view.camera, view.limit_m, view.far_m, view.stamp_ns, c.voxel_m,
+            c.carve_views, gone,
+        )  # fmt: skip
+        self.n_gone += n
+        return gone[:n].copy()
+
+    def recheck(self, new: NDArray[np.int32], newer: Iterable[Clearance]) -> NDArray[np.int32]:
+        """Asks views that came before these voxels did; returns the numbers of those that are gone at once."""
+        c, found = self._config, [np.empty(0, np.int32)]
+        for view in newer:
+            gone = np.empty(len(new), np.int32)
+            n = voxels.recheck(
+                self._voxels, new, view.camera, view.limit_m, view.stamp_ns, c.voxel_m, c.carve_views, gone
+            )  # fmt: skip
+            found.append(gone[:n])
+        gone = np.concatenate(found)
+        self.n_gone += len(gone)
+        return gone
 
     def array(self) -> NDArray[np.float32]:
-        """(N, 6) float32: centres of the voxels [m, world] and colours 0-1, in no particular order."""
-        used = self._table[self._table[:, _KEY] != 0]
-        out = np.empty((len(used), 6), np.float32)
-        out[:, :3] = voxel_centres(used[:, _KEY], self._voxel_m)
-        red_green = used[:, _RED_GREEN]
-        sums = np.stack([red_green >> 32, red_green & 0xFFFFFFFF, used[:, _BLUE]], axis=-1)
-        out[:, 3:] = sums / (255.0 * used[:, _COUNT, None])
+        """(N, 6) float32: mean positions [m, world] and colours 0-1 of the voxels that are there, in no order."""
+        out = np.empty((self.size, 6), np.float32)
+        voxels.means(self._voxels[: self._n], self._config.voxel_m, self._config.carve_views, out)
         return out
+
+    def provenance(
+        self,
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], list[list[str]]]:
+        """Who saw the voxels of ``array``, line by line: number of a set of sources (N,), first and last seen [ns].
+
+        The last part is the sets by number: sorted names of robots and cameras, or ``["many"]`` beyond 65,535 sets.
+        """
+        there = self._voxels[: self._n][~self._is_gone()]
+        first_ns, last_ns = there["first_ns"].copy(), there["last_ns"].copy()
+        return there["sources"].astype(np.int64), first_ns, last_ns, self.source_sets()
+
+    def source_sets(self) -> list[list[str]]:
+        """The sets that ``provenance`` counts by."""
+        return self._sets.lists()
+
+    def centres(self, numbers: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Centres (N, 3) [m, world] of voxels by number."""
+        return voxel_centres(self._voxels["key"][numbers], self._config.voxel_m)
+
+    def state(self) -> dict[str, Any]:
+        """All of it, as plain arrays and numbers, for ``of_state``."""
+        columns = {name: self._voxels[name][: self._n].copy() for name in VOXEL.names or ()}
+        return {"voxels": columns, "sets": self._sets.lists(), "refused": self.refused}
+
+    @classmethod
+    def of_state(cls, state: dict[str, Any], config: MapConfig) -> VoxelCloud:
+        """The cloud that ``state`` was taken of, under the same ``config``."""
+        cloud = cls(config)
+        cloud._n = len(state["voxels"]["key"])
+        cloud._voxels = np.zeros(max(len(cloud._voxels), cloud._n), VOXEL)
+        for name in VOXEL.names or ():
+            cloud._voxels[name][: cloud._n] = state["voxels"][name]
+        cloud._sets = SourceSets.of_lists(state["sets"])
+        cloud._rebuild_index()
+        cloud.n_gone = int(np.count_nonzero(cloud._is_gone()))
+        cloud.refused = int(state["refused"])
+        return cloud
+
+    def _is_gone(self) -> NDArray[np.bool_]:
+        used = self._voxels[: self._n]
+        deciding = {0: None, 1: "through_ns", 2: "through_before_ns"}[self._config.carve_views]
+        if deciding is None:
+            return np.zeros(self._n, np.bool_)
+        return np.asarray(used[deciding] != NEVER)
+
+    def _note_source(self, hits: NDArray[np.int32], source: str) -> None:
+        wanted = voxels.sets_of(self._voxels, hits, self._joined)
+        joined = np.array([self._sets.join(int(number), source) for number in wanted], np.int32)
+        self._joined[joined] = joined
+        self._joined[wanted] = joined
+        if (self._joined[wanted] != wanted).any():
+            voxels.set_sources(self._voxels, hits, self._joined)
+        self._joined[wanted] = self._joined[joined] = -1
+
+    def _reserve(self, n: int) -> None:
+        """Room for ``n`` more voxels, and the blocks they may need."""
+        want = min(self._n + n, self._config.max_voxels)
+        if want > len(self._voxels):
+            larger = np.zeros(max(want, min(2 * len(self._voxels), self._config.max_voxels)), VOXEL)
+            larger[: self._n] = self._voxels[: self._n]
+            self._voxels = larger
+        n_blocks = min(int(self._index.counts[0]) + n, self._max_blocks)
+        if n_blocks > len(self._index.block_keys):
+            self._index = voxels.grown(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
+
+    def _drop_gone(self) -> None:
+        kept = self._voxels[: self._n][~self._is_gone()]
+        self._n, self.n_gone = len(kept), 0
+        self._voxels[: self._n] = kept
+        self._rebuild_index()
+
+    def _rebuild_index(self) -> None:
+        """Finds all voxels anew."""
+        self._index = voxels.new_index(1 << 10)
+        for start in range(0, self._n, 1 << 16):
+            stop = min(start + (1 << 16), self._n)
+            n_blocks = int(self._index.counts[0]) + stop - start
+            if n_blocks > len(self._index.block_keys):
+                self._index = voxels.grown(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
+            voxels.enter(self._voxels, self._index, start, stop)
 
 
 def voxel_keys(p_world: NDArray[np.floating], voxel_m: float) -> NDArray[np.int64]:
     """Sorted unique keys (M,) int64 of the voxels that points (N, 3) [m, world] lie in."""
-    i = np.floor(np.asarray(p_world, np.float64) / voxel_m).astype(np.int64) + _HALF
-    return sorted_unique((i[:, 2] << (2 * _BITS)) | (i[:, 1] << _BITS) | i[:, 0])
+    i = np.floor(np.asarray(p_world, np.float64) / voxel_m).astype(np.int64) + HALF
+    return sorted_unique((i[:, 2] << (2 * BITS)) | (i[:, 1] << BITS) | i[:, 0])
 
 
 def sorted_unique(keys: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -60,53 +205,5 @@ def sorted_unique(keys: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def voxel_centres(keys: NDArray[np.int64], voxel_m: float) -> NDArray[np.float64]:
     """Centres (N, 3) [m, world] of voxels."""
-    i = np.stack([keys & _MASK, (keys >> _BITS) & _MASK, keys >> (2 * _BITS)], axis=-1) - _HALF
+    i = np.stack([keys & MASK, (keys >> BITS) & MASK, keys >> (2 * BITS)], axis=-1) - HALF
     return np.asarray((i + 0.5) * voxel_m)
-
-
-@njit(cache=True, nogil=True)
-def _slot(table, x, y, z, key):  # type: ignore[no-untyped-def]
-    """Index of the voxel's slot, or of the empty one where it belongs."""
-    mask = np.int64(len(table) - 1)
-    block = (x >> 2) * np.int64(73856093) ^ (y >> 2) * np.int64(19349663) ^ (z >> 2) * np.int64(83492791)
-    block ^= block >> 15
-    slot = (block * 64 + ((z & 3) << 4 | (y & 3) << 2 | (x & 3))) & mask
-    while table[slot, _KEY] != 0 and table[slot, _KEY] != key:
-        slot = (slot + 1) & mask
-    return slot
-
-
-@njit(cache=True, nogil=True)
-def _add(table, size, max_size, points, colours, per_m):  # type: ignore[no-untyped-def]
-    refused = 0
-    for i in range(points.shape[0]):
-        x = np.int64(np.floor(np.float64(points[i, 0]) * per_m)) + _HALF
-        y = np.int64(np.floor(np.float64(points[i, 1]) * per_m)) + _HALF
-        z = np.int64(np.floor(np.float64(points[i, 2]) * per_m)) + _HALF
-        if not (0 < x <= _MASK and 0 <= y <= _MASK and 0 <= z <= _MASK):
-            refused += 1
-            continue
-        key = (z << (2 * _BITS)) | (y << _BITS) | x
-        slot = _slot(table, x, y, z, key)
-        if table[slot, _KEY] == 0:
-            if size >= max_size:
-                refused += 1
-                continue
-            table[slot, _KEY] = key
-            size += 1
-        if table[slot, _COUNT] < 16_000_000:  # 255 times this still fits 32 bits
-            table[slot, _COUNT] += 1
-            table[slot, _RED_GREEN] += (np.int64(colours[i, 0]) << 32) + np.int64(colours[i, 1])
-            table[slot, _BLUE] += colours[i, 2]
-    return size, refused
-
-
-@njit(cache=True, nogil=True)
-def _rehash(table, capacity):  # type: ignore[no-untyped-def]
-    larger = np.zeros((capacity, 4), np.int64)
-    for i in range(len(table)):
-        key = table[i, _KEY]
-        if key != 0:
-            slot = _slot(larger, key & _MASK, (key >> _BITS) & _MASK, key >> (2 * _BITS), key)
-            larger[slot] = table[i]
-    return larger

@@ -18,6 +18,16 @@ class MapConfig(_Part):
     """Point cloud, obstacle map, exploration map and frontiers of a floor."""
 
     tau_z_m: float = Field(default=0.4, gt=0, description="eq. 1: a view this near to a floor's altitude belongs to it")
+    release_z_m: float = Field(
+        default=0.6, gt=0, description="an active camera stays so within this, so that a robot on a stair doesn't flap"
+    )
+    stair_step_m: float = Field(
+        default=0.6, gt=0, description="a robot whose altitude changes by less a view is climbing; by more, it arrived"
+    )
+    level_m: float = Field(
+        default=1.0, gt=0, description="a robot that went so far on one level isn't on a stair but on a storey"
+    )
+    level_views: int = Field(default=8, ge=1, description="... or looked so often from it, under a new floor name")
     resolution_m: float = Field(default=0.05, gt=0)
     extent_m: float = Field(default=24.0, gt=0, description="side of a new map; maps grow")
     max_extent_m: float = Field(
@@ -28,6 +38,15 @@ class MapConfig(_Part):
     max_voxels: int = Field(
         default=2_000_000, ge=1, description="of a floor's cloud; beyond it new voxels are counted, not kept"
     )
+    depth_noise_m: float = Field(default=0.01, gt=0, description="standard deviation of depth near by, poses included")
+    depth_noise_per_m: float = Field(
+        default=0.002, ge=0, description="... and what it grows by, times range^2 (Nguyen 2012: 0.0019)"
+    )
+    carve_views: int = Field(
+        default=2, ge=0, le=2, description="what so many newer views see through is gone; 0: nothing ever is"
+    )
+    carve_margin_m: float = Field(default=0.05, ge=0, description="beside 3 sigma of depth noise")
+    carve_memory: int = Field(default=64, ge=1, description="newest views that late voxels are checked against")
     points_per_view: int = Field(default=20_000, ge=100, description="pixels are subsampled to about this many")
     max_range_robot_m: float = Field(default=5.0, gt=0)
     max_range_camera_m: float = Field(default=10.0, gt=0)
@@ -64,6 +83,17 @@ class ValueConfig(_Part):
     )
     max_views: int = Field(default=4096, ge=1, description="robot views kept for later targets; the oldest go first")
     max_targets: int = Field(default=4, ge=1, description="layers kept up to date at once")
+    half_life_s: float = Field(
+        default=3600.0, ge=0, description="a view's weight halves with every such age behind the newest; 0: never"
+    )
+
+
+class GuardConfig(_Part):
+    """What the next view of a source can't be."""
+
+    max_step_m: float = Field(default=2.0, gt=0, description="a robot moves no farther from one observation to the next")
+    climb_m: float = Field(default=0.4, gt=0, description="a change of altitude beyond this is a stair or a lift")
+    max_sources: int = Field(default=100_000, ge=1, description="views of sources that are remembered")
 
 
 class ObjectConfig(_Part):
@@ -86,15 +116,18 @@ class ObjectConfig(_Part):
     w_geometric: float = Field(default=1.0, ge=0)
     tau: float = Field(default=1.2, description="ConceptGraphs' for overlap; the paper's 1.35 belongs to box_iou")
     tau_mutual: float = Field(
-        default=0.5, description="overlap both ways that makes one object of two whatever their looks; > 1: off"
+        default=0.3, description="overlap both ways that makes one object of two whatever their looks; > 1: off"
     )
     overlap_voxel_m: float = Field(default=0.05, gt=0, description="points within one such voxel of each other overlap")
-    merge_every: int = Field(default=10, ge=1, description="views between two searches for duplicates")
+    once_per_view: bool = Field(
+        default=True, description="an object takes one detection of a class from a picture; False: eq. 3 to the letter"
+    )
+    merge_every: int = Field(default=5, ge=1, description="views between two searches for duplicates")
     merge_overlap: float = Field(default=0.6, ge=0)
     merge_box: float = Field(
         default=0.5, ge=0, description="share of the smaller box inside the larger that merges alikes"
     )
-    merge_visual: float = Field(default=0.7, ge=-1)
+    merge_visual: float = Field(default=0.55, ge=-1)
     max_objects: int = Field(default=1000, ge=1, description="of a floor; the weakest candidates go first")
     max_voxels: int = Field(default=6000, ge=1, description="of an object")
     max_history: int = Field(default=64, ge=1, description="events kept with an object")
@@ -106,6 +139,9 @@ class ObjectConfig(_Part):
     confirm_scores: dict[str, float] = Field(
         default={"potted plant": 0.35, "couch": 0.42, "tv": 0.42},
         description="classes that detectors seldom see wrongly need less: measured precision >= .65 from a score of .25 on",
+    )
+    min_detections: int = Field(
+        default=2, ge=1, description="of the class; with fewer an object stays a candidate (ConceptGraphs, VLN-Game)"
     )
     confirm_robot_detections: int = Field(default=3, ge=1, description="near detections of the class by a robot")
     confirm_robot_poses: int = Field(default=2, ge=1, description="... from so many places or directions")
@@ -147,6 +183,7 @@ class FusionConfig(_Part):
     map: MapConfig = MapConfig()
     value: ValueConfig = ValueConfig()
     objects: ObjectConfig = ObjectConfig()
+    guard: GuardConfig = GuardConfig()
 
     @classmethod
     def preset(cls, name: Literal["default", "paper"]) -> FusionConfig:
@@ -154,9 +191,10 @@ class FusionConfig(_Part):
         if name == "default":
             return cls()
         return cls(
-            value=ValueConfig(fusion="average"),
+            value=ValueConfig(fusion="average", half_life_s=0.0),
             objects=ObjectConfig(
-                geometry="box_iou", tau=1.35, tau_mutual=2.0, merge_box=2.0, dbscan_eps_pixels=0.0,
+                geometry="box_iou", tau=1.35, tau_mutual=2.0, once_per_view=False, dbscan_eps_pixels=0.0, min_points=20,
+                merge_every=20, merge_overlap=0.7, merge_visual=0.7, merge_box=2.0, min_detections=2,
                 flip="literal", confidence="mean",
                 confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,
                 near_m=1e9, miss_weight=0.0, size_prior=False, confirm_scores={}, reject_misses=1_000_000_000,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from services.fusion.core.config import ObjectConfig
 
@@ -42,6 +42,10 @@ class Support:
 _NOTHING = Support()
 
 
+def _support(n: int, near: int, weight: float, weighted_score: float, places: list[list[object]]) -> Support:
+    return Support(n, near, weight, weighted_score, {tuple(place) for place in places})
+
+
 @dataclass(slots=True)
 class Evidence:
     """All that was said about one object. ``misses``: close robot views that should have shown its class and didn't."""
@@ -51,6 +55,31 @@ class Evidence:
     misses: int = 0
     settled: str = ""
     flipped: tuple[str, str, int] | None = None  # from, to, and how often "to" had been seen then
+
+    def state(self) -> dict[str, Any]:
+        """All of it, as plain values, for ``of_state``."""
+        kinds = {"robot": self.robot, "surveillance": self.surveillance}
+        supports = {
+            kind: {
+                label: [s.n, s.near, s.weight, s.weighted_score, sorted((list(p) for p in s.places), key=repr)]
+                for label, s in of_kind.items()
+            }
+            for kind, of_kind in kinds.items()
+        }
+        return {**supports, "misses": self.misses, "settled": self.settled, "flipped": self.flipped}
+
+    @classmethod
+    def of_state(cls, state: dict[str, Any]) -> Evidence:
+        """The evidence that ``state`` was taken of."""
+        robot, surveillance = (
+            {label: _support(*fields) for label, fields in state[kind].items()}
+            for kind in ("robot", "surveillance")
+        )
+        flipped = None
+        if state["flipped"] is not None:
+            old, new, then = state["flipped"]
+            flipped = old, new, then
+        return cls(robot, surveillance, state["misses"], state["settled"], flipped)
 
     def confidences(self, is_robot: bool, config: ObjectConfig) -> dict[str, float]:
         """Confidence of each class from robots or from surveillance.
@@ -131,6 +160,8 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
             label, confidence, "rejected",
             f"a robot had it in plain view {evidence.misses} times and saw no {label} ({robot.near} times it did)",
         )  # fmt: skip
+    if n < config.min_detections:
+        return Verdict(label, confidence, "candidate", f"{n} of at least {config.min_detections} detections of a {label}")
     # once confirmed, a little less will do: no flicker at the threshold
     lenient = config.confirm_hysteresis if was == "confirmed" else 1.0
     enough_score = config.confirm_scores.get(label, config.confirm_score)

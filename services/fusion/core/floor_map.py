@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from services.fusion.core.carving import Clearance, FreeSpace, stamp_of
 from services.fusion.core.cloud import VoxelCloud
 from services.fusion.core.config import MapConfig
 from services.fusion.core.frontier import frontiers
@@ -18,14 +20,20 @@ from surveilnav.sensing.views import PosedView
 #: Rows and columns counted from the world's origin: (row0, col0, rows, cols).
 Window = tuple[int, int, int, int]
 
+_MOST = 2**32 - 1  # counts stop here
+_LAYERS = (
+    "_obstacle_points", "_obstacle_views", "_bare_views", "_explored_views", "_visited",
+    "_voxels_there", "_voxels_gone",
+)  # fmt: skip
 _BARE_FLOOR_M = 0.08  # nearer than this to the floor's altitude a point is floor
 
 
 class FloorMap:
     """The geometry of one storey.
 
-    Every layer is a function of counts, each of which only ever grows: the order of views doesn't matter, and cells
-    are numbered from the world's origin, so neither does where the map began.
+    Every layer is a function of counts and of what is gone of the cloud: the order of views doesn't matter (a late view
+    must have fewer than ``carve_memory`` newer ones before it), and cells are numbered from the world's origin, so
+    neither does where the map began.
 
     Attributes:
         floor: id of the storey.
@@ -44,13 +52,16 @@ class FloorMap:
         cells = max(1, round(config.extent_m / r))
         self._row0 = math.floor(centre_m[1] / r) - cells // 2
         self._col0 = math.floor(centre_m[0] / r) - cells // 2
-        self._obstacle_points = np.zeros((cells, cells), np.uint16)
-        self._obstacle_views = np.zeros((cells, cells), np.uint16)
-        self._bare_views = np.zeros((cells, cells), np.uint16)
-        self._explored_views = np.zeros((cells, cells), np.uint16)
-        self._visited = np.zeros((cells, cells), np.uint16)
+        self._obstacle_points = np.zeros((cells, cells), np.uint32)
+        self._obstacle_views = np.zeros((cells, cells), np.uint32)
+        self._bare_views = np.zeros((cells, cells), np.uint32)
+        self._explored_views = np.zeros((cells, cells), np.uint32)
+        self._visited = np.zeros((cells, cells), np.uint8)
+        self._voxels_there = np.zeros((cells, cells), np.int32)  # of the cloud, in the band that blocks
+        self._voxels_gone = np.zeros((cells, cells), np.int32)
         self._frontier: tuple[int, NDArray[np.uint8]] | None = None
-        self.cloud = VoxelCloud(config.voxel_m, config.max_voxels)
+        self._free_space = FreeSpace(config.carve_memory)
+        self.cloud = VoxelCloud(config)
 
     @property
     def grid(self) -> Grid:
@@ -71,7 +82,12 @@ class FloorMap:
         p_world, colours = world_points(view, c.points_per_view, max_range_m, c.depth_edge)
         window = window_of(p_world, p_camera, c.robot_radius_m, c.resolution_m)
         self._cover(*window)
-        self.cloud.add(p_world, colours)
+        new, back = self.cloud.add(p_world, colours, p_camera, view.source, stamp_of(view))
+        self._tally(new, 1, 0)
+        self._tally(back, 1, -1)
+        # what is seen to be gone
+        if c.carve_views:
+            self._carve(view, new)
         # points and rays -> obstacle and exploration map
         reach_m = reach(p_world, p_camera, self.z_m + c.explored_max_m)
         self._count(p_world, p_camera, reach_m, window)
@@ -80,11 +96,15 @@ class FloorMap:
         return len(p_world), reach_m
 
     def occupied(self) -> NDArray[np.uint8]:
-        """Obstacle map (rows, cols) uint8: enough points in the band, not plainly bare floor, no robot stood there."""
+        """Obstacle map (rows, cols) uint8: cells with enough points in the band.
+
+        Free again are those seen as plainly bare floor, those whose voxels are gone but a few, and where a robot stood.
+        """
         c = self._config
         blocked = self._obstacle_points >= c.obstacle_min_points
         bare = self._bare_views > c.clear_ratio * self._obstacle_views
-        return np.asarray(blocked & ~bare & (self._visited == 0)).view(np.uint8)
+        gone = (self._voxels_gone > 0) & (self._voxels_there < c.obstacle_min_points)
+        return np.asarray(blocked & ~bare & ~gone & (self._visited == 0)).view(np.uint8)
 
     def explored(self) -> NDArray[np.uint8]:
         """Exploration map (rows, cols) uint8: a point was seen there, or a ray passed, or a robot stood there."""
@@ -95,6 +115,43 @@ class FloorMap:
         if self._frontier is None or self._frontier[0] != self.revision:
             self._frontier = self.revision, frontiers(self.occupied(), self.explored(), self._config)
         return self._frontier[1]
+
+    def state(self) -> dict[str, Any]:
+        """All of it, as plain arrays and numbers, for ``of_state``."""
+        return {
+            "floor": self.floor, "z_m": self.z_m, "revision": self.revision, "row0": self._row0, "col0": self._col0,
+            "layers": {name.lstrip("_"): getattr(self, name) for name in _LAYERS}, "cloud": self.cloud.state(),
+            "free_space": self._free_space.state(),
+        }  # fmt: skip
+
+    @classmethod
+    def of_state(cls, state: dict[str, Any], config: MapConfig) -> FloorMap:
+        """The map that ``state`` was taken of, under the same ``config``."""
+        floor = cls(state["floor"], float(state["z_m"]), (0.0, 0.0), config)
+        floor.revision, floor._row0, floor._col0 = int(state["revision"]), int(state["row0"]), int(state["col0"])
+        for name in _LAYERS:
+            setattr(floor, name, np.array(state["layers"][name.lstrip("_")]))
+        floor.cloud = VoxelCloud.of_state(state["cloud"], config)
+        floor._free_space = FreeSpace.of_state(state["free_space"], config.carve_memory)
+        return floor
+
+    def _carve(self, view: PosedView, new: NDArray[np.int32]) -> None:
+        clearance = Clearance.of(view, self._config)
+        gone = self.cloud.carve(clearance)
+        late = self.cloud.recheck(new, self._free_space.newer_than(clearance.stamp_ns))
+        self._free_space.add(clearance)
+        self._tally(gone, -1, 1)
+        self._tally(late, -1, 1)
+
+    def _tally(self, voxels: NDArray[np.int32], there: int, gone: int) -> None:
+        """Counts voxels of the cloud in the cells of their centres, if they stand where things block."""
+        if not len(voxels):
+            return
+        c = self._config
+        _tally_voxels(
+            self.cloud.centres(voxels), self._row0, self._col0, c.resolution_m, self.z_m + c.obstacle_min_m,
+            self.z_m + c.obstacle_max_m, there, gone, self._voxels_there, self._voxels_gone,
+        )  # fmt: skip
 
     def _count(
         self, p_world: NDArray[np.float32], p_camera: NDArray[np.float64], reach_m: NDArray[np.float32], window: Window
@@ -135,7 +192,7 @@ class FloorMap:
                 f"at most {self._config.max_extent_m:g} m are allowed (max_extent_m)"
             )
         self._row0, self._col0 = self._row0 - below, self._col0 - left
-        for name in ("_obstacle_points", "_obstacle_views", "_bare_views", "_explored_views", "_visited"):
+        for name in _LAYERS:
             old = getattr(self, name)
             new = np.zeros(shape, old.dtype)
             new[below : below + old.shape[0], left : left + old.shape[1]] = old
@@ -153,6 +210,19 @@ def window_of(
     col0, row0 = (math.floor(float(v) / resolution_m) for v in low)
     col1, row1 = (math.floor(float(v) / resolution_m) for v in high)
     return row0, col0, row1 - row0 + 1, col1 - col0 + 1
+
+
+@njit(cache=True, nogil=True)
+def _tally_voxels(  # type: ignore[no-untyped-def]
+    centres, row0, col0, resolution_m, low, high, there, gone, n_there, n_gone
+):  # fmt: skip
+    for i in range(len(centres)):
+        if low <= centres[i, 2] <= high:
+            row = int(np.floor(centres[i, 1] / resolution_m)) - row0
+            col = int(np.floor(centres[i, 0] / resolution_m)) - col0
+            if 0 <= row < n_there.shape[0] and 0 <= col < n_there.shape[1]:
+                n_there[row, col] += there
+                n_gone[row, col] += gone
 
 
 @njit(cache=True, nogil=True)
@@ -190,9 +260,9 @@ def _count_points(  # type: ignore[no-untyped-def]
         for col in range(cols):
             n = blocks[row, col]
             if n > 0:
-                obstacle_points[row, col] = min(65535, int(obstacle_points[row, col]) + n)
-                obstacle_views[row, col] = min(65535, int(obstacle_views[row, col]) + 1)
+                obstacle_points[row, col] = min(_MOST, int(obstacle_points[row, col]) + n)
+                obstacle_views[row, col] = min(_MOST, int(obstacle_views[row, col]) + 1)
             elif bare[row, col] > 0:
-                bare_views[row, col] = min(65535, int(bare_views[row, col]) + 1)
+                bare_views[row, col] = min(_MOST, int(bare_views[row, col]) + 1)
             if seen[row, col] >= 0:
-                explored_views[row, col] = min(65535, int(explored_views[row, col]) + 1)
+                explored_views[row, col] = min(_MOST, int(explored_views[row, col]) + 1)

@@ -4,23 +4,39 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core.association import Shape, box_iou, box_overlap, boxes_touch, cosine, overlaps, voxel_iou
-from services.fusion.core.clustering import largest_cluster
+from services.fusion.core.association import BoxTable, Shape, box_iou, box_overlap, cosine, evenly, overlaps, voxel_iou
 from services.fusion.core.config import ObjectConfig
 from services.fusion.core.evidence import Evidence, Status, Support, judge
+from services.fusion.core.sightings import Sighting, locate_all
 from services.fusion.core.sizes import misfit
 from services.fusion.core.visibility import in_plain_view
-from surveilnav.geometry import transform_points
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
-from surveilnav.sensing.views import Detected, PosedView, box_cells
+from surveilnav.sensing.views import Detected, PosedView
 
 _RECORD_POINTS = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """News of an object; ``absorbed``: the object that was found to be the same, 0 for none."""
+
+    object_id: int
+    event: ObjectEvent
+    absorbed: int = 0
+
+
+_PLAIN = (
+    "id", "embedding_sum", "first_seen_ns", "last_seen_ns", "label", "confidence", "status", "reason", "n_detections",
+    "changed",
+)  # fmt: skip
 What = Literal["created", "matched", "merged", "confirmed", "rejected", "flipped", "not_seen"]
 
 
@@ -44,13 +60,20 @@ class MapObject:
     changed: bool = True  # since duplicates were last searched for
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sighting:
-    """A detection with its place in the world."""
+class _Objects(dict[int, MapObject]):
+    """Objects by id, and where they are. One whose shape has changed is put back."""
 
-    detected: Detected
-    shape: Shape
-    range_m: float
+    def __init__(self) -> None:
+        super().__init__()
+        self.boxes = BoxTable()
+
+    def __setitem__(self, id_: int, obj: MapObject) -> None:
+        super().__setitem__(id_, obj)
+        self.boxes.put(id_, obj.shape)
+
+    def __delitem__(self, id_: int) -> None:
+        super().__delitem__(id_)
+        self.boxes.drop(id_)
 
 
 class ObjectMap:
@@ -60,18 +83,23 @@ class ObjectMap:
         self._floor = floor
         self._voxel_m = voxel_m
         self._config = config
-        self._objects: dict[int, MapObject] = {}
+        self._objects = _Objects()
         self._next_id = 1
         self._views = 0
+        self._news: list[Happened] = []
 
     def __len__(self) -> int:
         return len(self._objects)
 
     def integrate(self, view: PosedView, detections: tuple[Detected, ...]) -> int:
         """Adds what a detector saw in a view (nothing is a statement, too); returns how many detections had a place."""
-        # masks -> points in the world, strongest first so that a weaker double finds its object taken
-        strongest_first = sorted(detections, key=lambda d: (-d.score, d.label, d.box_px))
-        sightings = [s for d in strongest_first if (s := self._locate(view, d)) is not None]
+        # masks -> points in the world
+        sightings = locate_all(view, detections, self._voxel_m, self._config)
+        self.add(view, detections, sightings)
+        return len(sightings)
+
+    def add(self, view: PosedView, detections: tuple[Detected, ...], sightings: Sequence[Sighting]) -> None:
+        """``integrate`` with the detections that have a place already found, strongest first."""
         # eq. 3: each detection joins the most similar object or starts a new one
         seen: set[tuple[int, str]] = set()
         for sighting in sightings:
@@ -83,42 +111,46 @@ class ObjectMap:
         if self._views % self._config.merge_every == 0:
             self._merge_duplicates(view)
         self._forget_weakest()
-        return len(sightings)
+
+    @property
+    def shape_bytes(self) -> int:
+        """Memory that the objects' voxels take."""
+        return sum(o.shape.keys.nbytes + o.shape.coarse.nbytes for o in self._objects.values())
+
+    def take_news(self) -> list[Happened]:
+        """What happened to objects since the last call."""
+        news, self._news = self._news, []
+        return news
+
+    def state(self) -> dict[str, Any]:
+        """All of it, as plain arrays and values, for ``of_state``."""
+        return {
+            "next_id": self._next_id, "views": self._views,
+            "objects": [
+                {
+                    "keys": o.shape.keys, "evidence": o.evidence.state(), "sources": sorted(o.sources),
+                    "history": list(o.history), **{name: getattr(o, name) for name in _PLAIN},
+                }
+                for o in self._objects.values()
+            ],
+        }  # fmt: skip
+
+    @classmethod
+    def of_state(cls, state: dict[str, Any], floor: str, voxel_m: float, config: ObjectConfig) -> ObjectMap:
+        """The object map that ``state`` was taken of."""
+        objects = cls(floor, voxel_m, config)
+        objects._next_id, objects._views = state["next_id"], state["views"]
+        for o in state["objects"]:
+            history = deque(msgspec.convert(o["history"], list[ObjectEvent]), maxlen=config.max_history)
+            objects._objects[o["id"]] = MapObject(
+                shape=Shape(o["keys"], voxel_m, config.overlap_voxel_m), evidence=Evidence.of_state(o["evidence"]),
+                sources=set(o["sources"]), history=history, **{name: o[name] for name in _PLAIN},
+            )  # fmt: skip
+        return objects
 
     def records(self) -> list[ObjectRecord]:
         """The objects as others may see them, by id."""
         return [self._record(o) for _, o in sorted(self._objects.items())]
-
-    def _locate(self, view: PosedView, detected: Detected) -> _Sighting | None:
-        """Back-projects a mask and keeps the largest DBSCAN cluster; None if too little is left of it."""
-        c, camera = self._config, view.camera
-        if detected.score < c.min_score:
-            return None
-        x0, y0, x1, y1 = box_cells(detected.box_px, camera.width_px, camera.height_px)
-        if x1 <= x0 or y1 <= y0:
-            return None
-        stride = max(1, math.ceil(math.sqrt((x1 - x0) * (y1 - y0) / c.max_points)))
-        if detected.mask is not None:  # a thin mask may fill little of its box
-            stride = max(1, math.ceil(math.sqrt(np.count_nonzero(detected.mask) / c.max_points)))
-        depth_m = view.depth_m[y0:y1:stride, x0:x1:stride]
-        near_m, far_m = view.depth_range_m
-        far_m = min(far_m, c.max_range_robot_m if view.is_robot else c.max_range_camera_m)
-        with np.errstate(invalid="ignore"):
-            good = (depth_m > 0) & (depth_m >= near_m) & (depth_m < far_m)
-        if detected.mask is not None:
-            good &= detected.mask[::stride, ::stride]
-        v, u = np.nonzero(good)
-        if len(v) < c.min_points:
-            return None
-        z = depth_m[v, u]
-        p_camera = camera.rays()[y0:y1:stride, x0:x1:stride][v, u] * z[:, None]
-        spacing_m = stride * float(np.median(z)) / camera.fx_px  # far off, samples lie farther apart than eps
-        kept = largest_cluster(p_camera, max(c.dbscan_eps_m, c.dbscan_eps_pixels * spacing_m), c.dbscan_min_points)
-        if len(kept) < c.min_points:
-            return None
-        p_world = transform_points(view.T_world_camera, p_camera[kept].astype(np.float64))
-        range_m = float(np.median(np.linalg.norm(p_camera[kept], axis=1)))
-        return _Sighting(detected, Shape.of_points(p_world, self._voxel_m, c.overlap_voxel_m), range_m)
 
     def similarity(self, shape: Shape, embedding: NDArray[np.float32], other: MapObject) -> tuple[float, float]:
         """(s, mutual): eq. 3's weighted sum, and the smaller of both overlaps."""
@@ -130,13 +162,13 @@ class ObjectMap:
         }[c.geometry]()  # fmt: skip
         return c.w_visual * cosine(embedding, other.embedding_sum) + c.w_geometric * geometric, min(there, back)
 
-    def _associate(self, view: PosedView, sighting: _Sighting, seen: set[tuple[int, str]]) -> None:
+    def _associate(self, view: PosedView, sighting: Sighting, seen: set[tuple[int, str]]) -> None:
         c, detected = self._config, sighting.detected
         scored = [(*self.similarity(sighting.shape, detected.embedding, o), o) for o in self._around(sighting.shape)]
         for s, mutual, candidate in sorted(scored, key=lambda item: (-max(item[0], _sure(item, c)), item[2].id)):
             if s < c.tau and mutual < c.tau_mutual:
                 continue
-            if (candidate.id, detected.label) in seen:
+            if c.once_per_view and (candidate.id, detected.label) in seen:
                 if mutual >= min(c.tau_mutual, 1.0):
                     return  # the same thing twice in one picture
                 continue
@@ -148,15 +180,15 @@ class ObjectMap:
             embedding_sum=np.zeros_like(detected.embedding), first_seen_ns=view.stamp_ns, last_seen_ns=view.stamp_ns,
             history=deque(maxlen=c.max_history),
         )  # fmt: skip
-        self._objects[new.id] = new
         self._next_id += 1
         self._add_to(new, view, sighting, "created", "")
         seen.add((new.id, detected.label))
 
-    def _add_to(self, obj: MapObject, view: PosedView, sighting: _Sighting, what: What, note: str) -> None:
+    def _add_to(self, obj: MapObject, view: PosedView, sighting: Sighting, what: What, note: str) -> None:
         """Fuses a detection into an object: points, embedding, evidence."""
         c, detected = self._config, sighting.detected
         obj.shape = obj.shape.union(sighting.shape, c.max_voxels)
+        self._objects[obj.id] = obj
         if obj.embedding_sum.shape == detected.embedding.shape:
             obj.embedding_sum = obj.embedding_sum + detected.embedding
         obj.first_seen_ns = min(obj.first_seen_ns, view.stamp_ns)
@@ -186,12 +218,12 @@ class ObjectMap:
 
     def _note_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
         c = self._config
-        for obj in self._before(view, c.miss_far_m):
-            if obj.id in seen or obj.status == "rejected":
-                continue
-            share, centre_px = in_plain_view(view, obj.shape.points, c.miss_near_m, c.miss_far_m)
+        before = (self._objects[i] for i in self._objects.boxes.before(view.T_world_camera, c.miss_far_m + 1.0))
+        objects = [o for o in before if o.id not in seen and o.status != "rejected"]
+        shares, pixels = in_plain_view(view, [o.shape.samples for o in objects], c.miss_near_m, c.miss_far_m)
+        for obj, share, pixel in zip(objects, shares, pixels, strict=True):
             if share < c.miss_visible or any(
-                d.label == obj.label and d.score >= c.min_score and _holds(d, centre_px) for d in detections
+                d.label == obj.label and d.score >= c.min_score and _holds(d, pixel) for d in detections
             ):
                 continue
             obj.evidence.misses += 1
@@ -221,6 +253,7 @@ class ObjectMap:
     def _absorb(self, kept: MapObject, gone: MapObject, view: PosedView) -> None:
         c = self._config
         kept.shape = kept.shape.union(gone.shape, c.max_voxels)
+        self._objects[kept.id] = kept
         if kept.embedding_sum.shape == gone.embedding_sum.shape:
             kept.embedding_sum = kept.embedding_sum + gone.embedding_sum
         kept.first_seen_ns = min(kept.first_seen_ns, gone.first_seen_ns)
@@ -230,7 +263,9 @@ class ObjectMap:
         kept.evidence.absorb(gone.evidence)
         kept.history = deque(sorted([*kept.history, *gone.history], key=lambda e: e.stamp_ns), maxlen=c.max_history)
         del self._objects[gone.id]
-        self._log(kept, view, gone.label, gone.confidence, "merged", f"object {gone.id} was the same thing")
+        self._log(
+            kept, view, gone.label, gone.confidence, "merged", f"object {gone.id} was the same thing", absorbed=gone.id
+        )
         self._judge(kept, view)
 
     def _forget_weakest(self) -> None:
@@ -240,38 +275,25 @@ class ObjectMap:
             )
             del self._objects[min(of_worth)[1]]
 
-    def _before(self, view: PosedView, far_m: float) -> list[MapObject]:
-        """Objects whose middle lies before the camera and not much farther than ``far_m``."""
-        objects = [o for _, o in sorted(self._objects.items())]
-        if not objects:
-            return []
-        middles = np.array([o.shape.p_min + o.shape.p_max for o in objects]) / 2 - view.T_world_camera[:3, 3]
-        ahead_m, distance_m = middles @ view.T_world_camera[:3, 2], np.linalg.norm(middles, axis=1)
-        return [objects[i] for i in np.flatnonzero((ahead_m > 0) & (distance_m <= far_m + 1.0))]
-
     def _around(self, shape: Shape) -> list[MapObject]:
         """Objects that may reach the threshold: near ones only, unless looks alone would do."""
-        objects = [o for _, o in sorted(self._objects.items())]
-        if not objects or self._config.w_visual >= self._config.tau:
-            return objects
-        p_min = np.array([o.shape.p_min for o in objects])
-        p_max = np.array([o.shape.p_max for o in objects])
-        near = boxes_touch(p_min, p_max, shape, 2 * self._config.overlap_voxel_m)
-        return [objects[i] for i in np.flatnonzero(near)]
+        if self._config.w_visual >= self._config.tau:
+            return [o for _, o in sorted(self._objects.items())]
+        return [self._objects[i] for i in self._objects.boxes.touching(shape, 2 * self._config.overlap_voxel_m)]
 
     def _log(
         self, obj: MapObject, view: PosedView, label: str, score: float, what: What, note: str,
-        box_px: tuple[float, float, float, float] | None = None,
+        box_px: tuple[float, float, float, float] | None = None, absorbed: int = 0,
     ) -> None:  # fmt: skip
-        obj.history.append(
-            ObjectEvent(
-                view.stamp_ns, view.source, view.view, view.seq, label, round(float(score), 4), what, note, box_px
-            )
+        event = ObjectEvent(
+            view.stamp_ns, view.source, view.view, view.seq, label, round(float(score), 4), what, note, box_px
         )
+        obj.history.append(event)
+        self._news.append(Happened(obj.id, event, absorbed))
 
     def _record(self, o: MapObject) -> ObjectRecord:
         c, points = self._config, o.shape.points
-        every = np.linspace(0, len(points) - 1, min(len(points), _RECORD_POINTS)).round().astype(int)
+        every = evenly(len(points), _RECORD_POINTS)
         robot, cameras = o.evidence.confidences(True, c), o.evidence.confidences(False, c)
         (label_robot, by_robot), (label_cameras, by_cameras) = o.evidence.best(True, c), o.evidence.best(False, c)
         labels = sorted({*robot, *cameras})
@@ -301,9 +323,9 @@ def _place(view: PosedView) -> tuple[object, ...]:
     return view.source, round(float(x) / 0.25), round(float(y) / 0.25), round(yaw / math.radians(15)) % 24
 
 
-def _holds(detected: Detected, pixel: tuple[float, float]) -> bool:
+def _holds(detected: Detected, pixel: NDArray[np.float64]) -> bool:
     x0, y0, x1, y1 = detected.box_px
-    return x0 <= pixel[0] <= x1 and y0 <= pixel[1] <= y1
+    return bool(x0 <= pixel[0] <= x1 and y0 <= pixel[1] <= y1)
 
 
 def _triple(v: NDArray[np.float64]) -> tuple[float, float, float]:

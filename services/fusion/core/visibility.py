@@ -1,36 +1,64 @@
-"""Should this view show that object?"""
+"""Should this view show those objects?"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from surveilnav.geometry import inverse, transform_points
+from surveilnav.geometry import inverse
 from surveilnav.sensing.views import PosedView
 
-_SAMPLES = 64
 _OCCLUDER_M = 0.15  # something this much nearer than all of the object hides it
 
 
 def in_plain_view(
-    view: PosedView, p_world: NDArray[np.float64], near_m: float, far_m: float
-) -> tuple[float, tuple[float, float]]:
-    """Share of points (N, 3) [m, world] that a view has in its picture, within range, with nothing before the object.
+    view: PosedView, p_world: Sequence[NDArray[np.float64]], near_m: float, far_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Share (K,) of each object's points (N, 3) [m, world] that a view has in its picture, within range, with nothing
+    before the object.
 
     Depth that agrees and depth that looks through both count: either way the object's class should have been seen
-    there. Also returns the pixel (u, v) of the points' middle, (-1, -1) if none is in view.
+    there. Also returns the pixels (K, 2) of the middles of the points in the picture, (-1, -1) if none is.
     """
-    every = np.linspace(0, len(p_world) - 1, min(len(p_world), _SAMPLES)).round().astype(int)
-    p_camera = transform_points(inverse(view.T_world_camera), p_world[every])
-    uv = view.camera.project(p_camera)
-    z = p_camera[:, 2]
-    height, width = view.depth_m.shape
-    with np.errstate(invalid="ignore"):
-        inside = (z >= near_m) & (z <= far_m) & np.all((uv >= 0) & (uv <= (width - 1, height - 1)), axis=1)
-    if not inside.any():
-        return 0.0, (-1.0, -1.0)
-    u, v = uv[inside].round().astype(int).T
-    depth_m = view.depth_m[v, u]
-    with np.errstate(invalid="ignore"):
-        clear = (depth_m > 0) & (depth_m >= z[inside].min() - _OCCLUDER_M)
-    return float(np.count_nonzero(clear)) / len(every), (float(np.median(u)), float(np.median(v)))
+    if not p_world:
+        return np.zeros(0), np.zeros((0, 2))
+    ends = np.cumsum([len(p) for p in p_world])
+    c = view.camera
+    return _in_plain_view(  # type: ignore[no-any-return]
+        np.concatenate(p_world), ends, inverse(view.T_world_camera)[:3], c.fx_px, c.fy_px, c.cx_px, c.cy_px, view.depth_m,
+        near_m, far_m,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _in_plain_view(points, ends, T, fx, fy, cx, cy, depth_m, near_m, far_m):  # type: ignore[no-untyped-def]
+    height, width = depth_m.shape
+    shares, pixels = np.zeros(len(ends)), np.full((len(ends), 2), -1.0)
+    z, u, v = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
+    begin = 0
+    for k, end in enumerate(ends):
+        n, nearest = 0, np.inf
+        for i in range(begin, end):
+            a, b, c = points[i]
+            x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
+            y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
+            ahead = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
+            if not near_m <= ahead <= far_m or ahead <= 0:
+                continue
+            column, row = fx * x / ahead + cx, fy * y / ahead + cy
+            if 0 <= column <= width - 1 and 0 <= row <= height - 1:
+                z[n], u[n], v[n] = ahead, np.round(column), np.round(row)
+                nearest = min(nearest, ahead)
+                n += 1
+        clear = 0
+        for i in range(n):
+            depth = depth_m[int(v[i]), int(u[i])]
+            clear += depth > 0 and depth >= nearest - _OCCLUDER_M
+        if n > 0:
+            shares[k] = clear / (end - begin)
+            pixels[k] = np.median(u[:n]), np.median(v[:n])
+        begin = end
+    return shares, pixels

@@ -25,6 +25,7 @@ STATUS_OF = {
     "busy": 503,
     "perception_down": 503,
     "fusion_down": 503,
+    "store_failed": 503,
     "internal": 502,
     "perception_failed": 502,
     "too_late": 504,

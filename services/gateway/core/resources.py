@@ -63,6 +63,9 @@ class Mission(Resource):
     message: str = ""
     started: datetime | None = None
     finished: datetime | None = None
+    floor_choice_bytes: int = Field(
+        default=0, description="what the cameras' summaries cost, by which the floor is chosen"
+    )
 
 
 class Place(BaseModel):
@@ -261,6 +264,7 @@ def mission(status: m.MissionStatus, seen_ns: int, planner_alive: bool) -> Missi
         message=status.message,
         started=when(status.started_ns),
         finished=when(status.finished_ns),
+        floor_choice_bytes=status.floor_choice_bytes,
         last_seen=when(seen_ns),
         stale=status.state not in FINISHED and not planner_alive,  # what is finished stays true without its planner
     )

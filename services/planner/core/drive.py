@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from services.planner.core.settings import PlannerConfig
@@ -14,7 +15,7 @@ from services.planner.core.state import RobotView
 from services.planner.core.terrain import UNREACHED, Terrain, arrival_m
 
 #: Headings that the robot can turn to, in turns: left positive, a full circle.
-_HEADINGS = np.arange(-5, 7)
+HEADINGS = np.arange(-5, 7)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,39 +31,30 @@ class LocalPlanner(Protocol):
     """Drives to the nearest of some goal cells. ``FmmPlanner`` knows only the map; an oracle can stand in for it."""
 
     def route(
-        self, terrain: Terrain, goals: NDArray[np.bool_], robot: RobotView, config: PlannerConfig, expected_m: float
+        self, terrain: Terrain, goals: NDArray[np.bool_], robot: RobotView, config: PlannerConfig
     ) -> Route | None:
-        """The next action towards ``goals`` (bool of the terrain's shape), or None if no way leads there.
-
-        ``expected_m``: about how long the way is (travel time); inf if unknown.
-        """
+        """The next action towards ``goals`` (bool of the terrain's shape), or None if no way leads there."""
 
 
 class FmmPlanner:
     """The paper's planner: Fast Marching from the goal over the known map."""
 
     def route(
-        self, terrain: Terrain, goals: NDArray[np.bool_], robot: RobotView, config: PlannerConfig,
-        expected_m: float = math.inf,
-    ) -> Route | None:  # fmt: skip
+        self, terrain: Terrain, goals: NDArray[np.bool_], robot: RobotView, config: PlannerConfig
+    ) -> Route | None:
         """See ``LocalPlanner``. The field falls all the way to the goal: nothing to get caught in.
 
-        The front runs only a little farther than to the robot.
+        The front runs a little farther than to the robot: as far as it may have to step aside.
         """
-        row, col = terrain.cell(robot.x_m, robot.y_m)
-        field = arrival_m(terrain.speed, goals, terrain.grid.resolution_m, self._enough(expected_m))
-        if not math.isfinite(field[row, col]):
-            field = arrival_m(terrain.speed, goals, terrain.grid.resolution_m)
-        if not math.isfinite(field[row, col]):
+        here = terrain.cell(robot.x_m, robot.y_m)
+        field = arrival_m(terrain.speed, goals, terrain.grid.resolution_m, here, _ASIDE_M)
+        if not math.isfinite(field[here]):
             return None
-        action = next_action(terrain, field, robot, config)
-        return Route(action, descend(terrain, field, row, col), float(field[row, col]))
-
-    @staticmethod
-    def _enough(expected_m: float) -> float:
-        return 1.15 * expected_m + 1.0 if math.isfinite(expected_m) else 0.0
+        return Route(next_action(terrain, field, robot, config), descend(terrain, field, *here), float(field[here]))
 
 
+#: Travel time [m] beyond the robot that the field covers.
+_ASIDE_M = 2.0
 #: A bump is remembered for this spot and this heading only.
 _SAME_SPOT_M = 0.03
 _SAME_HEADING_COS = math.cos(math.radians(10.0))
@@ -75,7 +67,7 @@ def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, 
     the step's end plus a small price per turn. The price makes the choice stable: a turn towards the best
     heading makes that heading cheaper and all on the other side dearer, so the robot never swings to and fro.
     """
-    yaws = robot.yaw_rad + _HEADINGS * config.turn_rad
+    yaws = robot.yaw_rad + HEADINGS * config.turn_rad
     along_m = np.arange(1, 6) / 5.0 * config.step_m
     x = robot.x_m + np.cos(yaws)[:, None] * along_m
     y = robot.y_m + np.sin(yaws)[:, None] * along_m
@@ -84,12 +76,12 @@ def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, 
     cells = np.clip(cells, 0, (terrain.grid.rows - 1, terrain.grid.cols - 1))
     free = (inside & (terrain.speed[cells[..., 0], cells[..., 1]] > 0.0)).all(axis=1)
     free &= ~_bumped(terrain.bumps, robot, yaws)
-    left_m = np.array([_interpolate(terrain, field, px, py) for px, py in zip(x[:, -1], y[:, -1], strict=True)])
-    cost = np.where(free, left_m, UNREACHED) + config.turn_cost_m * np.abs(_HEADINGS)
+    left_m = _interpolated(terrain, field, x[:, -1], y[:, -1])
+    cost = np.where(free, left_m, UNREACHED) + config.turn_cost_m * np.abs(HEADINGS)
     if not np.isfinite(cost).any():  # boxed in by its own radius: take the way that is least blocked
         clear = (terrain.speed[cells[..., 0], cells[..., 1]] > 0.0).sum(axis=1)
-        cost = -clear + config.turn_cost_m * np.abs(_HEADINGS)
-    best = int(_HEADINGS[int(np.argmin(cost))])
+        cost = -clear + config.turn_cost_m * np.abs(HEADINGS)
+    best = int(HEADINGS[int(np.argmin(cost))])
     return "move_forward" if best == 0 else "turn_left" if best > 0 else "turn_right"
 
 
@@ -101,28 +93,30 @@ def _bumped(bumps: NDArray[np.float64], robot: RobotView, yaws: NDArray) -> NDAr
 
 
 def descend(terrain: Terrain, field: NDArray[np.float64], row: int, col: int) -> tuple[tuple[float, float], ...]:
-    """(x, y) [m] from a cell down the field to its source, a point every other cell or so.
+    """(x, y) [m] from a cell down the field to its source, a point every other cell or so."""
+    cells = _descent(field, row, col)
+    kept = np.concatenate([cells[:-1:2], cells[-1:]])
+    return tuple((float(x), float(y)) for x, y in terrain.grid.centres_of(kept))
 
-    Steps to the lowest of the eight neighbours; a diagonal one counts only if both cells beside it are open, so
-    the path never cuts a corner.
-    """
-    padded = np.pad(field, 1, constant_values=UNREACHED)
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _descent(field, row, col):  # type: ignore[no-untyped-def]
+    """Cells (n, 2) from one to the source: always the lowest of the eight neighbours; a diagonal one counts only if both
+    cells beside it are open, so the path never cuts a corner."""
+    rows, cols = field.shape
     cells = [(row, col)]
-    for _ in range(field.size):
-        around = padded[row : row + 3, col : col + 3].copy()
-        if not around[1, 1] > 0.0:
+    while field[row, col] > 0.0:
+        best, best_row, best_col = field[row, col], row, col
+        for r in range(max(0, row - 1), min(rows, row + 2)):
+            for c in range(max(0, col - 1), min(cols, col + 2)):
+                beside = np.isfinite(field[r, col]) and np.isfinite(field[row, c])
+                if field[r, c] < best and beside:
+                    best, best_row, best_col = field[r, c], r, c
+        if (best_row, best_col) == (row, col):
             break
-        sides = np.isfinite(around)
-        for dr, dc in ((0, 0), (0, 2), (2, 0), (2, 2)):
-            if not (sides[dr, 1] and sides[1, dc]):
-                around[dr, dc] = UNREACHED
-        lowest = int(np.argmin(around))
-        if around.flat[lowest] >= around[1, 1]:
-            break
-        row, col = row + lowest // 3 - 1, col + lowest % 3 - 1
+        row, col = best_row, best_col
         cells.append((row, col))
-    kept = cells[:-1:2] + cells[-1:]
-    return tuple((float(x), float(y)) for x, y in terrain.grid.centres_of(np.array(kept)))
+    return np.array(cells)
 
 
 def turn_towards(robot: RobotView, x_m: float, y_m: float, config: PlannerConfig) -> str | None:
@@ -139,19 +133,21 @@ def bearing_error_rad(robot: RobotView, x_m: float, y_m: float) -> float:
     return math.remainder(bearing - robot.yaw_rad, 2.0 * math.pi)
 
 
-def _interpolate(terrain: Terrain, field: NDArray[np.float64], x_m: float, y_m: float) -> float:
-    """The field at a place, bilinear over its finite neighbours; inf where the place's own cell is."""
-    row, col = terrain.cell(x_m, y_m)
-    if not math.isfinite(field[row, col]):
-        return UNREACHED
-    r = terrain.grid.resolution_m
-    v = min(max((y_m - terrain.grid.origin_y_m) / r - 0.5, 0.0), field.shape[0] - 1.0)
-    u = min(max((x_m - terrain.grid.origin_x_m) / r - 0.5, 0.0), field.shape[1] - 1.0)
-    row, col = min(int(v), field.shape[0] - 2), min(int(u), field.shape[1] - 2)
+def _interpolated(
+    terrain: Terrain, field: NDArray[np.float64], x_m: NDArray[np.float64], y_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The field at places (n,), bilinear over its finite neighbours; inf where the place's own cell is."""
+    grid = terrain.grid
+    v = np.clip((y_m - grid.origin_y_m) / grid.resolution_m - 0.5, 0.0, grid.rows - 1.0)
+    u = np.clip((x_m - grid.origin_x_m) / grid.resolution_m - 0.5, 0.0, grid.cols - 1.0)
+    row, col = np.minimum(v.astype(np.int64), grid.rows - 2), np.minimum(u.astype(np.int64), grid.cols - 2)
     fv, fu = v - row, u - col
-    total = weight = 0.0
-    for dr, dc, w in ((0, 0, (1 - fv) * (1 - fu)), (0, 1, (1 - fv) * fu), (1, 0, fv * (1 - fu)), (1, 1, fv * fu)):
-        value = field[row + dr, col + dc]
-        if math.isfinite(value):
-            total, weight = total + w * value, weight + w
-    return total / weight if weight > 0 else UNREACHED
+    rows, cols = np.stack([row, row, row + 1, row + 1]), np.stack([col, col + 1, col, col + 1])
+    weight = np.stack([(1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu])
+    value = field[rows, cols]
+    weight[~np.isfinite(value)] = 0.0
+    total = weight.sum(axis=0)
+    own = np.clip(grid.cells_of(np.stack([x_m, y_m], axis=-1)), 0, (grid.rows - 1, grid.cols - 1))
+    known = np.isfinite(field[own[:, 0], own[:, 1]]) & (total > 0.0)
+    weighted = (weight * np.where(np.isfinite(value), value, 0.0)).sum(axis=0)
+    return np.where(known, weighted / np.where(known, total, 1.0), UNREACHED)

@@ -23,13 +23,13 @@ def remember(state: MissionState, robot: RobotView, config: PlannerConfig) -> No
     """
     here = robot.x_m, robot.y_m
     bumped = robot.collided
-    if robot.last_action == "move_forward" and state.visited:
-        bumped |= math.dist(here, state.visited[-1]) < 0.4 * config.step_m
+    if robot.last_action == "move_forward" and state.here.visited:
+        bumped |= math.dist(here, state.here.visited[-1]) < 0.4 * config.step_m
     if bumped and robot.last_action == "move_forward":
         c, s = math.cos(robot.yaw_rad), math.sin(robot.yaw_rad)
-        state.collisions.append((here[0] + c * AHEAD_M, here[1] + s * AHEAD_M))
-        state.bumps.append((*here, robot.yaw_rad))
-    state.visited.append(here)
+        state.here.collisions.append((here[0] + c * AHEAD_M, here[1] + s * AHEAD_M))
+        state.here.bumps.append((*here, robot.yaw_rad))
+    state.here.visited.append(here)
     if state.anchor is None or math.dist(here, state.anchor[:2]) >= 0.8 * config.step_m:
         state.anchor = (*here, state.step)
         state.escapes = 0
@@ -48,7 +48,7 @@ def is_stuck(state: MissionState, config: PlannerConfig) -> bool:
 
 def is_dormant(state: MissionState, x_m: float, y_m: float, config: PlannerConfig) -> bool:
     """Whether a place is given up, for now or for good."""
-    here = [d for d in state.dormant if math.hypot(d.x_m - x_m, d.y_m - y_m) < config.same_place_m]
+    here = [d for d in state.here.dormant if math.hypot(d.x_m - x_m, d.y_m - y_m) < config.same_place_m]
     return any(d.times >= FOR_GOOD or d.until_step > state.step for d in here)
 
 
@@ -56,19 +56,51 @@ def give_up(state: MissionState, x_m: float, y_m: float, config: PlannerConfig, 
     """Leaves a place alone for ``dormant_steps``; for good the second time."""
     state.commitment = None
     until = state.step + config.dormant_steps
-    for i, d in enumerate(state.dormant):
+    for i, d in enumerate(state.here.dormant):
         if math.hypot(d.x_m - x_m, d.y_m - y_m) < config.same_place_m:
-            state.dormant[i] = Dormant(d.x_m, d.y_m, FOR_GOOD if for_good else d.times + 1, until)
+            state.here.dormant[i] = Dormant(d.x_m, d.y_m, FOR_GOOD if for_good else d.times + 1, until)
             return
-    state.dormant.append(Dormant(x_m, y_m, FOR_GOOD if for_good else 1, until))
+    state.here.dormant.append(Dormant(x_m, y_m, FOR_GOOD if for_good else 1, until))
+
+
+def give_up_waypoint(state: MissionState, config: PlannerConfig) -> None:
+    """Gives up the present waypoint, if there is one: a place for a while, a stair by one of its tries."""
+    held = state.commitment
+    if held is None:
+        return
+    if held.kind == "stairs":
+        fail_stair(state, held.x_m, held.y_m)
+    else:
+        give_up(state, held.x_m, held.y_m, config)
+
+
+def stair_name(x_m: float, y_m: float) -> str:
+    """What a stair of the present floor is called: the place of its end here."""
+    return f"({x_m:.1f}, {y_m:.1f})"
+
+
+def fail_stair(state: MissionState, x_m: float, y_m: float) -> None:
+    """Notes that a stair couldn't be reached or taken."""
+    state.commitment = None
+    name = stair_name(x_m, y_m)
+    state.here.stairs_failed[name] = state.here.stairs_failed.get(name, 0) + 1
+
+
+def escape(state: MissionState, config: PlannerConfig) -> None:
+    """Gives up the present waypoint and forgets the collisions: they may be what shuts the robot in."""
+    state.escapes += 1
+    give_up_waypoint(state, config)
+    state.here.collisions.clear()
+    state.here.bumps.clear()
+    rest(state)
 
 
 def revive(state: MissionState) -> bool:
     """Ends all sleeps that aren't for good; whether there was one."""
-    asleep = [d for d in state.dormant if d.times < FOR_GOOD and d.until_step > state.step]
+    asleep = [d for d in state.here.dormant if d.times < FOR_GOOD and d.until_step > state.step]
     if asleep:
-        state.dormant = [
+        state.here.dormant = [
             Dormant(d.x_m, d.y_m, d.times, min(d.until_step, state.step)) if d.times < FOR_GOOD else d
-            for d in state.dormant
+            for d in state.here.dormant
         ]
     return bool(asleep)

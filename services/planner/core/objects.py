@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import MissionState, RobotView
-from services.planner.core.terrain import Terrain
+from services.planner.core.terrain import Terrain, clear_lines
 from surveilnav.messages import ObjectRecord
 
 Verdict = Literal["verified", "open", "contradicted"]
@@ -70,9 +70,9 @@ def targets_of(
             continue  # surely something else
         if not (confirmed or weak or relevance(record, state.target) >= config.promising_confidence):
             continue
-        if record.id in state.dropped:
+        if record.id in state.here.dropped:
             continue
-        if record.id == state.settled_for:
+        if record.id == state.here.settled_for:
             found.append(record)
             continue
         if _near_dropped(record, state, config) and not robot_sees(record, state.target, config):
@@ -89,10 +89,21 @@ def reconsider(objects: Iterable[ObjectRecord], state: MissionState, config: Pla
     """
     again = [
         record for record in objects
-        if record.id in state.dropped and record.status != "rejected" and record.label_robot == state.target
+        if record.id in state.here.dropped and record.status != "rejected" and record.label_robot == state.target
         and (verdict(record, state.target, config) == "verified" or record.confidence_robot >= config.settle_confidence)
     ]  # fmt: skip
     return max(again, key=lambda o: (o.confidence_robot, -o.id), default=None)
+
+
+def settle(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> bool:
+    """Takes the best of what was dropped after all, once on a floor; whether there was one."""
+    best = reconsider(objects, state, config) if state.here.settled_for is None else None
+    if best is None:
+        return False
+    del state.here.dropped[best.id]
+    state.here.looks.pop(best.id, None)
+    state.here.settled_for = best.id
+    return True
 
 
 def is_confirmed(record: ObjectRecord, target: str) -> bool:
@@ -195,11 +206,8 @@ def _sight(
     row0, col0 = terrain.grid.cells_of(points.min(axis=0) - r)
     row1, col1 = terrain.grid.cells_of(points.max(axis=0) + r)
     obstacles[max(0, row0) : row1 + 1, max(0, col0) : col1 + 1] = False
-    n = max(2, int(np.abs(end - start).max()) + 1) if len(start) else 2
-    t = np.linspace(0.0, 1.0, n)
-    line = np.rint(start[:, None, :] + t[None, :, None] * (end - start)[:, None, :]).astype(np.int64)
     sight = np.zeros(terrain.grid.shape, dtype=bool)
-    sight[start[:, 0], start[:, 1]] = ~obstacles[line[..., 0], line[..., 1]].any(axis=1)
+    sight[start[:, 0], start[:, 1]] = clear_lines(obstacles, start, end)
     return sight
 
 
@@ -215,7 +223,7 @@ def _finite(record: ObjectRecord) -> bool:
 def _near_dropped(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:
     return any(
         math.hypot(record.center_m[0] - x, record.center_m[1] - y) < config.same_place_m
-        for x, y, _ in state.dropped.values()
+        for x, y, _ in state.here.dropped.values()
     )
 
 

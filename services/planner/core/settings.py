@@ -23,6 +23,12 @@ class PlannerConfig:
         tight_m, tight_speed: nearer to a mapped obstacle than the robot's radius, down to ``tight_m``, it may go
             at this speed where there is no other way: maps are thicker than walls by a cell or so.
         unknown_speed: how fast the front runs through unknown space, relative to known free space; 0 forbids it.
+        stairs_known: which stairs the robot may head for: ``seen``, those whose end on its floor is explored in the joint
+            map (and any when nothing else is left to explore), or ``plan``, all of the building.
+        floor_confidence: another floor whose cameras saw the target this surely is gone to, if it beats this floor's
+            cameras by ``floor_margin`` and nothing confirmed or promising is known here.
+        stairs_reach_m: so near to a stair's end it can be taken; halved with every refusal, ``stairs_tries`` in all.
+        floor_visits: how often the robot comes to a floor at most.
         exploit_min_std, exploit_min_ratio: frontier values decide only if their standard deviation and their
             max/mean reach these (ApexNav's adaptive rule, arXiv 2504.14478); otherwise the nearest wins.
     """
@@ -76,6 +82,14 @@ class PlannerConfig:
     strong_detections: int = 3
     max_looks: int = 4
     settle_confidence: float = 0.30
+
+    # floors
+    stairs_known: Literal["seen", "plan"] = "seen"
+    floor_confidence: float = 0.4
+    floor_margin: float = 0.15
+    stairs_reach_m: float = 0.45
+    stairs_tries: int = 3
+    floor_visits: int = 3
 
     # getting stuck
     stuck_steps: int = 24

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages import Candidate, ObjectRecord
+from surveilnav.messages import Candidate, ObjectRecord, Stair
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +40,10 @@ class MapView:
 
 @dataclass(frozen=True, slots=True)
 class RobotView:
-    """The robot at observation ``seq``: (x, y) [m, world], yaw and camera pitch (> 0 looks up) [rad]."""
+    """The robot at observation ``seq``: (x, y) [m, world], yaw and camera pitch (> 0 looks up) [rad].
+
+    ``stairs``: all stairs (or lifts) of the building that it can take, in both directions.
+    """
 
     seq: int
     x_m: float
@@ -50,20 +54,22 @@ class RobotView:
     collided: bool
     last_action: str | None
     path_m: float
+    stairs: tuple[Stair, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Commitment:
     """The waypoint that the robot is on its way to, and how that goes.
 
-    ``best_m`` is the shortest remaining way so far, reached at ``best_step``: no progress for long ends it.
+    ``best_m`` is the shortest remaining way so far (None: not yet known), reached at ``best_step``: no progress for
+    long ends it.
     """
 
-    kind: Literal["target", "candidate", "frontier", "sweep"]
+    kind: Literal["target", "candidate", "frontier", "stairs", "sweep"]
     x_m: float
     y_m: float
     since_step: int
-    best_m: float
+    best_m: float | None
     best_step: int
     object_id: int | None = None
     last_resort: bool = False
@@ -79,52 +85,118 @@ class Dormant:
     until_step: int
 
 
+@dataclass(frozen=True, slots=True)
+class Errand:
+    """The floor that the robot is on its way to, and why."""
+
+    to_floor: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class FloorChange:
+    """A stair that was taken: at which mission step, from where to where, and why."""
+
+    step: int
+    floor: str
+    to_floor: str
+    why: str
+
+
 @dataclass(slots=True)
-class MissionState:
-    """What the planner remembers of a mission. ``step`` works on a copy and never changes its argument.
+class FloorMemory:
+    """What a mission remembers of one floor: places, and objects by their id on that floor.
 
     Attributes:
-        step: actions decided so far.
         scan_left: turns left of the first look around; None before it is decided whether there is one.
         visited: where the robot stood [m, world]. ``collisions``: where its centre can't go;
             ``bumps``: (x, y, yaw) of the headings that ended there.
         dormant: frontiers and objects given up for a while. ``dropped``: objects judged not to be the
             target, by id: (x, y, why).
         inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
-        anchor: (x, y, step) where the robot was when it last moved on; ``escapes`` since then.
         settled_for: the object accepted on weaker evidence because nothing else is left.
-        scans: where the robot looked all around; ``sweep_left``: turns left of such a look at the last of them.
+        scans: where the robot looked all around.
+        stairs_failed: how often a stair of this floor couldn't be reached or taken, by its name.
+        visits: how often the robot came here. ``exhausted``: nothing was left to explore or to look at.
+        reserve: confidence of the best object dropped here that could still be settled for; 0: none.
+    """
+
+    scan_left: int | None = None
+    visited: list[tuple[float, float]] = field(default_factory=list)
+    collisions: list[tuple[float, float]] = field(default_factory=list)
+    bumps: list[tuple[float, float, float]] = field(default_factory=list)
+    dormant: list[Dormant] = field(default_factory=list)
+    dropped: dict[int, tuple[float, float, str]] = field(default_factory=dict)
+    inspected: dict[int, int] = field(default_factory=dict)
+    looks: dict[int, int] = field(default_factory=dict)
+    settled_for: int | None = None
+    scans: list[tuple[float, float]] = field(default_factory=list)
+    stairs_failed: dict[str, int] = field(default_factory=dict)
+    visits: int = 0
+    exhausted: bool = False
+    reserve: float = 0.0
+
+    def copy(self) -> FloorMemory:
+        """A copy whose containers are its own."""
+        return replace(
+            self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps),
+            dormant=list(self.dormant), dropped=dict(self.dropped), inspected=dict(self.inspected),
+            looks=dict(self.looks), scans=list(self.scans), stairs_failed=dict(self.stairs_failed),
+        )  # fmt: skip
+
+
+@dataclass(slots=True)
+class MissionState:
+    """What the planner remembers of a mission. ``step`` works on a copy and never changes its argument.
+
+    Plain values only: ``to_json`` and ``from_json`` give an equal state, and a mission resumed from it decides as
+    one that was never interrupted.
+
+    Attributes:
+        step: actions decided so far; a stair counts as many as moves of its length.
+        floor: where the robot was at the last step, "" before the first; ``floors``: what is known of each.
+        anchor: (x, y, step) where the robot was when it last moved on; ``escapes`` since then.
+        peeks: turns spent at the present frontier. ``sweep_left``: turns left of a look around at the last scan.
+        errand: the floor that the robot is on its way to. ``taking``: the stair's end (x, y) [m] that it was told to
+            take, and the steps that this counts.
+        changes: all stairs taken.
         unreachable: why a confirmed target couldn't be reached (for the final word); empty: none was.
     """
 
     target: str
     max_steps: int = 500
     step: int = 0
-    scan_left: int | None = None
-    visited: list[tuple[float, float]] = field(default_factory=list)
-    collisions: list[tuple[float, float]] = field(default_factory=list)
-    bumps: list[tuple[float, float, float]] = field(default_factory=list)
+    floor: str = ""
+    floors: dict[str, FloorMemory] = field(default_factory=dict)
     commitment: Commitment | None = None
-    dormant: list[Dormant] = field(default_factory=list)
-    dropped: dict[int, tuple[float, float, str]] = field(default_factory=dict)
-    inspected: dict[int, int] = field(default_factory=dict)
-    looks: dict[int, int] = field(default_factory=dict)
-    peeks: int = 0
     anchor: tuple[float, float, int] | None = None
     escapes: int = 0
-    settled_for: int | None = None
-    scans: list[tuple[float, float]] = field(default_factory=list)
+    peeks: int = 0
     sweep_left: int = 0
+    errand: Errand | None = None
+    taking: tuple[float, float, int] | None = None
+    changes: list[FloorChange] = field(default_factory=list)
     unreachable: str = ""
     finished: bool = False
 
+    @property
+    def here(self) -> FloorMemory:
+        """The memory of the floor that the robot is on."""
+        return self.floors.setdefault(self.floor, FloorMemory())
+
     def copy(self) -> MissionState:
         """A copy whose containers are its own."""
-        return replace(
-            self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps),
-            scans=list(self.scans),
-            dormant=list(self.dormant), dropped=dict(self.dropped), inspected=dict(self.inspected), looks=dict(self.looks),
-        )  # fmt: skip
+        floors = {name: memory.copy() for name, memory in self.floors.items()}
+        return replace(self, floors=floors, changes=list(self.changes))
+
+    def to_json(self) -> bytes:
+        """The state as JSON."""
+        return msgspec.json.encode(self)
+
+    @classmethod
+    def from_json(cls, data: bytes) -> MissionState:
+        """The state that ``to_json`` wrote. msgspec.DecodeError: it isn't one."""
+        return msgspec.json.decode(data, type=cls)
 
 
 @dataclass(frozen=True, slots=True)

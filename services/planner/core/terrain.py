@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import skfmm
+from numba import njit
 from numpy.typing import NDArray
 
+from services.planner.core.marching import march
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import MapView, MissionState, RobotView
 from surveilnav.geometry import Grid
@@ -79,7 +80,7 @@ def build_terrain(
     grid = Grid(maps.grid.origin_x_m + col0 * r, maps.grid.origin_y_m + row0 * r, r, row1 - row0, col1 - col0)
 
     occupancy = np.ascontiguousarray(maps.occupancy[window] != 0).astype(np.uint8)
-    _paint(occupancy, grid, state.visited[-200:], 0.0, value=0)
+    _paint(occupancy, grid, state.here.visited[-200:], 0.0, value=0)
     explored = maps.explored[window] != 0
 
     clearance_m = cv2.distanceTransform(1 - occupancy, cv2.DIST_L2, 5) * r
@@ -89,9 +90,9 @@ def build_terrain(
     tight = clearance_m < config.robot_radius_m
     speed[tight] = config.tight_speed
     blocked = (clearance_m < min(config.tight_m, config.robot_radius_m)).astype(np.uint8)
-    _paint(blocked, grid, state.visited, config.visited_radius_m, value=0)
+    _paint(blocked, grid, state.here.visited, config.visited_radius_m, value=0)
     _paint(blocked, grid, [(robot.x_m, robot.y_m)], config.escape_radius_m, value=0)
-    _paint(blocked, grid, state.collisions, 0.0)
+    _paint(blocked, grid, state.here.collisions, 0.0)
     speed[(blocked != 0) | (occupancy != 0)] = 0.0
     here = grid.cells_of((robot.x_m, robot.y_m))
     if grid.contains(here):
@@ -103,12 +104,16 @@ def build_terrain(
         occupancy != 0,
         explored & (occupancy == 0),
         speed,
-        np.reshape(np.array(state.bumps, dtype=np.float64), (-1, 3)),
+        np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3)),
     )
 
 
 def arrival_m(
-    speed: NDArray[np.float64], sources: NDArray[np.bool_], resolution_m: float, limit_m: float = 0.0
+    speed: NDArray[np.float64],
+    sources: NDArray[np.bool_],
+    resolution_m: float,
+    until: tuple[int, int] | None = None,
+    margin_m: float = np.inf,
 ) -> NDArray[np.float64]:
     """Travel time [m of free space] from the nearest source to every cell: |grad T| = 1/speed.
 
@@ -116,25 +121,29 @@ def arrival_m(
         speed: (rows, cols), 0 where nothing passes.
         sources: (rows, cols) bool; blocked ones don't count.
         resolution_m: side of a cell.
-        limit_m: the front stops when it took so long; 0: never.
+        until, margin_m: the front stops so long after it came to this (row, col).
 
     Returns:
-        (rows, cols) float64, ``UNREACHED`` (inf) where no way leads. Sethian 1996, first order, by scikit-fmm.
+        (rows, cols) float64, ``UNREACHED`` (inf) where no way leads or the front didn't come.
     """
-    open_ = speed > 0.0
-    sources = sources & open_
-    out = np.full(speed.shape, UNREACHED)
-    if not sources.any():
-        return out
-    if (open_ & ~sources).sum() == 0:
-        out[sources] = 0.0
-        return out
-    phi = np.ma.MaskedArray(np.where(sources, -1.0, 1.0), mask=~open_)
-    time = skfmm.travel_time(phi, np.where(open_, speed, 1.0), dx=resolution_m, order=1, narrow=limit_m)
-    reached = ~np.ma.getmaskarray(time)
-    out[reached] = np.ma.getdata(time)[reached]
-    out[sources] = 0.0
-    return out
+    return march(speed, sources, until, margin_m / resolution_m) * resolution_m
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def clear_lines(obstacles, start, end):  # type: ignore[no-untyped-def]
+    """Whether the straight lines between cells ``start`` (n, 2) and ``end`` (n, 2), int64, meet no obstacle: (n,) bool.
+
+    ``obstacles``: (rows, cols) bool. A line is looked at once a cell along its longer side.
+    """
+    clear = np.ones(len(start), dtype=np.bool_)
+    for i in range(len(start)):
+        dr, dc = end[i, 0] - start[i, 0], end[i, 1] - start[i, 1]
+        n = max(abs(dr), abs(dc), 1)
+        for k in range(n + 1):
+            if obstacles[start[i, 0] + round(dr * k / n), start[i, 1] + round(dc * k / n)]:
+                clear[i] = False
+                break
+    return clear
 
 
 def coarse_arrival_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np.float64]:
@@ -143,16 +152,15 @@ def coarse_arrival_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np.flo
     Four cells are passable if one of them is: grown obstacles are several cells thick, so this opens no wall.
     """
     rows, cols = terrain.grid.shape
-    padded = np.zeros((rows + rows % 2, cols + cols % 2))
-    padded[:rows, :cols] = terrain.speed
-    blocks = padded.reshape(padded.shape[0] // 2, 2, padded.shape[1] // 2, 2)
-    coarse = blocks.max(axis=(1, 3))
+    speed = np.pad(terrain.speed, ((0, rows % 2), (0, cols % 2)))
+    coarse = np.maximum(np.maximum(speed[::2, ::2], speed[1::2, ::2]), np.maximum(speed[::2, 1::2], speed[1::2, 1::2]))
     sources = np.zeros(coarse.shape, dtype=bool)
     row, col = terrain.cell(x_m, y_m)
     sources[row // 2, col // 2] = True
     time = arrival_m(coarse, sources, 2.0 * terrain.grid.resolution_m)
     fine = np.repeat(np.repeat(time, 2, axis=0), 2, axis=1)[:rows, :cols]
-    return np.where(terrain.speed > 0.0, fine, UNREACHED)
+    fine[terrain.speed <= 0.0] = UNREACHED
+    return fine
 
 
 def _known_window(

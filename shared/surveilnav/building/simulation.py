@@ -37,7 +37,7 @@ Progress = Callable[[float, str], None]
 #: What a surveillance camera measures: its depth covers a large room.
 CAMERA_DEPTH_RANGE_M = (0.3, 10.0)
 _VIEW_CACHE_BYTES = 8_000_000_000
-_PLAN_FORMAT = b"surveilnav plan 1"
+_PLAN_FORMAT = b"surveilnav plan 2"
 
 
 class SimulationSettings(BaseSettings):
@@ -63,10 +63,11 @@ class PlannedCamera(msgspec.Struct, frozen=True):
 
 
 class CameraPlan(msgspec.Struct, frozen=True):
-    """All cameras of a building, and the hash of the scene that their cached views show."""
+    """All cameras of a building, its floors, and the hash of the scene that their cached views show."""
 
     building: str
     scene_hash: str
+    floors: list[str]
     mounting_offset_m: float
     intrinsics: Pinhole
     cameras: list[PlannedCamera]
@@ -142,7 +143,8 @@ class SimulatedBuilding:
             seed=settings.seed, caster=self.caster,
         )  # fmt: skip
         return CameraPlan(
-            self.scene.name, self.scene.content_hash, placement.MOUNTING_M, placement.CAMERA,
+            self.scene.name, self.scene.content_hash, list(self.navigation.floors), placement.MOUNTING_M,
+            placement.CAMERA,
             [PlannedCamera(c.name, c.floor, c.position_m, [Pose.from_matrix(T) for T in c.views]) for c in placed],
         )  # fmt: skip
 

@@ -43,7 +43,10 @@ class MissionCancel(Message, frozen=True, kw_only=True):
 
 
 class MissionStatus(Message, frozen=True, kw_only=True):
-    """State and feedback of a mission. ``phase`` is for people: waiting, scanning, exploring, approaching, ..."""
+    """State and feedback of a mission. ``phase`` is for people: waiting, scanning, exploring, approaching, ...
+
+    ``floor_choice_bytes``: what the cameras' summaries, of all floors, cost so far: the price of choosing the floor.
+    """
 
     mission: str
     target: str
@@ -61,6 +64,7 @@ class MissionStatus(Message, frozen=True, kw_only=True):
     message: str = ""
     started_ns: int = 0
     finished_ns: int = 0
+    floor_choice_bytes: int = 0
 
 
 class Candidate(msgspec.Struct, frozen=True):

@@ -5,7 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.camera_node.core import SendState, choose_slot, keeps_slot, summary, views_to_send
+from services.camera_node.core import (
+    Seen,
+    SendState,
+    choose_slot,
+    keeps_slot,
+    labels_of,
+    summary,
+    summary_due,
+    view_to_look_at,
+    views_to_send,
+)
 from surveilnav.categories import COCO
 
 
@@ -61,3 +71,29 @@ def test_a_summary_is_small_and_keeps_the_surest() -> None:
     assert summary("c0-1", "0", {"bed": 0.123456}, stamp_ns=1).labels == {"bed": 0.123}
     assert summary("c0-1", "0", {}, stamp_ns=1).labels == {}
     assert summary("c0-1", "0", {"x" * 600: 1.0}, stamp_ns=1).labels == {}
+
+
+def test_every_view_is_looked_at_once_and_again_when_it_changed() -> None:
+    seen: dict[int, Seen] = {}
+    versions = {0: 0, 1: 0, 2: 0}
+    order = []
+    while (view := view_to_look_at(seen, versions)) is not None:
+        order.append(view)
+        seen[view] = Seen(versions[view], {})
+    assert order == [0, 1, 2]
+    assert view_to_look_at(seen, {0: 0, 1: 1, 2: 5}) == 2, "the one that is longest out of date"
+    assert view_to_look_at(seen, {0: 1, 1: 0, 2: 0, 7: 0}) == 7, "one never looked at before one that changed"
+
+
+def test_labels_are_the_highest_of_all_views() -> None:
+    seen = {0: Seen(0, {"tv": 0.4, "bed": 0.9}), 1: Seen(0, {"tv": 0.6}), 2: Seen(0, {})}
+    assert labels_of(seen) == {"tv": 0.6, "bed": 0.9}
+    assert labels_of({**seen, 1: Seen(1, {})}) == {"tv": 0.4, "bed": 0.9}, "a view that changed forgets what it showed"
+
+
+def test_news_comes_sooner_than_the_rate_but_not_at_once() -> None:
+    assert summary_due(float("inf"), news=True, period_s=5.0)
+    assert summary_due(5.0, news=False, period_s=5.0)
+    assert not summary_due(4.9, news=False, period_s=5.0)
+    assert summary_due(2.0, news=True, period_s=5.0)
+    assert not summary_due(1.9, news=True, period_s=5.0)

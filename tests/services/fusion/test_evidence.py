@@ -71,18 +71,26 @@ def test_confidence_is_the_larger_of_both_and_the_class_is_its_class():
 @pytest.mark.parametrize(
     ("story", "label", "status"),
     [
-        (near("couch", 0.6), "couch", "confirmed"),
-        (camera("couch", 0.6), "couch", "confirmed"),
-        (near("couch", 0.4), "couch", "candidate"),
-        (camera("couch", 0.6) + near("bed", 0.5), "couch", "confirmed"),  # the maximum is still the camera's
+        (near("couch", 0.9), "couch", "candidate"),  # one detection is none (VLN-Game)
+        (near("couch", 0.6, 2), "couch", "confirmed"),
+        (camera("couch", 0.6, 2), "couch", "confirmed"),
+        (near("couch", 0.4, 2), "couch", "candidate"),
+        (camera("couch", 0.6, 2) + near("bed", 0.5), "couch", "confirmed"),  # the maximum is still the camera's
         (camera("couch", 0.6) + near("bed", 0.7), "bed", "rejected"),
         (camera("couch", 0.6) + near("bed", 0.7, 20), "bed", "rejected"),  # for good
-        (near("couch", 0.6) + ["miss"] * 50, "couch", "confirmed"),  # the paper knows no negative evidence
+        (near("couch", 0.6, 2) + ["miss"] * 50, "couch", "confirmed"),  # the paper knows no negative evidence
     ],
 )
 def test_the_paper_to_the_letter(story, label, status):
     last = told(story, PAPER)[-1]
     assert (last.label, last.status) == (label, status), last.reason
+
+
+def test_few_detections_confirm_nothing_however_sure_they_are():
+    config = ObjectConfig(min_detections=4, confirm_camera_views=1)
+    verdicts = told(camera("couch", 0.95, 2) + near("couch", 0.95, 2), config)
+    assert [v.status for v in verdicts] == ["candidate"] * 3 + ["confirmed"]
+    assert verdicts[0].reason == "1 of at least 4 detections of a couch"
 
 
 def test_confidence_by_share_against_a_literal_sum():

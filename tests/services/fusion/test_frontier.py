@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from services.fusion.core import MapConfig
 from services.fusion.core.frontier import frontiers
@@ -34,18 +36,67 @@ def test_boundary_of_free_space(config, text):
     np.testing.assert_array_equal(frontiers(occupied, explored, config), expected)
 
 
-def test_against_the_definition_cell_by_cell():
-    rng = np.random.default_rng(5)
-    occupied = (rng.random((40, 50)) < 0.1).astype(np.uint8)
-    explored = (rng.random((40, 50)) < 0.7).astype(np.uint8)
-    expected = np.zeros_like(explored)
-    for r in range(40):
-        for c in range(50):
-            near = [(r + dr, c + dc) for dr, dc in ((0, 1), (1, 0), (0, -1), (-1, 0))]
-            unknown = [not (0 <= i < 40 and 0 <= j < 50 and explored[i, j]) for i, j in near]
-            wall = occupied[max(0, r - 1) : r + 2, max(0, c - 1) : c + 2].any()
-            expected[r, c] = explored[r, c] and not wall and any(unknown)
-    np.testing.assert_array_equal(frontiers(occupied, explored, DILATED), expected)
+def slow(occupied, explored, kind, radius, min_cells, hole_cells):
+    """The definition, cell by cell. ``radius``: dilation in cells."""
+    rows, cols = occupied.shape
+    inside = {(r, c) for r in range(rows) for c in range(cols)}
+    walls = {
+        (r, c) for r, c in inside
+        if any(
+            occupied[r + dr, c + dc]
+            for dr in range(-radius, radius + 1) for dc in range(-radius, radius + 1)
+            if dr * dr + dc * dc <= (radius + 0.5) ** 2 and (r + dr, c + dc) in inside
+        )
+    }  # fmt: skip
+    known = {cell for cell in inside if explored[cell]}
+    if kind == "literal":
+        found = walls - known
+    else:
+        for island in parts(inside - known):
+            if len(island) <= hole_cells:
+                known |= island
+        found = {
+            (r, c) for r, c in inside - walls
+            if explored[r, c] and not {(r + 1, c), (r - 1, c), (r, c + 1), (r, c - 1)} <= known
+        }  # fmt: skip
+    out = np.zeros_like(explored)
+    for part in parts(found):
+        if len(part) >= min_cells:
+            for cell in part:
+                out[cell] = 1
+    return out
+
+
+def parts(cells):
+    """8-connected components of a set of cells."""
+    left, out = set(cells), []
+    while left:
+        part, edge = set(), [left.pop()]
+        while edge:
+            r, c = edge.pop()
+            part.add((r, c))
+            near = {(r + dr, c + dc) for dr in (-1, 0, 1) for dc in (-1, 0, 1)} & left
+            left -= near
+            edge.extend(near)
+        out.append(part)
+    return out
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    kind=st.sampled_from(["boundary", "literal"]), radius=st.integers(0, 3), min_cells=st.integers(1, 9),
+    hole_cells=st.integers(0, 30), seen=st.floats(0.3, 0.95), walls=st.floats(0, 0.2), seed=st.integers(0, 10_000),
+)  # fmt: skip
+def test_against_the_definition_cell_by_cell(kind, radius, min_cells, hole_cells, seen, walls, seed):
+    rng = np.random.default_rng(seed)
+    occupied = (rng.random((22, 27)) < walls).astype(np.uint8)
+    explored = (rng.random((22, 27)) < seen).astype(np.uint8)
+    config = MapConfig(
+        frontier=kind, frontier_dilation_m=radius * 0.05, frontier_min_cells=min_cells,
+        frontier_hole_m2=hole_cells * 0.05**2 + 1e-9,
+    )  # fmt: skip
+    expected = slow(occupied, explored, kind, radius, min_cells, hole_cells)
+    np.testing.assert_array_equal(frontiers(occupied, explored, config), expected)
 
 
 def test_small_unknown_islands_are_no_frontier():

@@ -100,6 +100,9 @@ def test_one_thing_twice_in_a_picture_counts_once(furnished, tools):
     joint.integrate(view, tools.seen(again, once))
     (sofa,) = joint.objects("0")
     assert (sofa.n_detections, sofa.confidence) == (1, pytest.approx(0.8))
+    literal = JointMap(FusionConfig(objects=ObjectConfig(once_per_view=False)))
+    literal.integrate(view, tools.seen(again, once))
+    assert [o.n_detections for o in literal.objects("0")] == [2]
 
 
 def test_another_class_on_the_same_points_is_a_vote_not_an_object(furnished, tools):

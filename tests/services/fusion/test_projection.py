@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.fusion.core.projection import AZIMUTHS, extent, reach, sample_stride, sweep, world_points
+from surveilnav.geometry import camera_pose, inverse, transform_points
 
 
 @given(yaw=st.floats(-3.1, 3.1), pitch=st.floats(-0.7, 0.2), x=st.floats(1, 5), y=st.floats(1, 3))
@@ -35,6 +36,26 @@ def test_subsampled_points_are_those_of_their_pixels(world):
     points, colours = world_points(view, 1000, 20.0, edge=10.0)
     np.testing.assert_allclose(points, expected, atol=1e-5)
     assert colours.shape == points.shape
+
+
+@given(
+    yaw=st.floats(-3.1, 3.1), pitch=st.floats(-1.5, 1.5), x=st.floats(-50, 50), y=st.floats(-50, 50),
+    u=st.integers(0, 159), v=st.integers(0, 119), depth_m=st.floats(0.2, 9.5),
+)  # fmt: skip
+def test_pixel_to_point_to_pixel(tools, yaw, pitch, x, y, u, v, depth_m):
+    """p_global = R p + t and back: the point of a pixel falls on that pixel, at that depth, in its colour."""
+    view = tools.world().view(1, 1, 0)
+    view = replace(view, T_world_camera=camera_pose((x, y, 1.0), yaw, pitch))
+    view.depth_m[:] = 0.0
+    view.depth_m[v, u] = depth_m
+    view.rgb[v, u] = (1, 2, 3)
+    points, colours = world_points(view, 160 * 120, 20.0, edge=1e9)
+    assert colours.tolist() == [[1, 2, 3]]
+    p_camera = transform_points(inverse(view.T_world_camera), points.astype(np.float64))
+    np.testing.assert_allclose(view.camera.project(p_camera), [[u, v]], atol=0.01)
+    assert p_camera[0, 2] == pytest.approx(depth_m, abs=2e-5)
+    again = transform_points(view.T_world_camera, view.camera.rays()[v, u][None].astype(np.float64) * p_camera[0, 2])
+    np.testing.assert_allclose(again, points, atol=5e-5)
 
 
 @pytest.mark.parametrize("bad", [np.nan, 0.0, -1.0, np.inf, 0.05, 5.0, 5.5])

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
+import os
+import random
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 import pytest
 
 from services.fusion.config import FusionSettings
+from services.fusion.core import JointMap
 from services.fusion.service import FusionService
 from surveilnav import contract
 from surveilnav.geometry import Grid, Pinhole, Pose, base_pose
@@ -26,7 +33,15 @@ from surveilnav.messages import (
     WorkerLoad,
 )
 from surveilnav.runtime import Answer, Node, Refused, clock_ns
-from surveilnav.sensing.packing import encode_rgbd, pack_embedding, perception_to_wire, unpack_array
+from surveilnav.sensing.packing import (
+    decode_frame,
+    encode_rgbd,
+    pack_embedding,
+    perception_from_wire,
+    perception_to_wire,
+    unpack_array,
+    unpack_embedding,
+)
 from surveilnav.sensing.views import Detected, ViewPerception
 
 CAMERA = Pinhole.from_hfov(160, 120, math.radians(79))
@@ -90,6 +105,7 @@ class Camera:
         ]
         self.frames = [node.publisher(contract.CAMERA_FRAME, floor=floor, camera=name, view=i) for i in range(n_views)]
         self.asked: list[list[int]] = []
+        self.encoded: dict = {}
         place = {"floor": floor, "camera": name}
         node.serve(contract.CAMERA_INFO, lambda _: Answer(self.info()), **place)
         node.serve(contract.CAMERA_REQUEST, self._on_request, **place)
@@ -107,8 +123,11 @@ class Camera:
     def invoked(self) -> bool:
         return any(p.matched for p in self.frames)
 
+    def frame(self, view: int):
+        return self.encoded.setdefault(view, header_of(self.views[view]))
+
     def send(self, view: int) -> None:
-        self.frames[view].put(*header_of(self.views[view]))
+        self.frames[view].put(*self.frame(view))
 
     def _on_request(self, request) -> Answer:
         self.asked.append(list(request.message.views))
@@ -140,14 +159,15 @@ class Worker:
         self.seen.append((m.source, m.view, m.seq))
         if self.refuse:
             raise Refused(self.refuse, "not now")
+        return Answer(self.reply(m.source, m.view, m.seq))
+
+    def reply(self, source: str, view: int, seq: int) -> InferReply:
         look = np.eye(4, dtype=np.float32)
         chair = Detected("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, look[0])
-        detections, image = perception_to_wire(ViewPerception("fake", (chair,), look[1]))
-        return Answer(
-            InferReply(
-                stamp_ns=clock_ns(), worker="w", backend="fake", source=m.source, view=m.view, seq=m.seq,
-                detections=detections, image_embedding=image,
-            )
+        detections, image = perception_to_wire(ViewPerception("fake", (chair,), look[seq % 4]))
+        return InferReply(
+            stamp_ns=clock_ns(), worker="w", backend="fake", source=source, view=view, seq=seq,
+            detections=detections, image_embedding=image,
         )  # fmt: skip
 
     def _text(self, request) -> Answer:
@@ -184,9 +204,20 @@ class Scene:
         r = self.revision(floor)
         return bool(r) and r.robots.get("r") == seq
 
-    def layer(self, name, **parameters):
-        got = self.client.ask(contract.MAP_LAYER, floor="0", layer=name, parameters=parameters)
+    def layer(self, name, floor="0", **parameters):
+        got = self.client.ask(contract.MAP_LAYER, floor=floor, layer=name, parameters=parameters)
         return got.message, unpack_array(got.payload, got.message.dtype, got.message.shape)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled(tools) -> None:
+    """The loops of the maps, compiled before anybody waits for them."""
+    joint, world = JointMap(), tools.world()
+    for source, height in (("robot/r", 0.88), ("camera/c", 1.8)):
+        view = world.view(1, 2, 0, -0.2, height=height, source=source)
+        joint.accept(view, tools.seen(Detected("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, tools.unit(0))))
+    for layer in ("occupancy", "explored", "frontier", "value", "cloud", "provenance"):
+        joint.layer("0", layer, tools.unit(0))
 
 
 @pytest.fixture
@@ -338,3 +369,227 @@ def test_what_cannot_be_answered_is_refused_by_name(scene, layer, parameters, na
     with pytest.raises(Refused) as refused:
         scene.layer(layer, **parameters)
     assert refused.value.name == name
+
+
+# --- what is wrong with views, and what follows ---------------------------------------------------------------------
+
+
+def rejected(scene) -> dict[str, int]:
+    return {k: n for k, n in scene.node.traffic.rejected().items() if k.startswith("view.")}
+
+
+def test_a_refused_view_is_counted_by_name_held_empty_and_told_of(scene):
+    scene.worker()
+    scene.start()
+    seq = scene.robot.observe()
+    until(lambda: scene.holds(seq))
+    before = scene.layer("explored")[1].tobytes()
+    seq = scene.robot.observe(x=4.5)  # 3.5 m in one step
+    until(lambda: scene.holds(seq))
+    assert scene.revision().revision == 1
+    assert "pose_jump" in scene.revision().message
+    assert scene.layer("explored")[1].tobytes() == before
+    assert rejected(scene) == {"view.pose_jump": 1}
+    seq = scene.robot.observe(x=4.6)  # it stands by it: it was relocalised
+    until(lambda: scene.holds(seq) and scene.revision().revision == 2)
+    assert until(lambda: scene.revision().message == "")
+    scene.robot.seq += 3  # three never came
+    seq = scene.robot.observe(x=4.6)
+    until(lambda: scene.holds(seq))
+    scene.robot.repeat()
+    seq = scene.robot.observe(x=4.6, yaw=0.3)
+    until(lambda: scene.holds(seq))
+    assert scene.revision().revision == 4
+    assert rejected(scene) == {"view.pose_jump": 1, "view.missing_seq": 1}
+
+
+def test_a_robot_that_sees_nothing_from_the_start_gets_empty_maps(scene):
+    """Close before a wall no pixel has a depth: the planner must be able to turn the robot round."""
+    scene.worker()
+    scene.start()
+
+    def blind(header, payload):
+        rgb = np.zeros((120, 160, 3), np.uint8)
+        payload, image, depth = encode_rgbd(rgb, np.zeros((120, 160)), depth_range_m=RANGE_M)
+        return msgspec.structs.replace(header, image=image, depth=depth), payload
+
+    seq = scene.robot.observe(spoil=blind)
+    until(lambda: scene.holds(seq))
+    assert rejected(scene) == {"view.no_depth": 1}
+    for layer in ("occupancy", "explored", "frontier"):
+        header, array = scene.layer(layer)
+        assert not array.any()
+    assert [int(i) for i in header.grid.cells_of((1.0, 2.0))] == [array.shape[0] // 2, array.shape[1] // 2]
+    assert np.isnan(scene.layer("value", target="bed")[1]).all()
+    assert scene.client.ask(contract.OBJECTS, floor="0").message.objects == []
+
+
+def test_a_camera_whose_frames_are_not_its_own_is_refused_before_perception(scene, world):
+    worker, camera = scene.worker(), scene.camera()
+    narrow = Pinhole.from_hfov(160, 120, math.radians(60))
+    camera.views[1] = world.view(5, 3, 0, -0.5, height=1.8, source="camera/c", view=1, camera=narrow)
+    scene.start()
+    scene.robot.observe()
+    until(lambda: camera.invoked)
+    camera.send(0)
+    camera.send(1)
+    until(lambda: (r := scene.revision()) and r.cameras and r.cameras[0].views_held == 2)
+    assert "wrong_intrinsics" in scene.revision().message
+    assert rejected(scene) == {"view.wrong_intrinsics": 1}
+    assert [s for s in worker.seen if s[0] == "camera/c"] == [("camera/c", 0, 0)]
+
+
+def test_a_robot_on_the_stairs_takes_its_cameras_along(scene):
+    """Up a stair whose altitude is estimated badly: the lower cameras go, the upper ones come, and none comes back."""
+    scene.worker()
+    below, above = scene.camera("below"), scene.camera("above", "1", 2.8)
+    scene.start(linger_s=0.0)
+    invoked = {"below": 0, "above": 0}
+    was = dict.fromkeys(invoked, False)
+    for z in (0.0, 0.3, 0.45, 0.38, 0.5, 0.41, 0.9, 1.4, 1.9, 2.35, 2.45, 2.35, 2.5, 2.8):
+        seq = scene.robot.observe(floor_z=z, floor="0" if z < 2 else "1")
+        until(lambda seq=seq: any(r.message.robots.get("r") == seq for r in scene.revisions.rows()))
+        time.sleep(0.25)  # two looks at who is near
+        for camera in (below, above):
+            invoked[camera.name] += camera.invoked and not was[camera.name]
+            was[camera.name] = camera.invoked
+    assert invoked == {"below": 1, "above": 1}
+    assert was == {"below": False, "above": True}
+
+
+# --- durability -----------------------------------------------------------------------------------------------------
+
+
+class Process:
+    """Fusion as a process of its own, that can be killed."""
+
+    def __init__(self, bus, path, **settings) -> None:
+        self.environment = os.environ | {
+            "SURVEILNAV_BUS__ROUTER": bus.router, "SURVEILNAV_BUS__BUILDING": bus.building,
+            "SURVEILNAV_FUSION__STORE": str(path), "SURVEILNAV_FUSION__RESEND_AFTER_S": "0.3",
+            **{f"SURVEILNAV_FUSION__{k.upper()}": str(v) for k, v in settings.items()},
+        }  # fmt: skip
+        self.log = open(path.with_suffix(".log"), "ab")  # noqa: SIM115
+        self.start()
+
+    def start(self) -> None:
+        command = [sys.executable, "-m", "services.fusion"]
+        self.process = subprocess.Popen(command, env=self.environment, stdout=self.log, stderr=self.log)
+
+    def kill(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+
+@pytest.fixture
+def process(bus, tmp_path):
+    started = []
+
+    def start(**settings):
+        started.append(Process(bus, tmp_path / "fusion.sqlite", **settings))
+        return started[-1]
+
+    yield start
+    for p in started:
+        p.kill()
+        p.log.close()
+
+
+@pytest.mark.slow
+def test_kill_9_loses_nothing_that_was_acknowledged(scene, process, world):
+    """Killed at random moments and started again, fusion ends with the maps of a run that nothing disturbed."""
+    rng = random.Random(7)
+    worker, camera = scene.worker(), scene.camera()
+    fusion = process(snapshot_views=5)
+    steady = JointMap()  # the undisturbed run, one view after the other
+
+    def steadily(header, payload):
+        reply = worker.reply(header.source, header.view, header.seq)
+        steady.accept(decode_frame(header, payload), perception_from_wire(reply, CAMERA))
+
+    def step(yaw: float, kill_after_s: float | None) -> None:
+        seq = scene.robot.observe(yaw=yaw)
+        if kill_after_s is not None:
+            time.sleep(kill_after_s)
+            acknowledged = scene.revision()
+            fusion.kill()
+            until(lambda: "fusion" not in scene.client.alive("fusion"), 20)
+            fusion.start()
+            kept = until(lambda: ask_revision(scene), 60)
+            assert kept.revision >= acknowledged.revision
+            assert all(kept.robots.get(r, -1) >= n for r, n in acknowledged.robots.items())
+            held = {c.camera: c.views_held for c in acknowledged.cameras}
+
+            def restored():
+                scene.robot.repeat()  # as robots do until somebody follows it up
+                time.sleep(0.2)
+                return (r := ask_revision(scene)) and r.cameras and r
+
+            assert all(c.views_held >= held[c.camera] for c in until(restored, 20).cameras)
+        until(lambda: scene.holds(seq), 60)
+        steadily(*scene.robot.last)
+
+    scene.client.alive("fusion")
+    step(0.0, None)
+    until(lambda: camera.invoked, 20)
+    for view in (0, 1):
+        camera.send(view)
+        until(lambda view=view: (r := scene.revision()) and r.cameras and r.cameras[0].views_held > view, 20)
+        steadily(*camera.frame(view))
+    for i in range(1, 25):
+        step(0.3 * i, rng.uniform(0.0, 0.12) if i % 5 == 0 else None)
+    asked = [s for s in worker.seen if s[0] == "camera/c"]
+    assert len(asked) == 2  # the cameras' pictures, sent again after every restart, weren't looked at again
+    assert steady.revision == scene.revision().revision == 27
+    text = unpack_embedding(pack_embedding(np.array([0.6, 0.8, 0, 0], np.float32)))
+    for name in ("occupancy", "explored", "frontier", "value"):
+        grid, expected = steady.layer("0", name, text)
+        header, array = scene.layer(name, **({"target": "bed"} if name == "value" else {}))
+        assert (header.grid, header.revision) == (grid, 27)
+        assert array.tobytes() == expected.tobytes(), name
+    (_, cloud), (header, lines) = scene.layer("cloud"), scene.layer("provenance")
+    expected, told = steady.layer("0", "cloud")[1], steady.layer("0", "provenance")[1]
+    order, in_order = np.lexsort(cloud.T), np.lexsort(expected.T)  # they come in no particular order
+    assert cloud[order].tobytes() == expected[in_order].tobytes()
+    assert lines[order].tobytes() == told[in_order].tobytes()
+    assert header.source_sets == steady.source_sets("0")
+    assert scene.client.ask(contract.OBJECTS, floor="0").message.objects == steady.objects("0")
+
+
+def ask_revision(scene):
+    """What fusion says now, not what was heard last; None if it isn't there."""
+    got = scene.client.ask_all(contract.MAP_REVISION, timeout_s=1.0)
+    return next((r.message for r in got if r.message.floor == "0"), None)
+
+
+def test_an_objects_whole_history_is_kept_and_served(scene, tmp_path):
+    scene.worker()
+    scene.start(store=str(tmp_path / "f.sqlite"), objects={"max_history": 3})
+    for i in range(6):
+        seq = scene.robot.observe(yaw=0.02 * i)
+        until(lambda seq=seq: scene.holds(seq))
+    (short,) = scene.client.ask(contract.OBJECTS, floor="0").message.objects
+    assert len(short.history) == 3
+
+    def ask(**parameters):
+        return scene.client.ask(contract.OBJECTS, floor="0", parameters=parameters).message.objects
+
+    (whole,) = ask(object=str(short.id))
+    assert whole.history[-3:] == short.history
+    assert [e.what for e in whole.history].count("created") == 1
+    assert [e.seq for e in whole.history if e.what in ("created", "matched")] == [1, 2, 3, 4, 5, 6]
+    assert ask(history="all") == [whole]
+    for wrong in ("99", "x", "-1"):
+        with pytest.raises(Refused) as refused:
+            ask(object=wrong)
+        assert refused.value.name == "unknown_object"
+
+
+def test_provenance_is_served_line_by_line_with_the_cloud(scene):
+    scene.worker()
+    scene.start()
+    seq = scene.robot.observe()
+    until(lambda: scene.holds(seq))
+    (_, cloud), (header, lines) = scene.layer("cloud"), scene.layer("provenance")
+    assert (lines.shape, lines.dtype) == ((len(cloud), 3), np.int64)
+    assert {tuple(header.source_sets[i]) for i in lines[:, 0]} == {("robot/r",)}

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from services.fusion.core import FusionConfig, JointMap, ValueConfig
 from services.fusion.core.projection import reach, sweep, world_points
+from services.fusion.core.value import ValueMap
+from surveilnav.geometry import Grid, Pinhole, camera_pose
+from surveilnav.sensing.views import PosedView
 
 
 @pytest.fixture
@@ -124,3 +131,196 @@ def test_robot_views_are_forgotten_beyond_the_limit(world, tools):
     grid, found = joint.layer("0", "value", tools.unit(0))
     row, col = grid.cells_of((4.0, 1.0))
     assert np.isfinite(found[row, col])  # the camera's view is kept
+
+
+# --- against a literal reference, with and without decay ------------------------------------------------------------
+
+GRID = Grid(-1.5, -1.5, 0.15, 20, 20)
+HALF_LIFE_S = 60.0
+EYE = Pinhole.from_hfov(16, 12, math.radians(79))
+
+
+@dataclass(frozen=True)
+class Look:
+    """A view for the reference: where from, how far it reaches in which sector, what it sounds like, when."""
+
+    camera: bool
+    k: int  # of the camera's view
+    x: float
+    y: float
+    yaw_deg: int
+    range_m: float
+    score: float
+    stamp_s: int
+
+    def view(self, seq: int) -> PosedView:
+        T = camera_pose((self.x, self.y, 1.0), math.radians(self.yaw_deg), -0.2)
+        source, view = ("camera/c", self.k) if self.camera else ("robot/r", 0)
+        rgb, depth_m = np.zeros((12, 16, 3), np.uint8), np.zeros((12, 16), np.float32)
+        return PosedView(source, view, seq, self.stamp_s * 10**9, "0", T, EYE, 1.0, rgb, depth_m, (0.1, 5.0))
+
+    @cached_property
+    def reach_m(self) -> np.ndarray:
+        out = np.zeros((360, 2), np.float32)
+        for a in range(self.yaw_deg - 39, self.yaw_deg + 39):
+            out[a % 360] = 0.1, self.range_m
+        return out
+
+    @cached_property
+    def kept_reach_m(self) -> list[list[float]]:
+        return self.reach_m.astype(np.float16).tolist()
+
+    @property
+    def embedding(self) -> np.ndarray:
+        return np.array([self.score, math.sqrt(1 - self.score**2)], np.float32)
+
+    def bin_at(self, x: float, y: float) -> int:
+        """The azimuth bin under which it sees a place; -1: it doesn't."""
+        dx, dy = x - self.x, y - self.y
+        a = int((math.atan2(dy, dx) / (2 * math.pi) + 1.0) * 360) % 360
+        near, far = self.kept_reach_m[a]
+        return a if far > 0 and near <= math.sqrt(dx * dx + dy * dy) <= far else -1
+
+
+looks = st.lists(
+    st.builds(
+        Look, st.booleans(), st.integers(0, 2), st.floats(-1, 1), st.floats(-1, 1), st.integers(0, 359),
+        st.floats(0.3, 1.5), st.floats(0, 0.95), st.one_of(st.just(0), st.integers(1, 1200)),
+    ),
+    min_size=1, max_size=10,
+)  # fmt: skip
+
+
+def literal(story: list[Look], fusion: str, half_life_s: float) -> np.ndarray:
+    """Eq. 2 and its variants, cell by cell and view by view."""
+    kept: dict[object, tuple[Look, float]] = {}
+    newest = 0.0
+    for i, look in enumerate(story):
+        newest = max(newest, look.stamp_s)
+        key = look.k if look.camera else ("robot", i)
+        kept.pop(key, None)  # a camera's view takes the place of its former self
+        kept[key] = look, look.stamp_s or newest
+    out = np.full(GRID.shape, np.nan)
+    for row in range(GRID.rows):
+        for col in range(GRID.cols):
+            x = (round(GRID.origin_x_m / 0.15) + col + 0.5) * 0.15
+            y = (round(GRID.origin_y_m / 0.15) + row + 0.5) * 0.15
+            seen = []
+            for look, at_s in kept.values():
+                a = look.bin_at(x, y)
+                if a >= 0:
+                    w = 0.5 ** ((newest - at_s) / half_life_s) if half_life_s else 1.0
+                    off = abs(math.remainder(math.radians(a + 0.5 - look.yaw_deg), math.tau)) / math.radians(39.5)
+                    cone = 0.25 + 0.75 * math.cos(min(1.0, off) * math.pi / 2) ** 2
+                    seen.append((look.camera, float(np.float16(look.score)), w, cone))
+            if not seen:
+                continue
+            if fusion == "latest":
+                out[row, col] = seen[-1][1]
+            elif fusion == "confidence":  # VLFM
+                v = c = 0.0
+                for _, s, w, cone in seen:
+                    v, c = (c * v + w * cone * s) / (c + w * cone), (c**2 + (w * cone) ** 2) / (c + w * cone)
+                out[row, col] = v
+            else:  # eq. 2
+                means, fresh = [], []
+                for kind in (False, True):
+                    of_kind = [(s, w) for camera, s, w, _ in seen if camera == kind]
+                    if of_kind:
+                        means.append(sum(s * w for s, w in of_kind) / sum(w for _, w in of_kind))
+                        fresh.append(max(w for _, w in of_kind))
+                out[row, col] = sum(m * f for m, f in zip(means, fresh, strict=True)) / sum(fresh)
+    return out
+
+
+def value_map(story, fusion, half_life_s, *, ask_at=(), **more):
+    value = ValueMap(ValueConfig(fusion=fusion, half_life_s=half_life_s, **more))
+    for i, look in enumerate(story):
+        value.add(look.view(i), look.reach_m, look.embedding)
+        if i in ask_at:
+            value.layer(GRID, np.array([1.0, 0.0], np.float32))
+    return value
+
+
+@pytest.mark.parametrize("half_life_s", [0.0, HALF_LIFE_S])
+@pytest.mark.parametrize("fusion", ["average", "confidence", "latest"])
+def test_layers_equal_the_literal_rules(fusion, half_life_s):
+    @settings(max_examples=12)
+    @given(looks, st.integers(0, 9))
+    def check(story, ask_at):
+        value = value_map(story, fusion, half_life_s, ask_at={ask_at})  # incremental from some view on
+        found = value.layer(GRID, np.array([1.0, 0.0], np.float32))
+        np.testing.assert_allclose(found, literal(story, fusion, half_life_s), atol=2e-3)
+
+    check()
+
+
+@pytest.mark.parametrize("fusion", ["average", "confidence", "latest"])
+def test_a_layer_made_now_is_bit_by_bit_the_one_kept_from_the_start(fusion):
+    @settings(max_examples=12)
+    @given(st.lists(looks, min_size=3, max_size=3).map(lambda lists: sum(lists, [])))
+    def check(story):
+        text = np.array([1.0, 0.0], np.float32)
+        kept = value_map(story, fusion, 1.0, ask_at=range(99), max_views=8)  # 1 s: rescaled often; 8: some forgotten
+        fresh = value_map(story, fusion, 1.0, max_views=8)
+        assert kept.layer(GRID, text).tobytes() == fresh.layer(GRID, text).tobytes()
+
+    check()
+
+
+def test_a_layer_built_beside_the_map_is_the_same(story, tools):
+    joint, other = JointMap(), JointMap()
+    for i, (view, image) in enumerate(story):
+        joint.integrate(view, tools.seen(image=image))
+        other.integrate(view, tools.seen(image=image))
+        if i == 4:
+            pending = joint.pending_value("0", tools.unit(0))
+    joint.adopt_value("0", pending.build())  # it took until seven more views had come
+    assert joint.pending_value("0", tools.unit(0)) is None
+    assert (
+        joint.layer("0", "value", tools.unit(0))[1].tobytes() == other.layer("0", "value", tools.unit(0))[1].tobytes()
+    )
+    stale = joint.pending_value("0", tools.unit(1))
+    joint.integrate(replace(story[-1][0], seq=9), tools.seen(image=tools.unit(1)))  # a camera's view goes
+    joint.adopt_value("0", stale.build())
+    assert joint.pending_value("0", tools.unit(1)) is not None
+
+
+def test_equal_or_missing_stamps_mean_no_decay(story, tools):
+    layers = []
+    for half_life_s, stamp in ((0.0, 5), (1e-6, 5), (1e-6, 0)):
+        joint = JointMap(FusionConfig(value=ValueConfig(half_life_s=half_life_s)))
+        for view, image in story:
+            joint.integrate(replace(view, stamp_ns=stamp * 10**9), tools.seen(image=image))
+        layers.append(joint.layer("0", "value", tools.unit(0))[1].tobytes())
+    assert layers[0] == layers[1] == layers[2]
+
+
+@pytest.mark.parametrize("fusion", ["average", "confidence"])
+def test_what_was_seen_an_eternity_ago_still_was_seen(fusion):
+    def look(x, score, stamp_s):
+        return Look(False, 0, x, 0.02, 0, 1.0, score, stamp_s)
+
+    story = [look(-1.4, 0.5, 10), look(-0.4, 0.9, 10 + 10**6), look(-0.4, 0.3, 20)]
+    found = value_map(story, fusion, 1.0, ask_at={0}).layer(GRID, np.array([1.0, 0.0], np.float32))
+    row, col = GRID.cells_of((-0.9, 0.02))
+    assert found[row, col] == pytest.approx(0.5, abs=1e-3)
+    row, col = GRID.cells_of((0.3, 0.02))
+    assert found[row, col] == pytest.approx(0.9, abs=1e-3)
+
+
+def test_an_old_look_counts_half_after_a_half_life():
+    old, new = (Look(False, 0, -0.8, 0.02, 0, 1.5, score, at) for score, at in ((0.9, 100), (0.3, 160)))
+    row, col = GRID.cells_of((0.0, 0.02))
+    found = value_map([old, new], "average", HALF_LIFE_S).layer(GRID, np.array([1.0, 0.0], np.float32))
+    assert found[row, col] == pytest.approx((0.5 * 0.9 + 0.3) / 1.5, abs=1e-3)
+    by_camera = replace(new, camera=True)  # eq. 2 weighs the two sides by their last looks
+    found = value_map([old, by_camera], "average", HALF_LIFE_S).layer(GRID, np.array([1.0, 0.0], np.float32))
+    assert found[row, col] == pytest.approx((0.5 * 0.9 + 0.3) / 1.5, abs=1e-3)
+    assert FusionConfig.preset("paper").value.half_life_s == 0
+
+
+def test_the_layer_of_another_place_is_empty(story, tools):
+    value = value_map([Look(False, 0, 0, 0, 0, 1.0, 0.5, 0)], "average", 0.0)
+    for origin in ((20.0, 20.0), (-30.0, -30.0), (20.0, -30.0)):
+        assert np.isnan(value.layer(Grid(*origin, 0.1, 30, 40), np.array([1.0, 0.0], np.float32))).all()

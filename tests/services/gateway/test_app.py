@@ -82,13 +82,16 @@ def test_status_of_a_mission_follows_the_planner(client, building, eventually):
             step=500,
             max_steps=500,
             path_m=float("inf"),
+            floor="1",
             error="out_of_steps",
             message="500 steps",
+            floor_choice_bytes=1234,
         )
     )
     eventually(lambda: client.get(f"/api/v1/missions/{id}").json()["state"] == "failed", "the state never changed")
     mission = client.get(f"/api/v1/missions/{id}").json()
     assert (mission["error"], mission["step"], mission["path_m"]) == ("out_of_steps", 500, None)
+    assert (mission["floor"], mission["floor_choice_bytes"]) == ("1", 1234)
     problem(client.post(f"/api/v1/missions/{id}/cancel"), 409)
 
 

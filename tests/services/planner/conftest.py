@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ import pytest
 
 from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
 from surveilnav.geometry import Grid
-from surveilnav.messages import ObjectRecord
+from surveilnav.messages import ObjectRecord, Stair
 
 R = 0.05
 CHAR_M = 0.25  # one character of a drawing is 5 x 5 cells
@@ -44,7 +44,8 @@ class Thing:
 class World:
     """``#`` wall, ``R`` robot, letters objects (see ``things``), anything else free."""
 
-    def __init__(self, drawing, things=None, yaw_rad=0.0, range_m=5.0, sees_from_m=3.5):
+    def __init__(self, drawing, things=None, yaw_rad=0.0, range_m=5.0, sees_from_m=3.5, floor="0"):
+        self.floor = floor
         lines = list(drawing.strip("\n").splitlines())[::-1]  # first row of the text is north
         width = max(len(line) for line in lines)
         chars = np.array([list(line.ljust(width)) for line in lines])
@@ -116,10 +117,20 @@ class World:
         beside = cv2.dilate(1 - self.explored, np.ones((3, 3), np.uint8))
         frontier = ((self.explored == 1) & (wall == 0) & (beside == 1)).astype(np.uint8)
         occupancy, explored = self.occupancy.copy(), self.explored.copy()
-        return MapView("0", 0.0, self.grid, occupancy, explored, frontier, self.value, self.objects(), self.seq)
+        return MapView(self.floor, 0.0, self.grid, occupancy, explored, frontier, self.value, self.objects(), self.seq)
 
     def robot(self):
-        return RobotView(self.seq, self.x, self.y, self.yaw, self.pitch, "0", self.collided, self.last, self.path_m)
+        return RobotView(
+            self.seq,
+            float(self.x),
+            float(self.y),
+            self.yaw,
+            self.pitch,
+            self.floor,
+            self.collided,
+            self.last,
+            self.path_m,
+        )
 
     def act(self, action):
         self.collided, self.last = False, action
@@ -161,6 +172,68 @@ class World:
         """Plan distance from the robot to an object."""
         xy = self.grid.centres_of(self.things[mark].cells)
         return float(np.hypot(xy[:, 0] - self.x, xy[:, 1] - self.y).min())
+
+
+class House:
+    """Floors (``World`` each, the first that the robot is on) and stairs, both ways:
+    (floor, (x, y), to_floor, (x, y)[, length])."""
+
+    def __init__(self, floors, stairs, summaries=None, refuses=0):
+        self.floors = {w.floor: w for w in floors}
+        self.now = floors[0]
+        self.stairs = tuple(
+            Stair(floor=a, to_floor=b, at_m=(*p, 0.0), to_m=(*q, 0.0), length_m=length[0] if length else 4.0)
+            for one in stairs for a, p, b, q, *length in (one, (*one[2:4], *one[:2], *one[4:]))
+        )  # fmt: skip
+        self.summaries = summaries or {}
+        self.refuses, self.refused = refuses, 0
+        self.trail = [self.now.floor]
+
+    def robot(self):
+        return replace(self.now.robot(), stairs=self.stairs)
+
+    def act(self, decision):
+        if decision.action != "take_stairs":
+            self.now.act(decision.action)
+            return
+        here = self.now.x, self.now.y
+        stair = min(
+            (s for s in self.stairs if (s.floor, s.to_floor) == (self.now.floor, decision.to_floor)),
+            key=lambda s: math.dist(s.at_m[:2], here),
+        )
+        assert math.dist(stair.at_m[:2], here) <= 0.5
+        if self.refused < self.refuses:
+            self.refused += 1
+            return
+        old, self.now = self.now, self.floors[stair.to_floor]
+        self.now.x, self.now.y, self.now.yaw, self.now.pitch = *stair.to_m[:2], old.yaw, old.pitch
+        self.now.seq, self.now.path_m, self.now.last, self.now.collided = (
+            old.seq + 1,
+            old.path_m + 4.0,
+            "take_stairs",
+            False,
+        )
+        self.trail.append(self.now.floor)
+        self.now.look()
+
+    def run(self, target="chair", config=None, max_steps=500, watch=None, state=None):
+        """Plays a mission to its end; returns the last state and decision."""
+        state = state or MissionState(target, max_steps=max_steps)
+        for _ in range(max_steps + 2):
+            robot, maps = self.robot(), self.now.maps()
+            state, decision = step(state, maps, robot, config or PlannerConfig(), summaries=self.summaries)
+            if watch:
+                state = watch(state, decision) or state
+            if decision.finished:
+                return state, decision
+            self.act(decision)
+        raise AssertionError("the mission never ended")
+
+
+@pytest.fixture
+def house():
+    """The class ``House``."""
+    return House
 
 
 @pytest.fixture

@@ -125,7 +125,7 @@ def test_confirmed_comes_first_and_dropped_stays_out(make_record):
     again = make_record(id=3, confidence=0.9, at=(3.1, 3))  # the dropped one under a new id
     state = MissionState("chair")
     assert targets_of([a, b, again], state, CONFIG)[0].id == 2
-    state.dropped[2] = (3.0, 3.0, "no")
+    state.here.dropped[2] = (3.0, 3.0, "no")
     assert [o.id for o in targets_of([a, b, again], state, CONFIG)] == [1]
     seen = make_record(id=3, at=(3.1, 3), label_robot="chair", confidence_robot=0.8)
     assert [o.id for o in targets_of([seen], state, CONFIG)] == [3]

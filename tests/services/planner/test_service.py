@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import math
+import os
+import random
+import subprocess
+import sys
 import threading
 import time
+from contextlib import contextmanager
 
+import msgspec
 import numpy as np
 import pytest
 
 from services.planner.config import PlannerSettings
 from services.planner.service import PlannerService
+from services.planner.store import Store
 from surveilnav.contract import (
+    CAMERA_SUMMARY,
     MAP_LAYER,
     MAP_REVISION,
     MISSION_CANCEL,
@@ -24,6 +32,7 @@ from surveilnav.contract import (
 )  # fmt: skip
 from surveilnav.geometry import Pose, base_pose
 from surveilnav.messages import (
+    CameraSummary,
     CommandReply,
     LayerHeader,
     MissionCancel,
@@ -31,8 +40,9 @@ from surveilnav.messages import (
     ObjectList,
     Revision,
     RobotStatus,
+    Stair,
 )  # fmt: skip
-from surveilnav.runtime import Answer, Refused
+from surveilnav.runtime import Answer, Refused, Unanswered
 from surveilnav.sensing.packing import pack_array
 
 ROOM = """
@@ -48,36 +58,50 @@ QUICK = PlannerSettings(late_s=0.1, ask_timeout_s=0.3, maps_timeout_s=0.8, robot
 
 
 class Fakes:
-    """A robot and a fusion service that share one flat world."""
+    """A robot and a fusion service that share flat worlds, one a floor."""
 
-    def __init__(self, make_node, world, robot="r1"):
-        self.world, self.id, self.lock = world, robot, threading.Lock()
+    def __init__(self, make_node, worlds, robot="r1", stairs=()):
+        self.worlds, self.floor, self.stairs = worlds, next(iter(worlds)), list(stairs)
+        self.id, self.lock = robot, threading.Lock()
         self.commands, self.pending, self.answers, self.slow_at, self.slow_s = [], 0, True, -1, 0.0
+        self.refuses_stairs, self.seqs, self.deaf = 0, [], False
         self.robot_node, self.fusion_node = make_node("robot", robot), make_node("fusion", f"fusion-{robot}")
         self.robot_node.serve(ROBOT_COMMAND, self.command, robot=robot)
-        self.robot_node.serve(ROBOT_STATUS, lambda _: Answer(self.status()), robot=robot)
+        self.robot_node.serve(ROBOT_STATUS, self.answer_status, robot=robot)
         self.status_publisher = self.robot_node.publisher(ROBOT_STATUS, robot=robot)
-        self.floor = f"floor-{robot}"
-        self.revisions = self.fusion_node.publisher(MAP_REVISION, floor=self.floor)
-        self.fusion_node.serve(MAP_REVISION, lambda _: Answer(self.revision()), floor=self.floor)
-        self.fusion_node.serve(MAP_LAYER, self.layer, floor=self.floor)
-        self.fusion_node.serve(OBJECTS, self.objects, floor=self.floor)
+        self.revisions = {floor: self.fusion_node.publisher(MAP_REVISION, floor=floor) for floor in worlds}
+        for floor in worlds:
+            self.fusion_node.serve(MAP_REVISION, lambda _, floor=floor: Answer(self.revision(floor)), floor=floor)
+            self.fusion_node.serve(MAP_LAYER, self.layer, floor=floor)
+            self.fusion_node.serve(OBJECTS, self.objects, floor=floor)
         self.tell()
+
+    @property
+    def world(self):
+        return self.worlds[self.floor]
 
     def tell(self):
         self.status_publisher.put(self.status())
         if self.answers:
-            self.revisions.put(self.revision())
+            for floor, publisher in self.revisions.items():
+                publisher.put(self.revision(floor))
 
     def status(self):
         pose = Pose.from_matrix(base_pose((self.world.x, self.world.y, 0.0), self.world.yaw))
-        seq = self.world.seq
-        return RobotStatus(stamp_ns=1, robot=self.id, floor=self.floor, seq=seq, state="ready", T_world_base=pose)
+        return RobotStatus(
+            stamp_ns=1, robot=self.id, floor=self.floor, seq=self.world.seq, state="ready", T_world_base=pose,
+            pitch_rad=self.world.pitch, stairs=self.stairs,
+        )  # fmt: skip
 
-    def revision(self):
-        held = {self.id: self.world.seq} if self.answers else {}
+    def answer_status(self, request):
+        while self.deaf:
+            time.sleep(0.01)
+        return Answer(self.status())
+
+    def revision(self, floor):
+        held = {self.id: self.world.seq} if self.answers and floor == self.floor else {}
         return Revision(
-            stamp_ns=time.time_ns(), floor=self.floor, revision=self.world.seq, floor_z_m=0.0, robots=held, cameras=[],
+            stamp_ns=time.time_ns(), floor=floor, revision=self.worlds[floor].seq, floor_z_m=0.0, robots=held, cameras=[],
             pending_views=self.pending,
         )  # fmt: skip
 
@@ -86,9 +110,15 @@ class Fakes:
         with self.lock:
             if command.seq_expected != self.world.seq:
                 return Answer(CommandReply(stamp_ns=1, accepted=False, seq=self.world.seq, error="seq"))
+            if command.action == "take_stairs" and (self.refuses_stairs or not self.near(command.to_floor)):
+                self.refuses_stairs -= 1
+                raise Refused("bad_command", "the stair is barred")
             self.commands.append(command.action)
+            self.seqs.append(command.seq_expected)
             if command.action == "stop":
                 self.world.seq += 1
+            elif command.action == "take_stairs":
+                self.climb(command.to_floor)
             else:
                 self.world.act(command.action)
             reply = Answer(CommandReply(stamp_ns=1, accepted=True, seq=self.world.seq))
@@ -98,30 +128,47 @@ class Fakes:
             time.sleep(0.5)  # longer than the planner waits for an answer
         return reply
 
+    def near(self, to_floor):
+        """The stair to that floor, if the robot stands at it."""
+        here = (self.world.x, self.world.y)
+        stairs = [s for s in self.stairs if (s.floor, s.to_floor) == (self.floor, to_floor)]
+        return next((s for s in stairs if math.dist(s.at_m[:2], here) <= 0.5), None)
+
+    def climb(self, to_floor):
+        stair, seq, yaw = self.near(to_floor), self.world.seq, self.world.yaw
+        self.floor = to_floor
+        (self.world.x, self.world.y), self.world.yaw, self.world.seq = stair.to_m[:2], yaw, seq + 1
+        self.world.look()
+
     def layer(self, request):
+        world = self.worlds[request.ids["floor"]]
         with self.lock:
-            maps = self.world.maps()
+            maps = world.maps()
         layer = request.ids["layer"]
         array = getattr(maps, layer)
         assert (request.parameters.get("target") == "chair") == (layer == "value")
         header = LayerHeader(
-            stamp_ns=1, floor=self.floor, layer=layer, revision=maps.revision, grid=maps.grid,
+            stamp_ns=1, floor=request.ids["floor"], layer=layer, revision=maps.revision, grid=maps.grid,
             dtype="float32" if layer == "value" else "uint8", shape=array.shape,
         )  # fmt: skip
         return Answer(header, pack_array(np.asarray(array)))
 
     def objects(self, request):
+        world = self.worlds[request.ids["floor"]]
         with self.lock:
-            objects = self.world.objects()
-        return Answer(ObjectList(stamp_ns=1, floor=self.floor, revision=self.world.seq, objects=objects))
+            objects = world.objects()
+        return Answer(ObjectList(stamp_ns=1, floor=request.ids["floor"], revision=world.seq, objects=objects))
 
 
 @pytest.fixture
 def fakes(make_node, world, thing):
     make_node("perception", "p1")
-    return lambda robot="r1", looks_like="chair": Fakes(
-        make_node, world(ROOM, {"C": thing("chair", looks_like=looks_like)}, yaw_rad=math.pi), robot
-    )
+
+    def fakes(robot="r1", looks_like="chair"):
+        room = world(ROOM, {"C": thing("chair", looks_like=looks_like)}, yaw_rad=math.pi)
+        return Fakes(make_node, {f"floor-{robot}": room}, robot)
+
+    return fakes
 
 
 @pytest.fixture
@@ -299,3 +346,393 @@ def test_a_lost_answer_is_not_a_second_step(fakes, planner, client):
     status = end_of(client)
     assert status.found
     assert status.step == len(f.commands) == f.world.seq
+
+
+# --- several floors ---------------------------------------------------------------------------------------------------
+
+DOWNSTAIRS = """
+####################
+#                  #
+#   R              #
+#                  #
+#                  #
+####################
+"""
+UPSTAIRS = """
+####################
+#                  #
+#             CC   #
+#             CC   #
+#   R              #
+####################
+"""
+FOOT, HEAD, LENGTH_M = (3.6, 0.6, 0.0), (0.9, 0.4, 3.0), 4.0
+STAIRS = [
+    Stair(floor="0", to_floor="1", at_m=FOOT, to_m=HEAD, length_m=LENGTH_M),
+    Stair(floor="1", to_floor="0", at_m=HEAD, to_m=FOOT, length_m=LENGTH_M),
+]
+
+
+@pytest.fixture
+def two_floors(make_node, world, thing):
+    make_node("perception", "p1")
+
+    def two_floors(stairs=STAIRS):
+        up = world(UPSTAIRS, {"C": thing("chair", looks_like="chair")})
+        return Fakes(make_node, {"0": world(DOWNSTAIRS), "1": up}, stairs=stairs)
+
+    return two_floors
+
+
+@pytest.fixture
+def cameras(make_node):
+    """Puts summaries as cameras do: ``cameras(floor, camera, labels)``, or with other facts than its key has."""
+    node = make_node("test", "cameras", alive=False)
+    publishers = {}
+
+    def put(floor, camera, labels, said=None):
+        place = floor, camera
+        if place not in publishers:
+            publishers[place] = node.publisher(CAMERA_SUMMARY, floor=floor, camera=camera)
+        facts = {"stamp_ns": 1, "camera": camera, "floor": floor, "labels": labels} | (said or {})
+        publishers[place].put(CameraSummary(**facts))
+
+    return put
+
+
+def rejected(planner, stream, n=1):
+    """Waits until the planner has counted so many dropped messages."""
+    until_s = time.monotonic() + 5
+    while planner._node.traffic.rejected().get(stream, 0) < n:
+        assert time.monotonic() < until_s, planner._node.traffic.rejected()
+        time.sleep(0.02)
+    return planner._node.traffic.rejected()[stream]
+
+
+def test_over_the_stairs_to_where_the_cameras_saw_it(two_floors, planner, client, cameras):
+    f = two_floors()
+    planner()
+    cameras("0", "c0-1", {"bed": 0.9})
+    cameras("1", "c1-1", {"chair": 0.8, "tv": 0.3})
+    time.sleep(0.1)
+    submit(client)
+    status = end_of(client)
+    assert (status.state, status.found, status.floor) == ("done", True, "1"), status
+    assert f.commands.count("take_stairs") == 1
+    sizes = [len(msgspec.msgpack.encode(m)) for m in (
+        CameraSummary(stamp_ns=1, camera="c0-1", floor="0", labels={"bed": 0.9}),
+        CameraSummary(stamp_ns=1, camera="c1-1", floor="1", labels={"chair": 0.8, "tv": 0.3}),
+    )]  # fmt: skip
+    keys = len(client.key(CAMERA_SUMMARY, floor="0", camera="c0-1")) * 2
+    assert status.floor_choice_bytes == sum(sizes) + keys
+    walked_m = f.worlds["0"].path_m + f.worlds["1"].path_m
+    assert walked_m + LENGTH_M <= status.path_m + 0.05 <= walked_m + LENGTH_M + 0.6
+
+
+def test_a_refused_stair_does_not_end_the_mission(two_floors, planner, client, cameras):
+    f = two_floors()
+    f.refuses_stairs = 1
+    planner()
+    cameras("1", "c1-1", {"chair": 0.8})
+    time.sleep(0.1)
+    submit(client)
+    status = end_of(client)
+    assert (status.state, status.found, status.floor) == ("done", True, "1"), status
+    assert f.refuses_stairs == 0
+
+
+def test_a_stair_refused_for_ever_ends_in_a_named_failure(two_floors, planner, client, cameras):
+    f = two_floors()
+    f.refuses_stairs = 10**9
+    planner()
+    cameras("1", "c1-1", {"chair": 0.8})
+    time.sleep(0.1)
+    submit(client)
+    status = end_of(client, timeout_s=60.0)
+    assert status.state == "failed"
+    assert status.error in ("not_found", "unreachable", "stuck"), status
+    assert 10**9 - f.refuses_stairs <= 10
+
+
+def test_stairs_that_cannot_be_are_dropped(two_floors, planner, client):
+    mad = [
+        msgspec.structs.replace(STAIRS[0], length_m=math.nan), msgspec.structs.replace(STAIRS[0], at_m=(0.0, math.inf, 0.0)),
+        msgspec.structs.replace(STAIRS[0], to_floor="0"), msgspec.structs.replace(STAIRS[0], length_m=-1.0),
+    ]  # fmt: skip
+    f = two_floors(stairs=mad)
+    service = planner()
+    submit(client)
+    status = end_of(client, timeout_s=60.0)
+    assert (status.state, status.error) == ("failed", "not_found"), status
+    assert "take_stairs" not in f.commands
+    assert rejected(service, "stairs") > 1
+
+
+@pytest.mark.parametrize(
+    ("labels", "says"),
+    [
+        ({"chair": math.nan}, {}),
+        ({"chair": 1.01}, {}),
+        ({"chair": -0.1}, {}),
+        ({"chair": 0.9, "x" * 65: 0.5}, {}),
+        ({"chair": 0.9, "": 0.5}, {}),
+        ({f"label {k}": 0.5 for k in range(60)} | {"chair": 0.9}, {}),
+        ({"chair": 0.9}, {"floor": "0"}),
+        ({"chair": 0.9}, {"camera": "c1-2"}),
+    ],
+)
+def test_hostile_summaries_are_dropped_and_counted(planner, cameras, labels, says):
+    service = planner()
+    summaries = service._around.summaries
+    cameras("1", "c1-1", labels, said=says)
+    cameras("1", "c1-9", {"chair": 0.25})
+    until_s = time.monotonic() + 5
+    while summaries.by_floor() != {"1": {"chair": 0.25}}:
+        assert time.monotonic() < until_s, summaries.by_floor()
+        time.sleep(0.02)
+    assert rejected(service, "camera_summary") == 1
+    summaries.by_floor()
+    assert rejected(service, "camera_summary") == 1, "a message is counted once"
+    cameras("1", "c1-1", {"chair": 0.75})  # it comes to its senses
+    while summaries.by_floor() != {"1": {"chair": 0.75}}:
+        assert time.monotonic() < until_s + 5, summaries.by_floor()
+        time.sleep(0.02)
+
+
+def test_a_floor_is_what_its_cameras_last_said(planner, cameras, monkeypatch):
+    summaries = planner()._around.summaries
+    cameras("0", "c0-1", {"tv": 0.5})
+    cameras("0", "c0-2", {"tv": 0.7, "bed": 0.2})
+    cameras("1", "c1-1", {})
+    time.sleep(0.2)
+    assert summaries.by_floor() == {"0": {"tv": 0.7, "bed": 0.2}, "1": {}}
+    cameras("0", "c0-2", {"bed": 0.1})
+    time.sleep(0.2)
+    assert summaries.by_floor() == {"0": {"tv": 0.5, "bed": 0.1}, "1": {}}
+    assert set(summaries.received_bytes()) == {"0", "1"}
+    monkeypatch.setattr("services.planner.summaries._MAX_AGE_S", 0.0)
+    assert summaries.by_floor() == {}, "what is stale is no evidence"
+
+
+def test_a_robot_that_talks_nonsense_is_silent(fakes, planner, client):
+    f = fakes()
+    service = planner()
+    f.world.pitch = math.nan
+    submit(client)
+    status = end_of(client)
+    assert (status.state, status.error) == ("failed", "robot_lost")
+    assert rejected(service, "robot_status") >= 1
+
+
+# --- the store --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def process(bus, tmp_path):
+    """``process()``: the planner as a process of its own with a store; a context, left by SIGKILL."""
+
+    @contextmanager
+    def running(**more):
+        variables = {
+            "SURVEILNAV_BUS__ROUTER": bus.router, "SURVEILNAV_BUS__BUILDING": bus.building,
+            "SURVEILNAV_PLANNER__STORE": str(tmp_path / "planner.sqlite"), "SURVEILNAV_PLANNER__ROBOT_TIMEOUT_S": "5",
+            "SURVEILNAV_PLANNER__MAPS_TIMEOUT_S": "5", **more,
+        }  # fmt: skip
+        with (tmp_path / "planner.log").open("ab") as log:
+            command = [sys.executable, "-m", "services.planner"]
+            child = subprocess.Popen(command, env=os.environ | variables, stdout=log, stderr=log)
+        try:
+            yield child
+        finally:
+            child.kill()
+            child.wait()
+
+    return running
+
+
+def accepted(client, mission="m1", timeout_s=20.0, **more):
+    """Submits until the planner has come up and met the robot."""
+    until_s = time.monotonic() + timeout_s
+    while True:
+        try:
+            if (ack := submit(client, mission, **more)).accepted:
+                return ack
+            assert ack.error == "no_free_robot", ack
+        except Unanswered:
+            pass
+        assert time.monotonic() < until_s
+        time.sleep(0.05)
+
+
+def seen(client, mission="m1", timeout_s=20.0):
+    until_s = time.monotonic() + timeout_s
+    while True:
+        try:
+            return client.ask(MISSION_STATUS, mission=mission, timeout_s=1).message
+        except (Unanswered, Refused):
+            assert time.monotonic() < until_s
+            time.sleep(0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_killed_again_and_again_a_mission_ends_as_if_nothing_had_been(
+    two_floors, planner, process, client, cameras, seed
+):
+    """The same actions in the same order as without a kill: none lost, none carried out twice."""
+    untouched = two_floors()
+    service = planner()
+    cameras("1", "c1-1", {"chair": 0.8})
+    time.sleep(0.1)
+    submit(client, "calm", target="chair")
+    assert end_of(client, "calm", 60.0).found
+    service._node.__exit__(None, None, None)
+    for node in (untouched.robot_node, untouched.fusion_node):
+        node.__exit__(None, None, None)
+
+    f, rng, kills, telling = two_floors(), random.Random(seed), 0, threading.Event()
+    f.slow_s = 0.15
+
+    def tell():
+        while not telling.wait(0.3):
+            cameras("1", "c1-1", {"chair": 0.8})
+
+    threading.Thread(target=tell, daemon=True).start()
+    try:
+        while not f.commands or f.commands[-1] != "stop":
+            with process() as child:
+                if not kills:
+                    accepted(client, max_steps=400)
+                else:
+                    seen(client)
+                until_s = time.monotonic() + rng.uniform(0.0, 2.5)
+                while time.monotonic() < until_s and f.commands[-1:] != ["stop"]:
+                    time.sleep(0.005)
+                child.kill()
+                kills += 1
+        with process():
+            status = seen(client)
+            until_s = time.monotonic() + 10
+            while status.state not in ("done", "failed", "cancelled"):
+                assert time.monotonic() < until_s, status
+                status = seen(client)
+    finally:
+        telling.set()
+    assert kills >= 3
+    assert (status.state, status.found, status.floor) == ("done", True, "1"), status
+    assert f.seqs == list(range(len(f.seqs)))
+    assert f.commands == untouched.commands
+    assert status.path_m == pytest.approx(f.worlds["0"].path_m + f.worlds["1"].path_m + LENGTH_M, abs=0.6)
+
+
+def test_an_accepted_goal_exists_after_kill_9(fakes, process, client):
+    fakes()
+    for k in range(3):
+        with process() as child:
+            accepted(client, f"m{k}", robot="r1") if k == 0 else seen(client, "m0")
+            child.kill()  # at once
+    with process():
+        assert seen(client, "m0").target == "chair"
+        assert submit(client, "m0").accepted, "the goal sent again is the same mission"
+        assert submit(client, "other").error == "no_free_robot", "its robot is still its own"
+
+
+def test_a_cancel_that_came_before_a_kill_is_carried_out_after_it(fakes, process, client):
+    f = fakes(looks_like="")
+    f.slow_s = 0.1
+    with process():
+        accepted(client)
+        while len(f.commands) < 3:
+            time.sleep(0.01)
+        f.deaf = True  # so that the planner doesn't come to stop the robot before it is killed
+        cancel = MissionCancel(stamp_ns=1, mission="m1", reason="enough")
+        with pytest.raises(Unanswered):
+            client.ask(MISSION_CANCEL, cancel, mission="m1", timeout_s=1)
+    f.deaf = False
+    assert "stop" not in f.commands
+    with process():
+        status = seen(client)
+        until_s = time.monotonic() + 10
+        while status.state != "cancelled":
+            assert time.monotonic() < until_s, status
+            status = seen(client)
+    assert status.message == "enough"
+    assert f.commands.count("stop") == 1
+
+
+def test_a_mission_whose_robot_is_gone_fails_by_name_after_a_restart(fakes, process, client):
+    f = fakes(looks_like="")
+    f.slow_s = 0.1
+    with process():
+        accepted(client)
+        while len(f.commands) < 3:
+            time.sleep(0.01)
+    f.robot_node.__exit__(None, None, None)
+    began_s = time.monotonic()
+    with process(SURVEILNAV_PLANNER__ROBOT_TIMEOUT_S="1.5"):
+        status = seen(client)
+        until_s = time.monotonic() + 15
+        while status.state != "failed":
+            assert time.monotonic() < until_s, status
+            status = seen(client)
+    assert status.error == "robot_lost", status
+    assert time.monotonic() - began_s > 1.5
+
+
+def test_finished_missions_are_listed_after_a_restart_the_oldest_forgotten(fakes, make_node, client, tmp_path):
+    settings = QUICK.model_copy(update={"store": str(tmp_path / "planner.sqlite"), "finished_missions_kept": 2})
+    fakes()
+    node = make_node("planner", "planner")
+    PlannerService(node, settings)
+    time.sleep(0.1)
+    ends = {}
+    for id in ("m1", "m2", "m3", "m4"):
+        submit(client, id)
+        ends[id] = end_of(client, id)
+    node.__exit__(None, None, None)
+    assert client.ask_all(MISSION_STATUS) == []
+    PlannerService(make_node("planner", "planner"), settings)
+    told = {a.ids["mission"]: a.message for a in client.ask_all(MISSION_STATUS)}
+    assert told == {id: ends[id] for id in ("m3", "m4")}
+    assert client.ask(MISSION_PLAN, mission="m4").message.action == "stop"
+    assert submit(client, "m5").accepted, "the robot is free"
+
+
+def test_what_cannot_be_kept_is_not_accepted_but_what_runs_goes_on(fakes, planner, client, tmp_path):
+    f = fakes()
+    f.slow_s = 0.03
+    folder = tmp_path / "state"
+    service = planner(QUICK.model_copy(update={"store": str(folder / "planner.sqlite")}))
+    assert submit(client, "m1").accepted
+    while len(f.commands) < 3:
+        time.sleep(0.01)
+    service._store.close()
+    folder.rename(tmp_path / "elsewhere")
+    folder.write_text("in the way")
+    assert end_of(client, "m1").found
+    refused = submit(client, "m2")
+    assert (refused.accepted, refused.error) == (False, "store_failed")
+    assert "SURVEILNAV_PLANNER__STORE" in refused.message
+    assert [a.ids["mission"] for a in client.ask_all(MISSION_STATUS)] == ["m1"]
+    folder.unlink()  # mended
+    assert submit(client, "m2").accepted
+
+
+def test_a_memory_that_cannot_be_read_begins_anew_with_its_steps_counted(fakes, make_node, client, tmp_path):
+    settings = QUICK.model_copy(update={"store": str(tmp_path / "planner.sqlite")})
+    f = fakes()
+    f.slow_s = 0.05
+    node = make_node("planner", "planner")
+    PlannerService(node, settings)
+    time.sleep(0.1)
+    submit(client)
+    while len(f.commands) < 5:
+        time.sleep(0.01)
+    node.__exit__(None, None, None)
+    store = Store(settings.store, client)
+    (mission,) = store.load()
+    store.save(msgspec.structs.replace(mission, memory='{"target": 7}'))
+    store.close()
+    PlannerService(make_node("planner", "planner"), settings)
+    status = end_of(client)
+    assert status.found
+    assert status.step == len(f.commands)

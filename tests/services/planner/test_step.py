@@ -70,7 +70,7 @@ def test_false_positive_is_dropped_and_search_goes_on(world, thing):
     state, decision = w.run()
     assert decision.found
     assert w.gap_m("C") <= 0.75
-    assert "sees dining table" in state.dropped[1][2]
+    assert "sees dining table" in state.here.dropped[1][2]
 
 
 def test_unconfirmed_by_the_robot_is_dropped(world, thing):
@@ -80,7 +80,7 @@ def test_unconfirmed_by_the_robot_is_dropped(world, thing):
     state, decision = w.run()
     assert not decision.found
     assert decision.error == "not_found"
-    assert state.dropped
+    assert state.here.dropped
     w = world(TWO_ROOMS, {"C": thing("chair", known=known)})
     _, decision = w.run(config=PlannerConfig(verification="paper"))
     assert decision.found

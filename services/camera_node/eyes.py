@@ -1,0 +1,152 @@
+"""A camera's own eyes: it looks at its views by itself and tells in at most 512 bytes what it saw.
+
+For choosing the floor: a camera far from every robot is not invoked and sends no picture, and yet the planner
+should know that it saw a tv. Looking has a thread of its own at low priority; frames and thumbnails never wait for it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+
+import zenoh
+
+from services.camera_node import core
+from services.camera_node.config import CameraSettings
+from surveilnav.building.simulation import PlannedCamera, SimulatedBuilding
+from surveilnav.contract import CAMERA_SUMMARY
+from surveilnav.errors import PerceptionError
+from surveilnav.perception import Backend
+from surveilnav.runtime import Node, clock_ns
+from surveilnav.sensing.views import TrueInstances
+
+#: Steeper views than this aren't looked at: detectors can't read what is seen from straight above.
+_NADIR_RAD = math.radians(-75.0)
+_NICE = 10
+#: Without anything to look at for so long, the networks' memory is given back.
+_RELEASE_S = 30.0
+_RETRY_S = 60.0
+
+
+def open_eyes(
+    node: Node, building: SimulatedBuilding, camera: PlannedCamera, settings: CameraSettings, busy: Callable[[], bool]
+) -> Eyes | None:
+    """The camera's eyes, looking; None where it has no perception, or where there is no floor to choose.
+
+    ``busy`` says when the camera has more important things to do: no look begins then.
+    """
+    if settings.perception == "none" or len(building.plan.floors) < settings.least_floors:
+        return None
+    eyes = Eyes(node, building, camera, settings, lambda: _load(building, settings), busy)
+    eyes.start()
+    return eyes
+
+
+def _load(building: SimulatedBuilding, settings: CameraSettings) -> Backend:
+    from surveilnav.perception.choose import choose_backend  # the networks' runtime: only where somebody looks
+
+    return choose_backend(
+        settings.perception, threads=settings.threads, seed=building.settings.seed, download=settings.download
+    )
+
+
+class Eyes:
+    """Looks at one view at a time and puts the summary, invoked or not. ``load`` makes the backend when it is needed."""
+
+    def __init__(
+        self, node: Node, building: SimulatedBuilding, camera: PlannedCamera, settings: CameraSettings,
+        load: Callable[[], Backend], busy: Callable[[], bool] = lambda: False,
+    ) -> None:  # fmt: skip
+        self._busy = busy
+        self._node, self._building, self._camera, self._settings, self._load = node, building, camera, settings, load
+        self._views = [v for v, pose in enumerate(camera.views) if _pitch_rad(pose.matrix()[2, 2]) >= _NADIR_RAD]
+        self._seen: dict[int, core.Seen] = {}
+        self._backend: Backend | None = None
+        self._publisher = node.publisher(CAMERA_SUMMARY, floor=camera.floor, camera=camera.name)
+        self._said: tuple[Mapping[str, float], float] | None = None
+        self._looked_s, self._failed_s = -math.inf, -math.inf
+        self._thread = threading.Thread(target=self._run, name="eyes", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self, timeout_s: float = 5.0) -> None:
+        """Waits for a look in progress: the node's session must outlive it."""
+        self._node.stop()
+        self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        _lower_priority()
+        pause_s = min(0.2, self._settings.look_period_s)
+        try:
+            while not self._node.stopping.wait(pause_s):
+                self._look(time.monotonic())
+                self._tell(time.monotonic())
+        except zenoh.ZError as error:
+            if not self._node.stopping.is_set():
+                self._node.log.error("the camera's summary can't be put any more", error=str(error))
+        except Exception:  # a bug in looking must not end the camera, nor stay silent
+            self._node.log.exception("the camera's own perception failed: it goes on without a summary")
+
+    def _look(self, now_s: float) -> None:
+        """Looks at one view, if any is new and the last look was long enough ago."""
+        # A rendered building doesn't change: every view stays at version 0.
+        versions = dict.fromkeys(self._views, 0)
+        view = core.view_to_look_at(self._seen, versions)
+        if view is None and now_s - self._looked_s > _RELEASE_S:
+            self._backend = None
+        too_soon = now_s - self._looked_s < self._settings.look_period_s or now_s - self._failed_s < _RETRY_S
+        if view is None or too_soon or self._busy():
+            return
+        try:
+            if self._backend is None:
+                self._backend = self._load()
+                self._node.log.info("looks by itself", backend=self._backend.name, views=len(self._views))
+            labels = self._labels(self._backend, view, versions[view])
+        except PerceptionError as error:
+            self._failed_s = now_s
+            self._node.traffic.reject("own perception")
+            self._node.log.warning("the camera can't look by itself", error=str(error), again_in_s=_RETRY_S)
+            return
+        self._seen[view] = core.Seen(versions[view], labels)
+        self._looked_s = time.monotonic()
+
+    def _labels(self, backend: Backend, view: int, version: int) -> dict[str, float]:
+        rendered = self._building.camera_view(self._camera, view)
+        truth = None
+        if backend.needs_truth:  # oracle and simulated; a real backend never gets it
+            truth = TrueInstances(rendered.instance_ids, self._building.scene.labels_by_id)
+        key = (f"camera/{self._camera.name}", view, version + 1)
+        intrinsics = self._building.plan.intrinsics
+        seen = backend.perceive(rendered.rgb, rendered.depth_m, intrinsics, truth=truth, key=key)
+        labels: dict[str, float] = {}
+        for found in seen.detections:
+            labels[found.label] = max(float(found.score), labels.get(found.label, 0.0))
+        return labels
+
+    def _tell(self, now_s: float) -> None:
+        """Puts the summary when it is due; nothing before the first look."""
+        if not self._seen:
+            return
+        labels = core.labels_of(self._seen)
+        said, said_s = self._said or (None, -math.inf)
+        assert CAMERA_SUMMARY.rate_hz is not None
+        if core.summary_due(now_s - said_s, news=labels != said, period_s=1.0 / CAMERA_SUMMARY.rate_hz):
+            self._said = labels, now_s
+            self._publisher.put(core.summary(self._camera.name, self._camera.floor, labels, stamp_ns=clock_ns()))
+
+
+def _pitch_rad(forward_z: float) -> float:
+    """How far up a camera looks whose optical axis has this z in the world."""
+    return math.asin(max(-1.0, min(1.0, float(forward_z))))
+
+
+def _lower_priority() -> None:
+    """Has this thread give way to the rest of the process: on Linux, priority belongs to a thread."""
+    if sys.platform == "linux":
+        me = threading.get_native_id()
+        os.setpriority(os.PRIO_PROCESS, me, min(19, os.getpriority(os.PRIO_PROCESS, me) + _NICE))

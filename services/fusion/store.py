@@ -1,0 +1,244 @@
+"""What fusion must not lose: an append-only log of views, snapshots of the maps, and every event of every object.
+
+One SQLite file. A view is committed here before the maps take it and long before a revision names it; a snapshot
+makes the log before it superfluous. The two newest snapshots and the log since the older one are kept, so a snapshot
+that can't be read costs time and no view. A killed process loses nothing; synchronous=NORMAL leaves it to the operating
+system when a committed view reaches the disk, so a power cut may take the last ones.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from surveilnav.messages.maps import ObjectEvent
+
+_FORMAT = 1
+_CHUNK = 4 << 20  # a snapshot goes in by pieces, so that a view never waits for all of it
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS view (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, source TEXT, view INTEGER, header BLOB, payload BLOB, reply BLOB,
+    digest BLOB, fault TEXT, checksum INTEGER);
+CREATE TABLE IF NOT EXISTS snapshot (id INTEGER PRIMARY KEY AUTOINCREMENT, up_to INTEGER, pieces INTEGER, checksum INTEGER);
+CREATE TABLE IF NOT EXISTS piece (snapshot INTEGER, k INTEGER, data BLOB, PRIMARY KEY (snapshot, k));
+CREATE TABLE IF NOT EXISTS event (
+    number INTEGER, k INTEGER, floor TEXT, object INTEGER, absorbed INTEGER, data BLOB, PRIMARY KEY (number, k));
+CREATE INDEX IF NOT EXISTS event_of ON event (floor, object);
+"""
+_FAMILY = """
+WITH RECURSIVE family(id) AS (
+    SELECT ?2 UNION SELECT absorbed FROM event JOIN family ON object = id WHERE floor = ?1 AND absorbed > 0)
+SELECT data FROM event WHERE floor = ?1 AND object IN family ORDER BY number, k
+"""
+
+
+class StoreError(Exception):
+    """The file can't be read or written; ``name``: unwritable, corrupt or other_version."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(f"{name}: {message}")
+        self.name = name
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A view as it arrived, and what perception replied. ``fault``: why it was of no use; then nothing else matters."""
+
+    source: str
+    view: int
+    header: bytes
+    payload: bytes = b""
+    reply: bytes = b""
+    digest: bytes = b""
+    fault: str = ""
+
+    @property
+    def checksum(self) -> int:
+        """CRC-32 of all bytes."""
+        crc = 0
+        for part in (self.source.encode(), self.header, self.payload, self.reply, self.digest, self.fault.encode()):
+            crc = zlib.crc32(part, crc)
+        return crc
+
+
+@dataclass(frozen=True, slots=True)
+class StoredEvent:
+    """One line of an object's history, and by which view (its number in the log, and the how manyth) it came."""
+
+    number: int
+    k: int
+    floor: str
+    object_id: int
+    absorbed: int
+    event: ObjectEvent
+
+
+class Store:
+    """The file at ``path``; safe to use from any thread. Opened when first needed, and again after a failure."""
+
+    def __init__(self, path: Path, *, max_events: int = 1_000_000, max_pages: int = 0) -> None:
+        self.path = path
+        self._max_events, self._max_pages = max_events, max_pages
+        self._lock = threading.RLock()
+        self._connection: sqlite3.Connection | None = None
+
+    def append(self, entries: Sequence[Entry]) -> list[int]:
+        """Commits views to the log; returns their numbers. StoreError: not one of them was written."""
+        with self._writing() as db:
+            return [
+                int(db.execute(
+                    "INSERT INTO view (source, view, header, payload, reply, digest, fault, checksum)"
+                    " VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+                    (e.source, e.view, e.header, e.payload, e.reply, e.digest, e.fault, e.checksum),
+                ).lastrowid or 0)
+                for e in entries
+            ]  # fmt: skip
+
+    def log(self, after: int) -> Iterator[tuple[int, Entry | None]]:
+        """The views logged after number ``after``, oldest first; None for one that is damaged. StoreError."""
+        while True:
+            with self._reading() as db:
+                row = db.execute(
+                    "SELECT number, source, view, header, payload, reply, digest, fault, checksum FROM view"
+                    " WHERE number > ? ORDER BY number LIMIT 1", (after,),
+                ).fetchone()  # fmt: skip
+            if row is None:
+                return
+            after, *fields, checksum = row
+            yield after, _entry(fields, checksum)
+
+    def log_size(self) -> tuple[int, int]:
+        """(views, bytes of their pictures) in the log. StoreError."""
+        with self._reading() as db:
+            n, n_bytes = db.execute("SELECT COUNT(*), COALESCE(SUM(LENGTH(payload)), 0) FROM view").fetchone()
+            return n, n_bytes
+
+    def add_events(self, events: Iterable[StoredEvent]) -> None:
+        """Commits events; those that came before, with the same numbers, stay. StoreError."""
+        rows = [(e.number, e.k, e.floor, e.object_id, e.absorbed, msgspec.msgpack.encode(e.event)) for e in events]
+        with self._writing() as db:
+            db.executemany("INSERT OR IGNORE INTO event VALUES (?, ?, ?, ?, ?, ?)", rows)
+
+    def history(self, floor: str, object_id: int) -> list[ObjectEvent]:
+        """Every event of an object and of those that were found to be the same, oldest first. StoreError."""
+        with self._reading() as db:
+            rows = db.execute(_FAMILY, (floor, object_id)).fetchall()
+        return [_EVENT.decode(data) for (data,) in rows]
+
+    def save(self, snapshot: bytes, up_to: int) -> None:
+        """Keeps a snapshot that holds the log up to a number, and drops what it makes superfluous. StoreError."""
+        pieces = [snapshot[i : i + _CHUNK] for i in range(0, len(snapshot), _CHUNK)]
+        with self._writing() as db:
+            db.execute("DELETE FROM piece WHERE snapshot NOT IN (SELECT id FROM snapshot)")  # of one that never ended
+            newest = db.execute("SELECT COALESCE(MAX(id), 0) FROM snapshot").fetchone()[0]
+        for k, data in enumerate(pieces):
+            with self._writing() as db:
+                db.execute("INSERT INTO piece VALUES (?, ?, ?)", (newest + 1, k, data))
+        with self._writing() as db:
+            db.execute(
+                "INSERT INTO snapshot VALUES (?, ?, ?, ?)", (newest + 1, up_to, len(pieces), zlib.crc32(snapshot))
+            )
+            db.execute("DELETE FROM snapshot WHERE id < ?", (newest,))
+            db.execute("DELETE FROM piece WHERE snapshot < ?", (newest,))
+            db.execute("DELETE FROM view WHERE number <= (SELECT MIN(up_to) FROM snapshot HAVING COUNT(*) > 1)")
+            excess = db.execute("SELECT COUNT(*) FROM event").fetchone()[0] - self._max_events
+            if excess > 0:
+                db.execute(
+                    "DELETE FROM event WHERE rowid IN (SELECT rowid FROM event ORDER BY number, k LIMIT ?)", (excess,)
+                )
+        with self._reading() as db:
+            db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+    def snapshots(self) -> Iterator[tuple[int, bytes | None]]:
+        """(number up to which it holds the log, its bytes) of the snapshots, newest first; None: damaged. StoreError."""
+        with self._reading() as db:
+            rows = db.execute("SELECT id, up_to, pieces, checksum FROM snapshot ORDER BY id DESC").fetchall()
+        for id, up_to, n_pieces, checksum in rows:
+            try:
+                with self._reading() as db:
+                    pieces = db.execute("SELECT data FROM piece WHERE snapshot = ? ORDER BY k", (id,)).fetchall()
+            except StoreError:
+                pieces = []
+            data = b"".join(piece for (piece,) in pieces)
+            whole = len(pieces) == n_pieces and zlib.crc32(data) == checksum
+            yield up_to, data if whole else None
+
+    def set_aside(self, reason: str) -> Path:
+        """Moves the file out of the way, and in the place of what was moved so before; returns where to. StoreError."""
+        self.close()
+        aside = self.path.with_name(f"{self.path.name}.{reason}")
+        try:
+            for ending in ("", "-wal", "-shm"):
+                old = self.path.with_name(self.path.name + ending)
+                if old.exists():
+                    old.replace(aside.with_name(aside.name + ending))
+        except OSError as error:
+            raise StoreError("unwritable", f"{self.path} can't be moved aside: {error}") from error
+        return aside
+
+    def close(self) -> None:
+        """Closes the file."""
+        with self._lock:
+            if self._connection is not None:
+                self._connection.close()
+                self._connection = None
+
+    @contextmanager
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        with self._lock:
+            try:
+                if self._connection is None:
+                    self._connection = self._open()
+                yield self._connection
+            except (sqlite3.OperationalError, OSError) as error:  # full, locked, not there, not ours
+                self.close()
+                raise StoreError("unwritable", f"{self.path}: {error}") from error
+            except sqlite3.DatabaseError as error:
+                self.close()
+                if type(error) is not sqlite3.DatabaseError:  # a mistake of this program
+                    raise
+                raise StoreError("corrupt", f"{self.path}: {error}") from error
+
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        """One transaction."""
+        with self._reading() as db, db:
+            db.execute("BEGIN IMMEDIATE")
+            yield db
+
+    def _open(self) -> sqlite3.Connection:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        db = sqlite3.connect(self.path, timeout=10.0, isolation_level=None, check_same_thread=False)
+        try:
+            for pragma in ("journal_mode=WAL", "synchronous=NORMAL", f"journal_size_limit={64 << 20}"):
+                db.execute(f"PRAGMA {pragma}")
+            if self._max_pages:
+                db.execute(f"PRAGMA max_page_count={self._max_pages}")
+            version = db.execute("PRAGMA user_version").fetchone()[0]
+            if version not in (0, _FORMAT):
+                raise StoreError("other_version", f"{self.path} has format {version}, this program writes {_FORMAT}")
+            if version == 0:
+                db.executescript(f"{_SCHEMA} PRAGMA user_version={_FORMAT};")
+        except BaseException:
+            db.close()
+            raise
+        return db
+
+
+_EVENT = msgspec.msgpack.Decoder(ObjectEvent)
+
+
+def _entry(fields: list[object], checksum: int) -> Entry | None:
+    """A row of the log; None if its bytes aren't those that were written."""
+    try:
+        entry = Entry(*fields)  # type: ignore[arg-type]
+        return entry if entry.checksum == checksum else None
+    except (TypeError, AttributeError):
+        return None

@@ -1,0 +1,230 @@
+"""A camera's own perception and its summary, over real Zenoh, with a building and a backend made here."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from services.camera_node import eyes as eyes_module
+from services.camera_node.config import CameraSettings
+from services.camera_node.eyes import Eyes, open_eyes
+from services.camera_node.service import CameraService
+from surveilnav.building.simulation import CameraPlan, PlannedCamera
+from surveilnav.categories import COCO
+from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRAFFIC
+from surveilnav.errors import PerceptionError
+from surveilnav.geometry import Pinhole, Pose, camera_pose
+from surveilnav.messages import CameraRequest
+from surveilnav.perception.truth import Oracle
+from surveilnav.sensing.views import Detected, ViewPerception
+
+SIDE = 64
+VIEWS = [Pose.from_matrix(camera_pose((1.0, 2.0, 1.8), k * math.pi / 6, math.radians(-30))) for k in range(12)]
+NADIR = Pose.from_matrix(camera_pose((1.0, 2.0, 1.8), 0.0, -math.pi / 2))
+CAMERA = PlannedCamera("c1", "0", (1.0, 2.0, 1.8), [*VIEWS, NADIR])
+QUICK = CameraSettings(perception="oracle", look_period_s=0.01)
+
+
+class Building:
+    """Shows instance 1, a bed, in view 3, and nothing elsewhere."""
+
+    def __init__(self, floors=("0", "1")):
+        intrinsics = Pinhole.from_hfov(SIDE, SIDE, math.radians(100.0))
+        self.plan = CameraPlan("home", "hash", list(floors), 1.8, intrinsics, [CAMERA])
+        self.scene = SimpleNamespace(labels_by_id={1: "bed"})
+        self.settings = SimpleNamespace(seed=0)
+        self.rendered = []
+
+    def camera_view(self, camera, view):
+        self.rendered.append(view)
+        ids = np.full((SIDE, SIDE), view == 3, np.uint16)
+        return SimpleNamespace(
+            rgb=np.full((SIDE, SIDE, 3), 99, np.uint8), depth_m=np.full((SIDE, SIDE), 2.0, np.float32), instance_ids=ids
+        )
+
+
+class Watcher:
+    """A real backend as far as anybody can tell: it gets no truth, and says what the test wants."""
+
+    name, why, embedding_dim, needs_truth = "watcher", "a test", 81, False
+
+    def __init__(self, labels=("tv",), hold=None, fails=0):
+        self.labels, self.hold, self.fails, self.looks, self.nice = labels, hold, fails, [], None
+
+    def perceive(self, rgb, depth_m, camera, *, prompts=(), truth=None, key=()):
+        assert truth is None, "a real detector was told the truth"
+        self.looks.append(key[1])
+        self.nice = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+        if self.hold is not None:
+            self.hold.wait(20.0)
+        if len(self.looks) <= self.fails:
+            raise PerceptionError("out of sorts")
+        scores = [(label, 0.5 + 0.01 * key[1]) for label in self.labels]
+        box = (0.0, 0.0, 9.0, 9.0)
+        found = tuple(Detected(label, score, box, None, np.zeros(81, np.float32)) for label, score in scores)
+        return ViewPerception(self.name, found, np.zeros(81, np.float32))
+
+
+@pytest.fixture
+def camera_node(make_node):
+    return make_node("camera", "c1")
+
+
+@pytest.fixture
+def start(camera_node):
+    """``start(backend)``: eyes that look; they are closed at the test's end."""
+    opened = []
+
+    def start(backend, settings=QUICK, building=None, busy=lambda: False):
+        eyes = Eyes(camera_node, building or Building(), CAMERA, settings, lambda: backend, busy)
+        opened.append(eyes)
+        eyes.start()
+        return eyes
+
+    yield start
+    for eyes in opened:
+        eyes.close()
+
+
+def wait_for(condition, timeout_s=10.0):
+    until_s = time.monotonic() + timeout_s
+    while not (found := condition()):
+        assert time.monotonic() < until_s, "it never came"
+        time.sleep(0.01)
+    return found
+
+
+def summaries(node):
+    """A list that every summary put from now on is added to."""
+    got = []
+    subscriber = node.session.declare_subscriber(
+        node.key(CAMERA_SUMMARY), lambda sample: got.append(node.received(CAMERA_SUMMARY, sample))
+    )
+    return SimpleNamespace(messages=got, subscriber=subscriber)
+
+
+def test_it_tells_what_it_saw_though_nobody_invoked_it(start, make_node):
+    heard = summaries(make_node("test", "t", alive=False))
+    watcher = Watcher()
+    start(watcher)
+    row = wait_for(lambda: next((r for r in heard.messages if r.message.labels.get("tv") == 0.61), None))
+    assert row.ids == {"building": "test", "floor": "0", "camera": "c1"}
+    assert (row.message.camera, row.message.floor) == ("c1", "0")
+    assert sorted(watcher.looks) == list(range(12)), "each view once, the one straight down never"
+
+
+def test_oracle_is_told_the_truth(start, make_node):
+    heard = summaries(make_node("test", "t", alive=False))
+    start(Oracle())
+    assert wait_for(lambda: next((r.message.labels for r in heard.messages if r.message.labels), None)) == {"bed": 1.0}
+
+
+def test_it_gives_way_to_the_rest_of_the_camera(start):
+    watcher = Watcher()
+    start(watcher)
+    wait_for(lambda: watcher.looks)
+    wait_for(lambda: watcher.nice is not None)
+    assert watcher.nice == min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
+
+
+def test_while_frames_are_sent_no_look_begins(start):
+    watcher, sending = Watcher(), threading.Event()
+    sending.set()
+    start(watcher, busy=sending.is_set)
+    time.sleep(0.3)
+    assert watcher.looks == []
+    sending.clear()
+    wait_for(lambda: len(watcher.looks) == 12)
+
+
+def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, make_node):
+    hold = threading.Event()
+    building = Building()
+    service = CameraService(camera_node, building, CAMERA, QUICK)
+    client = make_node("test", "t", alive=False)
+    watcher = Watcher(hold=hold)
+    start(watcher, building=building)
+    wait_for(lambda: watcher.looks)  # it looks, and will for a long time
+    slots = [client.slot(CAMERA_FRAME, floor="0", camera="c1", view=v) for v in range(13)]
+    loop = threading.Thread(target=lambda: camera_node.run(service.step, idle_s=0.02), daemon=True)
+    loop.start()
+    missing = set(range(13))
+
+    def arrived():
+        missing.difference_update(v for v in list(missing) if slots[v].poll())
+        return not missing
+
+    wait_for(arrived)
+    request = CameraRequest(stamp_ns=1, action="thumbnail", views=[3])
+    picture = client.ask(CAMERA_REQUEST, request, floor="0", camera="c1")
+    assert picture.payload.startswith(b"\xff\xd8")
+    assert watcher.looks == [0], "all the while it looked at one view"
+    hold.set()
+    wait_for(lambda: len(watcher.looks) == 12)
+    camera_node.stop()
+    loop.join(5)
+
+
+def test_uninvoked_it_stays_under_a_kilobyte_a_second(start, camera_node, make_node):
+    """With the longest summary, news all the time, and somebody who reads its traffic figures."""
+    listener = make_node("test", "t", alive=False)
+    heard = summaries(listener)
+    traffic = listener.table(TRAFFIC)
+    service = CameraService(camera_node, Building(), CAMERA, QUICK)
+    start(Watcher(labels=COCO), CameraSettings(perception="oracle", look_period_s=0.5))
+    wait_for(lambda: heard.messages and traffic.rows())
+
+    def offered():
+        return sum(r.n_bytes for r in camera_node.traffic.rows() if r.direction == "offered")
+
+    began_s, began = time.monotonic(), offered()
+    while time.monotonic() - began_s < 6.5:  # news all the while: a view in half a second
+        service.step()
+        time.sleep(0.02)
+    rate = (offered() - began) / (time.monotonic() - began_s)
+    assert 150 < rate < 1000, f"{rate:.0f} B/s"
+    assert len(heard.messages) >= 3, "the news was told"
+    assert not [r for r in camera_node.traffic.rows() if "/frame/" in r.key]
+
+
+def test_after_the_news_it_keeps_its_rate(start, make_node, camera_node):
+    heard = summaries(make_node("test", "t", alive=False))
+    watcher = Watcher()
+    start(watcher)
+    wait_for(lambda: len(watcher.looks) == 12)
+    wait_for(lambda: heard.messages and heard.messages[-1].message.labels == {"tv": 0.61})
+    n = len(heard.messages)
+    wait_for(lambda: len(heard.messages) > n, 7.0)
+    first, second = heard.messages[n - 1], heard.messages[n]
+    assert 4.0 < (second.received_ns - first.received_ns) / 1e9 < 6.0
+    assert second.message.labels == first.message.labels
+
+
+def test_a_detector_that_cannot_run_is_named_and_the_camera_goes_on(start, camera_node, monkeypatch):
+    monkeypatch.setattr(eyes_module, "_RETRY_S", 0.1)
+    watcher = Watcher(fails=1)
+    eyes = start(watcher)
+    wait_for(lambda: len(watcher.looks) > 2)
+    assert watcher.looks[:2] == [0, 0], "the view is looked at again"
+    assert camera_node.traffic.rejected() == {"own perception": 1}
+    assert eyes._thread.is_alive()
+
+
+def test_who_does_not_choose_a_floor_loads_no_detector(camera_node):
+    assert open_eyes(camera_node, Building(), CAMERA, CameraSettings(perception="none"), bool) is None
+    one_floor = Building(floors=["0"])
+    assert open_eyes(camera_node, one_floor, CAMERA, CameraSettings(perception="oracle"), bool) is None
+    anyway = open_eyes(camera_node, one_floor, CAMERA, CameraSettings(perception="oracle", least_floors=1), bool)
+    assert anyway is not None
+    anyway.close()
+    code = "import sys, services.camera_node.__main__; print([m for m in sys.modules if 'onnx' in m or 'choose' in m])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert run.stdout.strip() == "[]", "the networks' runtime is loaded without need"

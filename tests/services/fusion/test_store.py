@@ -1,0 +1,348 @@
+"""The file that the maps survive in: what is read again, and what happens when it can't be read or written."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+
+import msgspec
+import numpy as np
+import pytest
+import structlog
+
+from services.fusion.config import FusionSettings
+from services.fusion.core.snapshot import dump
+from services.fusion.keeper import Keeper
+from services.fusion.perceiver import Perceived
+from services.fusion.store import Entry, Store, StoreError
+from surveilnav.geometry import Pose
+from surveilnav.messages import FrameHeader, InferReply
+from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
+from surveilnav.sensing.views import Detected
+
+RANGE_M = (0.1, 10.0)
+
+
+class FakeNode:
+    """What a keeper needs of a node: a place to complain to."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+        self.rejected: list[str] = []
+        self.stopping = threading.Event()
+        self.log = structlog.wrap_logger(None, processors=[self._hear])
+
+    def _hear(self, _, method, event):
+        self.said.append(event["event"])
+        raise structlog.DropEvent
+
+    def reject(self, where: str, why: str) -> None:
+        self.rejected.append(where)
+
+    def warn_seldom(self, event: str, **facts: object) -> None:
+        self.said.append(event)
+
+
+class Run:
+    """Fusion's keeper on a file, started as often as wanted."""
+
+    def __init__(self, path, tools, **settings) -> None:
+        self.path, self.tools = path, tools
+        self.settings = settings
+        self.world = tools.world(boxes={"sofa": ((3.0, 1.0, 0.0), (4.6, 1.9, 0.8))})
+        self.start()
+
+    def start(self, **settings) -> Keeper:
+        self.node = FakeNode()
+        options = {"store": str(self.path), "retry_s": 1e-6} | self.settings | settings
+        self.keeper = Keeper(self.node, FusionSettings(**options))
+        return self.keeper
+
+    def view(self, seq: int, source: str = "robot/r", x: float = 1.0) -> Perceived:
+        kind = {"height": 1.8} if source.startswith("camera/") else {}
+        v = self.world.view(x + 0.1 * (seq % 20), 2, 0.05 * seq, -0.2, source=source, seq=seq, **kind)
+        payload, image, depth = encode_rgbd(v.rgb, v.depth_m, depth_range_m=RANGE_M)
+        header = FrameHeader(
+            stamp_ns=10**9 * seq, source=source, view=0, seq=seq, floor="0", camera=v.camera, depth_range_m=RANGE_M,
+            T_world_camera=Pose.from_matrix(v.T_world_camera), mounting_offset_m=v.mounting_offset_m, image=image, depth=depth,
+        )  # fmt: skip
+        chair = Detected("couch", 0.6, (20.0, 40.0, 120.0, 110.0), None, self.tools.unit(seq % 3))
+        detections, embedding = perception_to_wire(self.tools.seen(chair, image=self.tools.unit(seq % 4)))
+        reply = InferReply(
+            stamp_ns=1, worker="w", backend="b", source=source, view=0, seq=seq, detections=detections,
+            image_embedding=embedding,
+        )  # fmt: skip
+        return Perceived(
+            (source, 0), header, decode_frame(header, payload), perception_from_wire(reply, v.camera), payload,
+            msgspec.msgpack.encode(reply), bytes([seq % 256]) * 16,
+        )  # fmt: skip
+
+    def take(self, *seqs: int) -> None:
+        for seq in seqs:
+            self.keeper.take([self.view(seq)])
+
+    def close(self) -> None:
+        self.keeper.close()
+
+
+@pytest.fixture
+def run(tmp_path, tools):
+    started = []
+
+    def start(**settings) -> Run:
+        started.append(Run(tmp_path / "fusion.sqlite", tools, **settings))
+        return started[-1]
+
+    yield start
+    for r in started:
+        r.close()
+
+
+def steady(tools, tmp_path, seqs) -> bytes:
+    """The maps of a run without a file."""
+    undisturbed = Run("", tools, store="")
+    undisturbed.take(*seqs)
+    return dump(undisturbed.keeper.joint)
+
+
+@pytest.mark.parametrize("snapshot_views", [3, 1000])
+def test_what_was_taken_is_there_after_a_restart(run, tools, tmp_path, snapshot_views):
+    r = run(snapshot_views=snapshot_views)
+    for begin in (1, 6, 11):
+        r.take(*range(begin, begin + 5))
+        r.keeper.take([r.view(begin, source="camera/c")])
+        before = r.keeper
+        r.close()
+        r.start()
+        assert dump(r.keeper.joint) == dump(before.joint)
+        for name in ("robots", "views", "digests", "troubles"):
+            assert getattr(r.keeper, name) == getattr(before, name), name
+        assert (r.node.said, r.node.rejected) == (["restored"], [])
+    assert r.keeper.robots["r"].seq == 15
+    assert r.keeper.digests["camera/c", 0] == bytes([11]) * 16
+
+
+def test_refused_views_stay_refused_after_a_restart(run):
+    r = run()
+    r.take(1, 2)
+    r.keeper.take([r.view(3, x=4.0)])
+    assert r.node.rejected == ["view.pose_jump"]
+    before = r.keeper
+    r.close()
+    r.start()
+    assert r.keeper.troubles == before.troubles != {}
+    assert (r.keeper.robots["r"].seq, r.keeper.joint.revision, r.node.rejected) == (3, 2, [])
+    r.keeper.take([r.view(4, x=4.0)])  # it stands by it: the one before the restart counts
+    assert r.keeper.joint.revision == 3
+
+
+def test_nothing_is_taken_while_the_disk_is_full(run, tools, tmp_path):
+    r = run()
+    r.take(1, 2)
+    r.keeper._store.close()
+    db = sqlite3.connect(r.path)
+    r.keeper._store._max_pages = db.execute("PRAGMA page_count").fetchone()[
+        0
+    ]  # SQLite's own "database or disk is full"
+    db.close()
+    r.take(3)
+    before = r.keeper.joint.revision
+    r.take(4)
+    assert (before, r.keeper.joint.revision, r.keeper.robots["r"].seq) == (2, 2, 2)
+    assert "full" in r.keeper.problem
+    assert "the store can't be written" in r.node.said
+    r.keeper._store.close()
+    r.keeper._store._max_pages = 0
+    r.keeper.take([])  # nothing new, but there is room again: what waited goes on (the robot's newest view)
+    assert (r.keeper.joint.revision, r.keeper.robots["r"].seq, r.keeper.problem) == (3, 4, "")
+    r.close()
+    r.start()
+    assert r.keeper.robots["r"].seq == 4
+    assert dump(r.keeper.joint) == steady(tools, tmp_path, (1, 2, 4))
+
+
+def test_a_file_that_cannot_be_opened_holds_views_up_and_loses_none(run, tmp_path):
+    r = run()
+    r.take(1, 2)
+    r.close()
+    real = tmp_path / "fusion.sqlite"
+    real.rename(tmp_path / "away")
+    real.mkdir()  # nothing that SQLite could open
+    r.start()
+    r.take(3)
+    assert r.keeper.joint.revision == 0
+    assert "can't be written" in r.keeper.problem
+    real.rmdir()
+    (tmp_path / "away").rename(real)
+    r.keeper.take([])
+    assert (r.keeper.joint.revision, r.keeper.robots["r"].seq, r.keeper.problem) == (3, 3, "")
+
+
+def test_a_file_that_is_none_is_set_aside_and_said(run, tmp_path):
+    path = tmp_path / "fusion.sqlite"
+    path.write_bytes(b"no database at all " * 1000)
+    r = run()
+    assert r.node.said == ["store_corrupt"]
+    assert path.with_name("fusion.sqlite.corrupt").read_bytes().startswith(b"no database")
+    r.take(1)
+    r.close()
+    assert r.start().joint.revision == 1
+
+
+def corrupt(path, statement: str, *values) -> None:
+    db = sqlite3.connect(path)
+    with db:
+        assert db.execute(statement, values).rowcount > 0
+    db.close()
+
+
+def test_a_damaged_snapshot_costs_time_and_no_view(run, tools, tmp_path):
+    r = run(snapshot_views=4)
+    for seq in range(1, 15):
+        r.take(seq)
+        r.keeper._saving and r.keeper._saving.join()
+    before = dump(r.keeper.joint)
+    r.close()
+    corrupt(r.path, "UPDATE piece SET data = zeroblob(100) WHERE snapshot = (SELECT MAX(id) FROM snapshot)")
+    r.start()
+    assert r.node.said == ["snapshot_corrupt", "restored"]
+    assert dump(r.keeper.joint) == before
+
+
+def test_a_damaged_view_is_said_and_costs_that_view(run, tools, tmp_path):
+    r = run()
+    r.take(1, 2, 3, 4)
+    r.close()
+    corrupt(r.path, "UPDATE view SET payload = zeroblob(1000) WHERE number = 2")
+    corrupt(r.path, "DELETE FROM view WHERE number = 3")
+    r.start()
+    assert r.node.said == ["log_view_lost", "log_gap", "restored"]
+    assert dump(r.keeper.joint) == steady(tools, tmp_path, (1, 4))
+
+
+def test_a_page_of_garbage_is_survived_with_what_could_be_read(run):
+    r = run(snapshot_views=4)
+    for seq in range(1, 10):
+        r.take(seq)
+        r.keeper._saving and r.keeper._saving.join()
+    r.close()
+    data = bytearray(r.path.read_bytes())
+    rng = np.random.default_rng(0)
+    for page in range(1, len(data) // 4096):
+        data[4096 * page : 4096 * page + 64] = rng.bytes(64)
+    r.path.write_bytes(bytes(data))
+    r.start()
+    assert r.node.said[-1] in ("store_corrupt", "restored", "log_gap")
+    assert any(s.startswith(("store_corrupt", "snapshot_corrupt", "log_")) for s in r.node.said)
+    revision = r.keeper.joint.revision
+    r.take(20)
+    assert r.keeper.joint.revision == revision + 1
+    r.close()
+    assert r.start().joint.revision == revision + 1  # and from then on nothing is lost any more
+
+
+def test_another_version_or_another_voxel_size_is_set_aside_and_said(run):
+    r = run(snapshot_views=2)
+    r.take(1, 2, 3)
+    r.close()
+    r.start(map={"voxel_m": 0.05})
+    assert r.node.said == ["store_other_config"]
+    assert r.path.with_name("fusion.sqlite.other_config").exists()
+    r.take(1)
+    r.close()
+    corrupt_version = sqlite3.connect(r.path)
+    corrupt_version.execute("PRAGMA user_version = 7")
+    corrupt_version.close()
+    r.start()
+    assert r.node.said == ["store_other_version"]
+    assert r.keeper.joint.revision == 0
+    assert r.path.with_name("fusion.sqlite.other_version").exists()
+
+
+def test_the_file_stays_bounded(run):
+    """Two snapshots, the log since the older one, and room for a third snapshot while it is written."""
+    r = run(snapshot_views=10, max_events=50)
+    for seq in range(1, 121):
+        r.take(seq)
+        r.keeper._saving and r.keeper._saving.join()
+    views, n_bytes = r.keeper._store.log_size()
+    assert 10 <= views <= 20
+    assert r.path.stat().st_size < 3.5 * len(dump(r.keeper.joint)) + 2 * n_bytes + 1_000_000
+    assert r.path.with_name("fusion.sqlite-wal").stat().st_size < 70 << 20
+    db = sqlite3.connect(r.path)
+    assert db.execute("SELECT COUNT(*) FROM event").fetchone()[0] == 50
+    assert db.execute("SELECT COUNT(*) FROM snapshot").fetchone()[0] == 2
+    db.close()
+
+
+def test_histories_are_whole_across_merges_and_restarts(run, tools):
+    r = run(objects={"max_history": 2}, snapshot_views=4)
+    everything: dict[tuple[str, int], list] = {}
+    absorbed: dict[int, int] = {}
+    accept = type(r.keeper.joint).accept
+
+    def watched(joint, view, perception):
+        done = accept(joint, view, perception)
+        for h in done.events if done else ():
+            everything.setdefault((done.floor, h.object_id), []).append(h.event)
+            if h.absorbed:
+                absorbed[h.absorbed] = h.object_id
+        return done
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(r.keeper.joint), "accept", watched)
+        for seq in range(1, 13):
+            r.take(seq)
+    r.close()
+    r.start()
+    records = r.keeper.joint.objects("0")
+    assert records
+    for record in records:
+        history = r.keeper.history("0", record.id)
+        family = {record.id} | {gone for gone, kept in absorbed.items() if kept == record.id}
+        expected = [e for i in family for e in everything["0", i]]
+        assert sorted(history, key=repr) == sorted(expected, key=repr)
+        assert history[-1] == record.history[-1]
+        assert len(record.history) <= 2
+
+
+def test_events_written_again_are_there_once(run):
+    r = run()
+    r.take(1, 2, 3)
+    for _ in range(2):
+        history = r.keeper.history("0", 1)
+        r.close()
+        r.start()
+        assert r.keeper.history("0", 1) == history != []
+
+
+def test_a_write_is_whole_or_nothing(tmp_path):
+    store = Store(tmp_path / "s.sqlite")
+    entry = Entry("robot/r", 0, b"h", b"p")
+    assert store.append([entry, entry]) == [1, 2]
+    store.close()
+    store._max_pages = 20
+    with pytest.raises(StoreError, match="full") as refused:
+        store.append([entry, Entry("robot/r", 0, b"h", bytes(200_000))])
+    assert refused.value.name == "unwritable"
+    assert [n for n, _ in store.log(0)] == [1, 2]
+    store.close()
+
+
+def test_a_file_that_breaks_while_it_is_used_is_replaced_without_loss(run):
+    r = run()
+    r.take(1, 2)
+    with pytest.MonkeyPatch.context() as patch:
+
+        def broken(entries):
+            raise StoreError("corrupt", "database disk image is malformed")
+
+        patch.setattr(r.keeper._store, "append", broken)
+        r.take(3)
+    assert r.node.said[-1] == "store_corrupt"
+    assert r.keeper.robots["r"].seq == 2
+    r.take(3)
+    before = dump(r.keeper.joint)
+    r.close()
+    assert dump(r.start().joint) == before
+    assert r.keeper.robots["r"].seq == 3

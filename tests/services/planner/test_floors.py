@@ -1,0 +1,211 @@
+"""Missions over several floors: which floor, which stair, what is remembered, and that all of it ends."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from services.planner.core import MissionState, PlannerConfig
+
+#: A hall with a side room; ``C`` a thing in it. The stair's end is at (6.1, 0.9).
+FLOOR = """
+############################
+#            #             #
+#            #             #
+#                    CC    #
+#                    CC    #
+#   R        #             #
+#            #             #
+#            #             #
+############################
+"""
+EMPTY = FLOOR.replace("C", " ")
+END = (6.1, 0.9)
+SEEN = {"0": {}, "1": {"chair": 0.7}}
+
+
+@pytest.fixture
+def two_floors(world, house, thing):
+    """A house whose floor 1 has the chair; floor 0 is empty."""
+
+    def make(summaries=None, known=None, **more):
+        upper = world(FLOOR, {"C": thing("chair", looks_like="chair")}, floor="1")
+        stairs = more.pop("stairs", [("0", END, "1", END)])
+        return house([world(EMPTY, floor="0", **(known or {})), upper], stairs, summaries, **more)
+
+    return make
+
+
+def test_goes_where_the_cameras_saw_it(two_floors):
+    """With the other floor's summary the robot leaves before it has explored all; without, only then."""
+    steps = {}
+    for name, summaries in (("with", SEEN), ("without", {})):
+        h = two_floors(summaries)
+        state, decision = h.run()
+        assert decision.found, decision.message
+        assert h.trail == ["0", "1"]
+        steps[name] = state.changes[0].step
+        assert ("0.70" in state.changes[0].why) == (name == "with")
+    assert steps["with"] < 0.7 * steps["without"]
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "leaves"),
+    [(0.0, 0.7, True), (0.0, 0.3, False), (0.6, 0.7, False), (0.5, 0.7, True), (0.7, 0.7, False), (0.2, 0.41, True)],
+)
+def test_evidence_must_be_better_by_a_margin(two_floors, here, there, leaves):
+    """At the first step, when the joint map may not hold what this floor's own cameras see."""
+    decisions = []
+    two_floors({"0": {"chair": here}, "1": {"chair": there}}).run(
+        config=PlannerConfig(stairs_known="plan"), watch=lambda s, d: decisions.append(d)
+    )
+    assert decisions[0].phase == ("changing floor" if leaves else "scanning")
+
+
+def test_an_unseen_stair_is_not_headed_for_unless_the_plan_is_known(two_floors):
+    """The robot faces west: the stair in the east isn't explored at first."""
+    first = {}
+    for known in ("seen", "plan"):
+        h = two_floors(SEEN, {"yaw_rad": math.pi})
+        decisions = []
+        h.run(config=PlannerConfig(stairs_known=known), watch=lambda s, d, to=decisions: to.append(d))
+        first[known] = decisions[0].phase
+        assert decisions[-1].found
+    assert first == {"seen": "scanning", "plan": "changing floor"}
+
+
+def test_something_promising_here_comes_first(world, house, thing):
+    known = {"label": "chair", "confidence": 0.5}
+    lower = world(FLOOR, {"C": thing("table", looks_like="dining table", known=known)}, floor="0")
+    upper = world(FLOOR, {"C": thing("chair", looks_like="chair")}, floor="1")
+    h = house([lower, upper], [("0", END, "1", END)], {"0": {"chair": 0.5}, "1": {"chair": 0.55}})
+    state, decision = h.run()
+    assert decision.found
+    assert lower.things["C"].detections  # looked at, and no chair
+    assert "saw" in state.changes[0].why
+    assert h.trail == ["0", "1"]
+
+
+def test_all_floors_are_searched_once_before_it_ends(world, house):
+    floors = [world(EMPTY, floor=name) for name in ("0", "1", "2")]
+    h = house(floors, [("0", END, "1", END), ("1", (4.5, 1.0), "2", (4.5, 1.0))])
+    state, decision = h.run(max_steps=900)
+    assert decision.error == "not_found"
+    assert h.trail == ["0", "1", "2"]
+    assert all(memory.exhausted for memory in state.floors.values())
+
+
+def test_cameras_that_are_wrong_about_both_floors_do_not_make_it_swing(world, house):
+    """Both summaries insist; nothing is there. The robot goes to each floor once and gives up."""
+    h = house([world(EMPTY, floor=n) for n in "01"], [("0", END, "1", END)], {"0": {"chair": 0.6}, "1": {"chair": 0.9}})
+    state, decision = h.run(max_steps=900)
+    assert decision.error == "not_found"
+    assert h.trail == ["0", "1", "0"]
+    assert len(state.changes) == 2
+
+
+def test_through_a_floor_between(world, house, thing):
+    """Seen on floor 2: floor 1 is only crossed."""
+    top = world(FLOOR, {"C": thing("chair", looks_like="chair")}, floor="2")
+    floors = [world(EMPTY, floor="0"), world(EMPTY, floor="1"), top]
+    stairs = [("0", END, "1", END), ("1", (5.0, 1.0), "2", (5.0, 1.0))]
+    h = house(floors, stairs, {"2": {"chair": 0.8}})
+    _, decision = h.run()
+    assert decision.found
+    assert h.trail == ["0", "1", "2"]
+    assert len(floors[1].trace) < 25
+
+
+@pytest.mark.parametrize(
+    ("to_1_m", "to_2_m", "seen", "first"), [(3.0, 9.0, 0.0, "1"), (9.0, 3.0, 0.0, "2"), (3.0, 9.0, 0.3, "1")]
+)
+def test_the_nearest_floor_comes_first_without_evidence(world, house, to_1_m, to_2_m, seen, first):
+    """A faint hint about floor 2 is no evidence."""
+    floors = [world(EMPTY, floor=n) for n in ("0", "1", "2")]
+    h = house(floors, [("0", END, "1", END, to_1_m), ("0", END, "2", END, to_2_m)], {"2": {"chair": seen}})
+    h.run(max_steps=900)
+    assert h.trail[1] == first
+
+
+def test_coming_back_remembers_the_floor(world, house):
+    h = house([world(EMPTY, floor=n) for n in "01"], [("0", END, "1", END)], {"0": {"chair": 0.6}, "1": {"chair": 0.9}})
+    scans = []
+    state, _ = h.run(max_steps=900, watch=lambda s, d: scans.append(s.floor) if d.phase == "scanning" else None)
+    assert h.trail == ["0", "1", "0"]
+    assert len(state.floors["0"].visited) > 10
+    assert len(state.floors["1"].visited) > 10
+    assert scans.count("1") <= 12
+    assert scans.count("0") <= 12
+
+
+@pytest.mark.parametrize(("refuses", "found"), [(1, True), (2, True), (3, False)])
+def test_a_refused_stair_is_tried_nearer_and_then_barred(two_floors, refuses, found):
+    h = two_floors(SEEN, refuses=refuses)
+    state, decision = h.run(max_steps=600)
+    assert decision.found == found
+    if not found:
+        assert decision.error == "unreachable"
+        assert "(6.1, 0.9) to floor 1" in decision.message
+        assert state.floors["0"].stairs_failed == {"(6.1, 0.9)": 3}
+
+
+def test_another_stair_is_taken_when_one_is_shut(two_floors):
+    """The nearer stair's end lies within walls."""
+    shut = ("0", (3.1, 0.1), "1", END)
+    h = two_floors(SEEN, stairs=[shut, ("0", END, "1", END)])
+    _, decision = h.run()
+    assert decision.found
+    assert h.trail == ["0", "1"]
+
+
+def test_a_stair_counts_by_its_length(two_floors):
+    h = two_floors(SEEN)
+    before = {}
+
+    def watch(state, decision):
+        before[decision.action] = before.get(decision.action, 0) + 1
+
+    state, _ = h.run(watch=watch)
+    assert state.step >= sum(before.values()) + 15  # 4 m of stairs are 16 moves
+
+
+def test_the_best_of_what_was_dropped_on_another_floor(world, house, thing):
+    """Nothing is ever confirmed: at the end the robot goes back to the floor with the best candidate."""
+    import msgspec
+
+    lower = world(
+        FLOOR, {"C": thing("chair", looks_like="chair", known={"label": "chair", "confidence": 0.5})}, floor="0"
+    )
+    objects = lower.objects
+    lower.objects = lambda: [
+        msgspec.structs.replace(o, status="candidate", confidence_robot=0.35 * (o.confidence_robot > 0))
+        for o in objects()
+    ]
+    h = house([lower, world(EMPTY, floor="1")], [("0", END, "1", END)])
+    _, decision = h.run(max_steps=900)
+    assert h.trail == ["0", "1", "0"]
+    assert decision.found
+    assert "nothing else is left" in decision.message
+
+
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(every=st.integers(1, 40))
+def test_a_resumed_mission_decides_as_one_never_interrupted(two_floors, every):
+    """The state goes through JSON at every ``every``-th step: equal, and the same decisions to the end."""
+
+    def play(through_json):
+        said = []
+
+        def watch(state, decision):
+            said.append(decision)
+            again = MissionState.from_json(state.to_json())
+            assert again == state
+            return again if through_json and state.step % every == 0 else state
+
+        two_floors(SEEN).run(watch=watch)
+        return said
+
+    assert play(True) == play(False)
