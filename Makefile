@@ -34,7 +34,7 @@ demo: $(READY) ## one search in a simulated home; the report lands in runs/
 
 bench-core: $(READY) ## what a robot step costs, detector left out
 	$(BIN)/python tests/bench/bench_fusion.py $(ARGS)
-	$(BIN)/python -m pytest -q tests/bench/bench_planner.py --benchmark-timer=time.process_time --benchmark-columns=min,median,max,rounds
+	$(BIN)/python -m pytest -q tests/bench/bench_fusion.py tests/bench/bench_planner.py --benchmark-timer=time.process_time --benchmark-columns=min,median,max,rounds
 
 bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import time
 from collections import defaultdict
@@ -103,10 +104,11 @@ def _mask_settings(config: ObjectConfig) -> tuple[tuple[str, Any], ...]:
 
 
 def code_hash() -> str:
-    """Of the sources that a replay depends on."""
+    """Of the sources that a replay depends on, however they are laid out."""
     core = Path(objects.__file__).parent
     names = ("association", "clustering", "evidence", "objects", "sightings", "sizes", "visibility")
-    return hashlib.sha256(b"".join((core / f"{name}.py").read_bytes() for name in names)).hexdigest()[:12]
+    trees = [ast.dump(ast.parse((core / f"{name}.py").read_text())) for name in names]
+    return hashlib.sha256("".join(trees).encode()).hexdigest()[:12]
 
 
 # --- scores -------------------------------------------------------------------------------------------------------

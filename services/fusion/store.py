@@ -147,7 +147,9 @@ class Store:
             )
             db.execute("DELETE FROM snapshot WHERE id < ?", (newest,))
             db.execute("DELETE FROM piece WHERE snapshot < ?", (newest,))
-            db.execute("DELETE FROM view WHERE number <= (SELECT MIN(up_to) FROM snapshot HAVING COUNT(*) > 1)")
+            db.execute(
+                "DELETE FROM view WHERE number <= (SELECT CASE WHEN COUNT(*) > 1 THEN MIN(up_to) END FROM snapshot)"
+            )
             excess = db.execute("SELECT COUNT(*) FROM event").fetchone()[0] - self._max_events
             if excess > 0:
                 db.execute(

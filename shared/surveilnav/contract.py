@@ -132,7 +132,7 @@ PERCEPTION_LOAD = Stream(
 )  # fmt: skip
 MAP_LAYER = Stream(
     "map_layer", "{building}/map/{floor}/{layer}", m.LayerHeader, "fusion", "query", None, 5_000,
-    "data", "occupancy, explored, frontier, value (parameter target=...), cloud", payload=True,
+    "data", "occupancy, explored, frontier, value (parameter target=...), cloud, provenance of the cloud", payload=True,
 )  # fmt: skip
 MAP_REVISION = Stream(
     "map_revision", "{building}/map_revision/{floor}", m.Revision, "fusion", "put+query", None, 5_000,
@@ -140,7 +140,7 @@ MAP_REVISION = Stream(
 )  # fmt: skip
 OBJECTS = Stream(
     "objects", "{building}/objects/{floor}", m.ObjectList, "fusion", "query", None, 5_000,
-    "data", "objects with their histories",
+    "data", "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all",
 )  # fmt: skip
 MISSION_GOAL = Stream(
     "mission_goal", "{building}/mission/{mission}/goal", m.MissionAck, "planner", "query", None, 5_000,

@@ -125,7 +125,7 @@ def test_the_page_and_the_choice(recording):
     assert "`the command`" in text
     assert "| **the default** | 0 (0; 0) | 0 / 0 | 0 | 0.00 [0.00, 0.00] | 100 % |" in text
     assert "It takes `overlap 1.2 all rules`" in text
-    assert "| **the default** | 2/2 −0 | 0/0 −0 |" in text
+    assert "| the preset `paper` | 2/2 −0 | 0/0 −0 |" in text
     assert "The sparse tour wasn't played yet" in page({"sparse": Results("sparse", [])}, "")
 
 
@@ -140,8 +140,8 @@ def test_the_page_can_be_written_again_from_the_records_alone(recording, tmp_pat
         "--table",
         "--homes",
         "test",
-        "--robot-views",
-        "5",
+        "--tours",
+        "sparse",
     ]
     assert association.main(arguments) == 0
     assert "--tours sparse --homes test" in (tmp_path / "out" / "README.md").read_text()

@@ -108,6 +108,11 @@ def evenly(n: int, most: int) -> NDArray[np.int64]:
     return np.linspace(0, n - 1, min(n, most)).round().astype(np.int64)
 
 
+def apart(a: Shape, b: Shape, margin_m: float) -> bool:
+    """Whether the boxes are farther than ``margin_m`` from each other along some axis: then nothing overlaps."""
+    return bool(np.any(a.p_min > b.p_max + margin_m) or np.any(b.p_min > a.p_max + margin_m))
+
+
 def box_overlap(a: Shape, b: Shape) -> float:
     """Share of the smaller axis-aligned box that lies in the other: front and back of one thing share no points."""
     inside = np.prod(np.clip(np.minimum(a.p_max, b.p_max) - np.maximum(a.p_min, b.p_min), 0.0, None))

@@ -91,7 +91,9 @@ class ValueConfig(_Part):
 class GuardConfig(_Part):
     """What the next view of a source can't be."""
 
-    max_step_m: float = Field(default=2.0, gt=0, description="a robot moves no farther from one observation to the next")
+    max_step_m: float = Field(
+        default=2.0, gt=0, description="a robot moves no farther from one observation to the next"
+    )
     climb_m: float = Field(default=0.4, gt=0, description="a change of altitude beyond this is a stair or a lift")
     max_sources: int = Field(default=100_000, ge=1, description="views of sources that are remembered")
 
@@ -114,7 +116,10 @@ class ObjectConfig(_Part):
     geometry: GeometricSimilarity = "overlap"
     w_visual: float = Field(default=1.0, ge=0)
     w_geometric: float = Field(default=1.0, ge=0)
-    tau: float = Field(default=1.2, description="ConceptGraphs' for overlap; the paper's 1.35 belongs to box_iou")
+    tau: float = Field(
+        default=1.3,
+        description="for overlap: docs/results/association (ConceptGraphs: 1.2); the paper's 1.35 is for box_iou",
+    )
     tau_mutual: float = Field(
         default=0.3, description="overlap both ways that makes one object of two whatever their looks; > 1: off"
     )
@@ -193,7 +198,8 @@ class FusionConfig(_Part):
         return cls(
             value=ValueConfig(fusion="average", half_life_s=0.0),
             objects=ObjectConfig(
-                geometry="box_iou", tau=1.35, tau_mutual=2.0, once_per_view=False, dbscan_eps_pixels=0.0, min_points=20,
+                geometry="box_iou", tau=1.35, tau_mutual=2.0, once_per_view=False,
+                max_points=10_000, dbscan_eps_pixels=0.0, min_points=20,
                 merge_every=20, merge_overlap=0.7, merge_visual=0.7, merge_box=2.0, min_detections=2,
                 flip="literal", confidence="mean",
                 confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,

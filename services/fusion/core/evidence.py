@@ -72,8 +72,7 @@ class Evidence:
     def of_state(cls, state: dict[str, Any]) -> Evidence:
         """The evidence that ``state`` was taken of."""
         robot, surveillance = (
-            {label: _support(*fields) for label, fields in state[kind].items()}
-            for kind in ("robot", "surveillance")
+            {label: _support(*fields) for label, fields in state[kind].items()} for kind in ("robot", "surveillance")
         )
         flipped = None
         if state["flipped"] is not None:
@@ -161,7 +160,9 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
             f"a robot had it in plain view {evidence.misses} times and saw no {label} ({robot.near} times it did)",
         )  # fmt: skip
     if n < config.min_detections:
-        return Verdict(label, confidence, "candidate", f"{n} of at least {config.min_detections} detections of a {label}")
+        return Verdict(
+            label, confidence, "candidate", f"{n} of at least {config.min_detections} detections of a {label}"
+        )
     # once confirmed, a little less will do: no flicker at the threshold
     lenient = config.confirm_hysteresis if was == "confirmed" else 1.0
     enough_score = config.confirm_scores.get(label, config.confirm_score)

@@ -250,12 +250,12 @@ class JointMap:
         return joint
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and values, for ``of_state``. Arrays may be shared with the maps: copy them."""
+        """All of it, as plain arrays and values, for ``of_state``; nothing in it changes when the maps do."""
         return {
             "revision": self.revision, "guard": self.guard.state(), "name_of": dict(self._name_of),
             "walks": {robot: asdict(walk) for robot, walk in self._walks.items()},
             "storeys": [
-                {"geometry": s.geometry.state(), "value": s.value.state(), "objects": s.objects.state()}
+                {"geometry": _with_own_layers(s.geometry.state()), "value": s.value.state(), "objects": s.objects.state()}
                 for s in self._storeys.values()
             ],
         }  # fmt: skip
@@ -276,6 +276,11 @@ class JointMap:
                 ObjectMap.of_state(storey["objects"], geometry.floor, config.map.voxel_m, config.objects),
             )  # fmt: skip
         return joint
+
+
+def _with_own_layers(geometry: dict[str, Any]) -> dict[str, Any]:
+    """The state of a floor's geometry with copies of its layers: all else in it is a copy already, or never changes."""
+    return geometry | {"layers": {name: layer.copy() for name, layer in geometry["layers"].items()}}
 
 
 def canonical(views: Iterable[PosedView]) -> list[PosedView]:

@@ -12,7 +12,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core.association import BoxTable, Shape, box_iou, box_overlap, cosine, evenly, overlaps, voxel_iou
+from services.fusion.core.association import (
+    BoxTable,
+    Shape,
+    apart,
+    box_iou,
+    box_overlap,
+    cosine,
+    evenly,
+    overlaps,
+    voxel_iou,
+)
 from services.fusion.core.config import ObjectConfig
 from services.fusion.core.evidence import Evidence, Status, Support, judge
 from services.fusion.core.sightings import Sighting, locate_all
@@ -155,12 +165,15 @@ class ObjectMap:
     def similarity(self, shape: Shape, embedding: NDArray[np.float32], other: MapObject) -> tuple[float, float]:
         """(s, mutual): eq. 3's weighted sum, and the smaller of both overlaps."""
         c = self._config
+        looks = c.w_visual * cosine(embedding, other.embedding_sum)
+        if apart(shape, other.shape, 2 * c.overlap_voxel_m):
+            return looks, 0.0
         there, back = overlaps(shape, other.shape)
         geometric = {
             "overlap": lambda: max(there, back), "box_iou": lambda: box_iou(shape, other.shape),
             "voxel_iou": lambda: voxel_iou(shape, other.shape),
         }[c.geometry]()  # fmt: skip
-        return c.w_visual * cosine(embedding, other.embedding_sum) + c.w_geometric * geometric, min(there, back)
+        return looks + c.w_geometric * geometric, min(there, back)
 
     def _associate(self, view: PosedView, sighting: Sighting, seen: set[tuple[int, str]]) -> None:
         c, detected = self._config, sighting.detected

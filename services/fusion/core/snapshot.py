@@ -43,8 +43,7 @@ def load(data: bytes, config: FusionConfig) -> JointMap:
 
 def freeze(joint: JointMap) -> dict[str, Any]:
     """A copy of all that the maps hold; from then on they may change."""
-    frozen: dict[str, Any] = _copied(joint.state())
-    return {"version": VERSION, "sizes": _sizes(joint.config), "maps": frozen}
+    return {"version": VERSION, "sizes": _sizes(joint.config), "maps": joint.state()}
 
 
 def thaw(frozen: dict[str, Any], config: FusionConfig) -> JointMap:
@@ -81,17 +80,6 @@ def unpack(data: bytes) -> Any:
 def _sizes(config: FusionConfig) -> dict[str, float]:
     """The settings without which the counts in a map mean nothing."""
     return {"resolution_m": config.map.resolution_m, "voxel_m": config.map.voxel_m}
-
-
-def _copied(value: Any) -> Any:
-    """Copies arrays and what holds them; messages and kept views never change."""
-    if isinstance(value, np.ndarray):
-        return value.copy()
-    if isinstance(value, dict):
-        return {key: _copied(v) for key, v in value.items()}
-    if isinstance(value, list):
-        return [_copied(v) for v in value]
-    return value
 
 
 def _array_out(value: Any) -> msgspec.msgpack.Ext:

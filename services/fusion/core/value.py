@@ -74,7 +74,7 @@ class ValueMap:
     def add(self, view: PosedView, reach_m: NDArray[np.float32], embedding: NDArray[np.float32]) -> None:
         """Adds a view. A camera's view takes the place of its former self; a robot's are all kept, up to a limit.
 
-        A view without a stamp (0) counts as new as the newest before it.
+        A view without a stamp (0) counts as new as the newest before it, or as the first after it that has one.
         """
         key = (view.source, view.view, view.seq if view.is_robot else 0)
         if self._views.pop(key, None) is not None:
@@ -194,7 +194,7 @@ class _Layer:
     def _gain(self, stamp_ns: int) -> float:
         """Weight of a view of that time: 2 for each half-life after ``_since_ns``. May scale all others back."""
         half_life_ns = self._config.half_life_s * 1e9
-        if half_life_ns == 0:
+        if half_life_ns == 0 or stamp_ns == 0:  # nobody knows its age: as new as the first that has one
             return 1.0
         if not self._since_ns:
             self._since_ns = stamp_ns

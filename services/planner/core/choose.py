@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Literal
 
+import numpy as np
+
 from services.planner.core import memory, objects
 from services.planner.core.frontiers import Frontier, find_frontiers, rank
 from services.planner.core.now import Now
@@ -15,11 +17,13 @@ from surveilnav.messages import Candidate, ObjectRecord
 
 def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     """The object to go to: confirmed before promising, then relevance less a price per metre; the present one
-    is kept unless another is clearly better."""
+    is kept unless another is clearly better. ``weak``: also those that hardly anything speaks for, or that are hard to
+    get to."""
     state, config, robot = now.state, now.config, now.robot
     awake = [
         o for o in objects.targets_of(now.maps.objects, state, config, weak=weak)
         if not memory.is_dormant(state, o.center_m[0], o.center_m[1], config)
+        and (weak or not _is_hard(now, o.center_m[0], o.center_m[1], _way_to(now, o)))
     ]  # fmt: skip
     if not awake:
         return None
@@ -40,11 +44,15 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     return chosen
 
 
-def choose_frontier(now: Now) -> Frontier | None:
-    """The best frontier by the strategy; the present one is kept unless another is clearly better."""
+def choose_frontier(now: Now, *, hard: bool) -> Frontier | None:
+    """The best frontier by the strategy; the present one is kept unless another is clearly better. ``hard``: also those
+    that are hard to get to."""
     state, config = now.state, now.config
     found = find_frontiers(now.maps, now.terrain, now.arrival, config)
-    awake = [f for f in found if not memory.is_dormant(state, f.x_m, f.y_m, config)]
+    awake = [
+        f for f in found
+        if not memory.is_dormant(state, f.x_m, f.y_m, config) and (hard or not _is_hard(now, f.x_m, f.y_m, f.way_m))
+    ]  # fmt: skip
     if not awake:
         return None
     ranked, by_value = rank(awake, now.maps, state.target, config)
@@ -69,3 +77,19 @@ def _is_committed(state: MissionState, record: ObjectRecord, config: PlannerConf
         return False
     near = math.hypot(record.center_m[0] - held.x_m, record.center_m[1] - held.y_m) < config.same_place_m
     return held.object_id == record.id or near
+
+
+def _is_hard(now: Now, x_m: float, y_m: float, way_m: float) -> bool:
+    """Whether a place is much farther than its distance explains, because the way leads through gaps that a robot most
+    likely can't pass. What is seen through a window looks like that."""
+    straight_m = math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m)
+    if way_m <= now.config.hard_way_m + 2.0 * straight_m:
+        return False
+    near = now.terrain.disc(x_m, y_m, now.config.same_place_m)
+    return not np.isfinite(now.wide_arrival()[near]).any()
+
+
+def _way_to(now: Now, record: ObjectRecord) -> float:
+    """Travel time [m] to about where one would stand before an object."""
+    reach_m = now.config.standoff_m + 0.5 * min(record.size_m[:2])
+    return float(now.arrival[now.terrain.disc(record.center_m[0], record.center_m[1], reach_m)].min(initial=math.inf))

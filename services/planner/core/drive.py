@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import RobotView
-from services.planner.core.terrain import UNREACHED, Terrain, arrival_m
+from services.planner.core.terrain import Terrain, arrival_m
 
 #: Headings that the robot can turn to, in turns: left positive, a full circle.
 HEADINGS = np.arange(-5, 7)
@@ -61,35 +61,98 @@ _SAME_HEADING_COS = math.cos(math.radians(10.0))
 
 
 def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, config: PlannerConfig) -> str:
-    """Turns to, or drives along, the heading whose next step ends nearest to the goal.
+    """Turns to, or drives along, the heading that begins the three steps which end nearest to the goal.
 
-    Of the twelve headings that the robot can turn to, those with a free step ahead compete by travel time left at
-    the step's end plus a small price per turn. The price makes the choice stable: a turn towards the best
-    heading makes that heading cheaper and all on the other side dearer, so the robot never swings to and fro.
+    A robot that turns by twelfths and moves by whole steps can't follow any path: of all sequences of three free
+    steps, those compete by travel time left at the end plus a small price per turn. Looking ahead takes it through
+    narrow places, in front of which the single best step would lead to and fro. The price makes the choice stable: a
+    turn towards the best sequence makes that cheaper and no other cheaper still, so the robot never swings.
     """
-    yaws = robot.yaw_rad + HEADINGS * config.turn_rad
-    along_m = np.arange(1, 6) / 5.0 * config.step_m
-    x = robot.x_m + np.cos(yaws)[:, None] * along_m
-    y = robot.y_m + np.sin(yaws)[:, None] * along_m
-    cells = terrain.grid.cells_of(np.stack([x, y], axis=-1))
-    inside = terrain.grid.contains(cells)
-    cells = np.clip(cells, 0, (terrain.grid.rows - 1, terrain.grid.cols - 1))
-    free = (inside & (terrain.speed[cells[..., 0], cells[..., 1]] > 0.0)).all(axis=1)
-    free &= ~_bumped(terrain.bumps, robot, yaws)
-    left_m = _interpolated(terrain, field, x[:, -1], y[:, -1])
-    cost = np.where(free, left_m, UNREACHED) + config.turn_cost_m * np.abs(HEADINGS)
-    if not np.isfinite(cost).any():  # boxed in by its own radius: take the way that is least blocked
-        clear = (terrain.speed[cells[..., 0], cells[..., 1]] > 0.0).sum(axis=1)
-        cost = -clear + config.turn_cost_m * np.abs(HEADINGS)
-    best = int(HEADINGS[int(np.argmin(cost))])
+    grid, r = terrain.grid, terrain.grid.resolution_m
+    u, v = (robot.x_m - grid.origin_x_m) / r, (robot.y_m - grid.origin_y_m) / r
+    bumps = (terrain.bumps - (grid.origin_x_m, grid.origin_y_m, 0.0)) / (r, r, 1.0)
+    best = int(
+        _look_ahead(
+            terrain.speed, field / r, u, v, robot.yaw_rad, bumps, config.step_m / r, config.turn_rad,
+            config.turn_cost_m / r, _SAME_SPOT_M / r,
+        )
+    )  # fmt: skip
     return "move_forward" if best == 0 else "turn_left" if best > 0 else "turn_right"
 
 
-def _bumped(bumps: NDArray[np.float64], robot: RobotView, yaws: NDArray) -> NDArray[np.bool_]:
-    """Which of the headings ``yaws`` (n,) met something when the robot last tried them from about here."""
-    near = np.hypot(bumps[:, 0] - robot.x_m, bumps[:, 1] - robot.y_m) < _SAME_SPOT_M
-    same: NDArray[np.bool_] = np.cos(yaws[:, None] - bumps[near, 2]) > _SAME_HEADING_COS
-    return np.asarray(same.any(axis=1))
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _look_ahead(speed, field, u, v, yaw, bumps, step, turn, turn_cost, same_spot):  # type: ignore[no-untyped-def]
+    """Turns before the first of the best three steps; lengths in cells. Fewer steps count where three aren't free, or
+    end at the goal; where not even one is, the heading that is blocked latest is taken."""
+    best = np.full(4, np.inf)  # by number of steps
+    first = np.zeros(4, dtype=np.int64)
+    clearest = -1.0
+    for i in HEADINGS:
+        u1, v1, clear = _stride(speed, u, v, yaw + i * turn, bumps, step, same_spot)
+        score = clear - turn_cost / step * abs(i)
+        if score > clearest:
+            clearest, first[0] = score, i
+        left = _at(field, u1, v1) if clear >= 1.0 else np.inf
+        if left == np.inf:
+            continue
+        price1 = turn_cost * abs(i)
+        _keep(best, first, 3 if left <= step else 1, left + step + price1, i)
+        for j in HEADINGS:
+            u2, v2, clear = _stride(speed, u1, v1, yaw + (i + j) * turn, bumps, step, same_spot)
+            left = _at(field, u2, v2) if clear >= 1.0 else np.inf
+            if left == np.inf:
+                continue
+            price2 = price1 + turn_cost * abs(j)
+            _keep(best, first, 3 if left <= step else 2, left + 2 * step + price2, i)
+            for k in HEADINGS:
+                price3 = price2 + turn_cost * abs(k)
+                if price3 + 3 * step >= best[3]:
+                    continue
+                u3, v3, clear = _stride(speed, u2, v2, yaw + (i + j + k) * turn, bumps, step, same_spot)
+                if clear >= 1.0:
+                    _keep(best, first, 3, _at(field, u3, v3) + 3 * step + price3, i)
+    for steps in (3, 2, 1):
+        if best[steps] < np.inf:
+            return first[steps]
+    return first[0]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _keep(best, first, steps, cost, heading):  # type: ignore[no-untyped-def]
+    if cost < best[steps]:
+        best[steps], first[steps] = cost, heading
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _stride(speed, u, v, yaw, bumps, step, same_spot):  # type: ignore[no-untyped-def]
+    """Where a step ends, and which share of it is free; none where the robot met something from this spot."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    for b in range(len(bumps)):
+        if math.hypot(bumps[b, 0] - u, bumps[b, 1] - v) < same_spot and math.cos(yaw - bumps[b, 2]) > _SAME_HEADING_COS:
+            return u, v, 0.0
+    for k in range(1, 6):
+        col, row = math.floor(u + c * step * k / 5.0), math.floor(v + s * step * k / 5.0)
+        if row < 0 or row >= speed.shape[0] or col < 0 or col >= speed.shape[1] or speed[row, col] <= 0.0:
+            return u, v, (k - 1) / 5.0
+    return u + c * step, v + s * step, 1.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _at(field, u, v):  # type: ignore[no-untyped-def]
+    """The field at a place [cells], bilinear over its finite neighbours; inf where the place's own cell is."""
+    rows, cols = field.shape
+    if field[int(v), int(u)] == np.inf:
+        return np.inf
+    y, x = min(max(v - 0.5, 0.0), rows - 1.0), min(max(u - 0.5, 0.0), cols - 1.0)
+    row, col = min(int(y), rows - 2), min(int(x), cols - 2)
+    total = weights = 0.0
+    for dr in range(2):
+        for dc in range(2):
+            value = field[row + dr, col + dc]
+            if value < np.inf:
+                weight = (y - row if dr else 1.0 - y + row) * (x - col if dc else 1.0 - x + col)
+                total, weights = total + weight * value, weights + weight
+    return total / weights if weights > 0.0 else np.inf
 
 
 def descend(terrain: Terrain, field: NDArray[np.float64], row: int, col: int) -> tuple[tuple[float, float], ...]:
@@ -131,23 +194,3 @@ def bearing_error_rad(robot: RobotView, x_m: float, y_m: float) -> float:
     """How far left (> 0) of the robot's heading a place lies, in (-pi, pi]."""
     bearing = math.atan2(y_m - robot.y_m, x_m - robot.x_m)
     return math.remainder(bearing - robot.yaw_rad, 2.0 * math.pi)
-
-
-def _interpolated(
-    terrain: Terrain, field: NDArray[np.float64], x_m: NDArray[np.float64], y_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """The field at places (n,), bilinear over its finite neighbours; inf where the place's own cell is."""
-    grid = terrain.grid
-    v = np.clip((y_m - grid.origin_y_m) / grid.resolution_m - 0.5, 0.0, grid.rows - 1.0)
-    u = np.clip((x_m - grid.origin_x_m) / grid.resolution_m - 0.5, 0.0, grid.cols - 1.0)
-    row, col = np.minimum(v.astype(np.int64), grid.rows - 2), np.minimum(u.astype(np.int64), grid.cols - 2)
-    fv, fu = v - row, u - col
-    rows, cols = np.stack([row, row, row + 1, row + 1]), np.stack([col, col + 1, col, col + 1])
-    weight = np.stack([(1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu])
-    value = field[rows, cols]
-    weight[~np.isfinite(value)] = 0.0
-    total = weight.sum(axis=0)
-    own = np.clip(grid.cells_of(np.stack([x_m, y_m], axis=-1)), 0, (grid.rows - 1, grid.cols - 1))
-    known = np.isfinite(field[own[:, 0], own[:, 1]]) & (total > 0.0)
-    weighted = (weight * np.where(np.isfinite(value), value, 0.0)).sum(axis=0)
-    return np.where(known, weighted / np.where(known, total, 1.0), UNREACHED)

@@ -48,19 +48,23 @@ def is_stuck(state: MissionState, config: PlannerConfig) -> bool:
 
 def is_dormant(state: MissionState, x_m: float, y_m: float, config: PlannerConfig) -> bool:
     """Whether a place is given up, for now or for good."""
-    here = [d for d in state.here.dormant if math.hypot(d.x_m - x_m, d.y_m - y_m) < config.same_place_m]
+    here = [d for d in state.here.dormant if _near(d, x_m, y_m, config)]
     return any(d.times >= FOR_GOOD or d.until_step > state.step for d in here)
 
 
-def give_up(state: MissionState, x_m: float, y_m: float, config: PlannerConfig, *, for_good: bool = False) -> None:
-    """Leaves a place alone for ``dormant_steps``; for good the second time."""
+def give_up(state: MissionState, x_m: float, y_m: float, config: PlannerConfig, *, times: int | None = None) -> None:
+    """Leaves a place alone for ``dormant_steps``; for good the second time. ``times``: counts it as so often."""
     state.commitment = None
-    until = state.step + config.dormant_steps
-    for i, d in enumerate(state.here.dormant):
-        if math.hypot(d.x_m - x_m, d.y_m - y_m) < config.same_place_m:
-            state.here.dormant[i] = Dormant(d.x_m, d.y_m, FOR_GOOD if for_good else d.times + 1, until)
+    until, places = state.step + config.dormant_steps, state.here.dormant
+    for i, d in enumerate(places):
+        if _near(d, x_m, y_m, config):
+            places[i] = Dormant(d.x_m, d.y_m, d.times + 1 if times is None else times, until)
             return
-    state.here.dormant.append(Dormant(x_m, y_m, FOR_GOOD if for_good else 1, until))
+    places.append(Dormant(x_m, y_m, times or 1, until))
+
+
+def _near(d: Dormant, x_m: float, y_m: float, config: PlannerConfig) -> bool:
+    return math.hypot(d.x_m - x_m, d.y_m - y_m) < config.same_place_m
 
 
 def give_up_waypoint(state: MissionState, config: PlannerConfig) -> None:
@@ -87,11 +91,18 @@ def fail_stair(state: MissionState, x_m: float, y_m: float) -> None:
 
 
 def escape(state: MissionState, config: PlannerConfig) -> None:
-    """Gives up the present waypoint and forgets the collisions: they may be what shuts the robot in."""
+    """Turns to another waypoint for a while, every other time with the collisions forgotten: they teach the robot where
+    a narrow place lets it through, but may also be what shuts it in."""
     state.escapes += 1
-    give_up_waypoint(state, config)
-    state.here.collisions.clear()
-    state.here.bumps.clear()
+    held = state.commitment
+    if held is not None and held.kind != "stairs":
+        tried = next((d.times for d in state.here.dormant if _near(d, held.x_m, held.y_m, config)), 0)
+        give_up(state, held.x_m, held.y_m, config, times=max(1, tried))
+    else:
+        give_up_waypoint(state, config)
+    if state.escapes % 2 == 0:
+        state.here.collisions.clear()
+        state.here.bumps.clear()
     rest(state)
 
 

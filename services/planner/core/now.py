@@ -13,7 +13,7 @@ from services.planner.core import memory
 from services.planner.core.drive import LocalPlanner, Route
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import Commitment, Decision, MapView, MissionState, RobotView
-from services.planner.core.terrain import Terrain
+from services.planner.core.terrain import Terrain, coarse_arrival_m
 from surveilnav.messages import Candidate
 
 
@@ -33,6 +33,16 @@ class Now:
     terrain: Terrain
     arrival: NDArray[np.float64]
     weighed: list[Candidate] = field(default_factory=list)
+    _wide: NDArray[np.float64] | None = None
+
+    def wide_arrival(self) -> NDArray[np.float64]:
+        """The same as ``arrival`` without tight places, but those where the robot stands."""
+        if self._wide is None:
+            here = self.terrain.disc(self.robot.x_m, self.robot.y_m, self.config.same_place_m)
+            tight = (self.terrain.speed <= self.config.tight_speed) & ~here
+            wide = replace(self.terrain, speed=np.where(tight, 0.0, self.terrain.speed))
+            self._wide = coarse_arrival_m(wide, self.robot.x_m, self.robot.y_m)
+        return self._wide
 
     def commit(self, chosen: Candidate, *, last_resort: bool = False) -> None:
         """Notes the waypoint; patience starts anew only for another place."""

@@ -25,7 +25,7 @@ def explore(now: Now, frontier: Frontier) -> Decision | None:
         side = unknown_side(now.maps, now.terrain, frontier.x_m, frontier.y_m)
         turn = turn_towards(robot, *side, config) if side else None
         if turn is None or state.peeks >= config.scan_turns // 2:
-            memory.give_up(state, frontier.x_m, frontier.y_m, config, for_good=True)
+            memory.give_up(state, frontier.x_m, frontier.y_m, config, times=memory.FOR_GOOD)
             return None
         state.peeks += 1
         return now.decide(turn, "exploring", "looking past a frontier")

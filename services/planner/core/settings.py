@@ -23,6 +23,8 @@ class PlannerConfig:
         tight_m, tight_speed: nearer to a mapped obstacle than the robot's radius, down to ``tight_m``, it may go
             at this speed where there is no other way: maps are thicker than walls by a cell or so.
         unknown_speed: how fast the front runs through unknown space, relative to known free space; 0 forbids it.
+        hard_way_m: a waypoint that only tight places lead to, on a way that takes so much longer [m of free space] than
+            twice its distance, is left for the end: such gaps are mostly the map's.
         stairs_known: which stairs the robot may head for: ``seen``, those whose end on its floor is explored in the joint
             map (and any when nothing else is left to explore), or ``plan``, all of the building.
         floor_confidence: another floor whose cameras saw the target this surely is gone to, if it beats this floor's
@@ -64,10 +66,11 @@ class PlannerConfig:
     distance_weight_per_m: float = 0.05
     switch_margin_value: float = 0.25
     switch_margin_m: float = 1.0
+    hard_way_m: float = 4.0
     reached_m: float = 0.45
     same_place_m: float = 0.5
     dormant_steps: int = 60
-    patience_steps: int = 20
+    patience_steps: int = 30
     scan_turns: int = 12
     sweep_m: float = 0.0
 
@@ -92,5 +95,5 @@ class PlannerConfig:
     floor_visits: int = 3
 
     # getting stuck
-    stuck_steps: int = 24
+    stuck_steps: int = 30
     max_escapes: int = 3

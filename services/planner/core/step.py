@@ -107,16 +107,17 @@ def _pursue(now: Now) -> Decision:
     whose cameras saw the target or the best frontier.
 
     When none is left, what was only put off gets its second chance, then any weak candidate, then the other floors,
-    then a second look around, then the best of what was dropped; then the mission ends.
+    then a second look around, then frontiers that are hard to get to, then the best of what was dropped; then the
+    mission ends.
     """
-    state, weak = now.state, False
+    state, weak, hard = now.state, False, False
     for _ in range(_MAX_TRIES):
         now.weighed.clear()
         if record := choose_object(now, weak=weak):
             decision = approach(now, record)
         elif decision := floors.travel(now):
             return decision
-        elif not weak and (frontier := choose_frontier(now)):
+        elif (hard or not weak) and (frontier := choose_frontier(now, hard=hard)):
             decision = explore(now, frontier)
         elif memory.revive(state):
             continue
@@ -124,10 +125,13 @@ def _pursue(now: Now) -> Decision:
             weak = True
             continue
         elif floors.leave(now):
-            weak = False
+            weak = hard = False
             continue
         elif decision := sweep(now):
             return decision
+        elif not hard:
+            hard = True
+            continue
         elif floors.go_back(now) or objects.settle(now.maps.objects, state, now.config):
             continue
         else:

@@ -48,10 +48,7 @@ step = st.tuples(
 
 def alpha(z_robots, z_camera, limit) -> bool:
     """Eq. 1, to the letter: 1 where |z_hat_robot - z_hat_camera| <= limit for some robot."""
-    for z in z_robots:
-        if abs(z - z_camera) <= limit:
-            return True
-    return False
+    return any(abs(z - z_camera) <= limit for z in z_robots)
 
 
 @given(st.lists(step, max_size=12), st.lists(st.tuples(height, height), max_size=6), st.integers(0, 20))

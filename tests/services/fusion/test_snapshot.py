@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.fusion.core import FusionConfig, JointMap, MapConfig
-from services.fusion.core.snapshot import SnapshotError, dump, load
+from services.fusion.core.snapshot import SnapshotError, dump, freeze, load, pack
 
 
 @pytest.fixture
@@ -74,6 +74,18 @@ def test_bytes_are_the_same_for_the_same_maps(story):
         one.accept(view, perception)
         other.accept(view, perception)
     assert dump(one) == dump(other)
+
+
+@pytest.mark.parametrize("preset", ["default", "paper"])
+def test_a_frozen_copy_stays_as_it_was(story, preset):
+    joint = JointMap(FusionConfig.preset(preset))
+    for view, perception in story[:9]:
+        joint.accept(view, perception)
+    frozen = freeze(joint)
+    then = pack(frozen)
+    for view, perception in story[9:]:
+        joint.accept(view, perception)
+    assert pack(frozen) == then != dump(joint)
 
 
 def test_damaged_bytes_are_refused_by_name(story):

@@ -175,6 +175,36 @@ ONE_HALL = """
 """
 
 
+#: South of the start a gap of 0.25 m, through which the robot sees a yard but can't pass; the way on is in the east.
+WINDOW = """
+##########################################
+#                      #                 #
+#                      #                 #
+#                                        #
+#                                        #
+#   R                                  CC#
+#                      #               CC#
+#                      #                 #
+#####.####################################
+                                    #
+                                    #
+                                    #
+                                    #
+#####################################
+"""
+
+
+@pytest.mark.parametrize(("hard_way_m", "found_by"), [(4.0, 60), (1e9, 200)])
+def test_what_is_seen_through_a_gap_comes_last(world, thing, hard_way_m, found_by):
+    """The yard looks promising, but only a map has a way there: the rooms are explored first."""
+    w = world(WINDOW, {"C": thing("chair", looks_like="chair")}, yaw_rad=-1.5, sees_from_m=5.0)
+    w.value[:] = 0.1
+    w.value[: w.grid.cells_of((0.0, 1.2))[0]] = 0.9
+    state, decision = w.run(config=PlannerConfig(hard_way_m=hard_way_m))
+    assert decision.found
+    assert found_by / 2 < state.step < found_by
+
+
 @pytest.mark.parametrize("strategy", ["greedy", "object", "region"])
 def test_no_swinging(world, strategy):
     """Never turns left then right (or the reverse) on the spot while driving, and never paces the same metre."""
