@@ -52,5 +52,5 @@ class OraclePlanner:
             left_m = field.at(there, robot.floor) if free >= 1.0 else math.inf
             return left_m + config.turn_cost_m * abs(turns), -free
 
-        best = min(HEADINGS, key=cost)
+        best = min((int(turns) for turns in HEADINGS), key=cost)
         return "move_forward" if best == 0 else "turn_left" if best > 0 else "turn_right"

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-import numpy as np
-
 from services.planner.core import memory, objects
 from services.planner.core.frontiers import Frontier, find_frontiers, rank
 from services.planner.core.now import Now
@@ -81,12 +79,18 @@ def _is_committed(state: MissionState, record: ObjectRecord, config: PlannerConf
 
 def _is_hard(now: Now, x_m: float, y_m: float, way_m: float) -> bool:
     """Whether a place is much farther than its distance explains, because the way leads through gaps that a robot most
-    likely can't pass. What is seen through a window looks like that."""
+    likely can't pass: what is seen through a window looks like that. Once put off, a place stays so."""
+    put_off, near_m = now.state.here.put_off, now.config.same_place_m
+    if any(math.dist(place, (x_m, y_m)) < near_m for place in put_off):
+        return True
     straight_m = math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m)
     if way_m <= now.config.hard_way_m + 2.0 * straight_m:
         return False
-    near = now.terrain.disc(x_m, y_m, now.config.same_place_m)
-    return not np.isfinite(now.wide_arrival()[near]).any()
+    wide_m = float(now.wide_arrival()[now.terrain.disc(x_m, y_m, near_m)].min(initial=math.inf))
+    if wide_m <= way_m + 1.0:
+        return False
+    put_off.append((x_m, y_m))
+    return True
 
 
 def _way_to(now: Now, record: ObjectRecord) -> float:

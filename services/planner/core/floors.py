@@ -139,7 +139,7 @@ def _evidence_here(now: Now) -> float:
     if state.here.scan_left != 0:
         return _evidence(now, state.floor)
     weak = objects.targets_of(now.maps.objects, state, now.config, weak=True)
-    return max((objects.relevance(o, state.target) for o in weak), default=0.0)
+    return max([objects.relevance(o, state.target) for o in weak], default=0.0)
 
 
 def _tempting(now: Now) -> Errand | None:
@@ -203,7 +203,7 @@ def _usable(now: Now, stair: Stair) -> bool:
 def _reach_m(now: Now, stair: Stair) -> float:
     """How near to a stair's end the robot goes: nearer after every try that failed."""
     failed = now.state.here.stairs_failed.get(memory.stair_name(*stair.at_m[:2]), 0)
-    return max(now.config.stairs_reach_m / 2**failed, now.terrain.grid.resolution_m)
+    return max(now.config.stairs_reach_m * 0.5**failed, now.terrain.grid.resolution_m)
 
 
 def _foot(now: Now, stair: Stair) -> NDArray[np.bool_]:

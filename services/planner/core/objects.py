@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -225,8 +225,3 @@ def _near_dropped(record: ObjectRecord, state: MissionState, config: PlannerConf
         math.hypot(record.center_m[0] - x, record.center_m[1] - y) < config.same_place_m
         for x, y, _ in state.here.dropped.values()
     )
-
-
-def by_id(objects: Sequence[ObjectRecord], object_id: int | None) -> ObjectRecord | None:
-    """The object of that id, or None."""
-    return next((o for o in objects if o.id == object_id), None)

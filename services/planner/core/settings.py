@@ -16,7 +16,7 @@ class PlannerConfig:
         verification: ``two_level`` stops only at what the robot itself confirmed (or very strong surveillance
             evidence that it doesn't contradict); ``paper`` stops at whatever fusion calls confirmed.
         sweep_m: when all is explored and the target wasn't seen, the robot looks around again until every place it can
-            get to lies this near to a full look around (2.0 is sensible): a detector needs more than a glance from
+            get to lies this near to a full look around: a detector needs more than a glance from
             afar. 0: never.
         settle_confidence: when nothing is left to explore, the best object that the robot takes for the target at least
             this surely is accepted after all: if the target is anywhere, it is there. Above 1: never.
@@ -72,7 +72,7 @@ class PlannerConfig:
     dormant_steps: int = 60
     patience_steps: int = 30
     scan_turns: int = 12
-    sweep_m: float = 0.0
+    sweep_m: float = 2.0
 
     # objects
     promising_confidence: float = 0.25

@@ -111,7 +111,8 @@ class FloorMemory:
         scan_left: turns left of the first look around; None before it is decided whether there is one.
         visited: where the robot stood [m, world]. ``collisions``: where its centre can't go;
             ``bumps``: (x, y, yaw) of the headings that ended there.
-        dormant: frontiers and objects given up for a while. ``dropped``: objects judged not to be the
+        dormant: frontiers and objects given up for a while. ``put_off``: places left for the end, because only tight
+            gaps lead there. ``dropped``: objects judged not to be the
             target, by id: (x, y, why).
         inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
         settled_for: the object accepted on weaker evidence because nothing else is left.
@@ -126,6 +127,7 @@ class FloorMemory:
     collisions: list[tuple[float, float]] = field(default_factory=list)
     bumps: list[tuple[float, float, float]] = field(default_factory=list)
     dormant: list[Dormant] = field(default_factory=list)
+    put_off: list[tuple[float, float]] = field(default_factory=list)
     dropped: dict[int, tuple[float, float, str]] = field(default_factory=dict)
     inspected: dict[int, int] = field(default_factory=dict)
     looks: dict[int, int] = field(default_factory=dict)
@@ -140,7 +142,7 @@ class FloorMemory:
         """A copy whose containers are its own."""
         return replace(
             self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps),
-            dormant=list(self.dormant), dropped=dict(self.dropped), inspected=dict(self.inspected),
+            dormant=list(self.dormant), put_off=list(self.put_off), dropped=dict(self.dropped), inspected=dict(self.inspected),
             looks=dict(self.looks), scans=list(self.scans), stairs_failed=dict(self.stairs_failed),
         )  # fmt: skip
 

@@ -40,8 +40,9 @@ def camera(label, score, n=1):
         (near("couch", 0.9), "couch", "candidate"),
         (near("couch", 0.9, 3), "couch", "confirmed"),
         (near("chair", 0.45, 9), "chair", "candidate"),
-        (near("couch", 0.45, 9), "couch", "confirmed"),  # seldom seen wrongly: less is enough
-        (near("couch", 0.40, 9), "couch", "candidate"),
+        (near("tv", 0.45, 9), "tv", "confirmed"),  # seldom seen wrongly: less is enough
+        (near("tv", 0.40, 9), "tv", "candidate"),
+        (near("bed", 0.55, 9), "bed", "candidate"),  # often seen wrongly: more is needed
         ([("far", "couch", 0.9)] * 9, "couch", "candidate"),
         (camera("couch", 0.8, 2), "couch", "candidate"),
         (camera("couch", 0.8, 3), "couch", "confirmed"),
