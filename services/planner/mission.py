@@ -58,6 +58,7 @@ class Mission:
         self._refusals = 0
         self._settled_on: str | None = None  # the floor whose cameras' first views were waited for
         self._ended = threading.Event()
+        self.unsaved = False
         self._saving = threading.Lock()  # who cancels writes too, and an older state must not come last
         self._world = World(
             self._node, self._settings, around.revisions, self.robot, self.status.target, self._hold,
@@ -95,6 +96,16 @@ class Mission:
         self._plans = self._node.publisher(MISSION_PLAN, mission=self.id)
         self._say()
         self._thread.start()
+
+    def supersede(self, by: str) -> None:
+        """Ends a mission that can't be taken up again: its robot has a later one."""
+        self._end("failed", error="superseded", message=f"robot {self.robot} was given mission {by!r} meanwhile")
+        self._ended.set()
+
+    def save_again(self) -> None:
+        """Another try where the store couldn't be written: a mission that ended must not begin again."""
+        if self.unsaved and self.finished:  # one under way is written with its next decision
+            self._save_or_warn()
 
     def cancel(self, reason: str, wait_s: float) -> None:
         """Has the robot stop; waits a little for that to have happened."""
@@ -259,7 +270,9 @@ class Mission:
         """A mission under way goes on also where its store is full: it may only not outlive the planner."""
         try:
             self.save()
+            self.unsaved = False
         except StoreError as error:
+            self.unsaved = True
             self._node.warn_seldom("store_failed: this mission may not survive a restart", error=str(error))
 
     # --- saying so ------------------------------------------------------------------------------------------------

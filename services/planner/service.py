@@ -6,6 +6,7 @@ With a store it takes up again, when it starts, what it was killed over.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 from services.planner.config import PlannerSettings
@@ -19,6 +20,7 @@ from surveilnav.messages import MissionAck, MissionCancel, MissionGoal
 from surveilnav.runtime import Answer, Node, Refused, Request, clock_ns
 
 _CANCEL_WAIT_S = 3.0
+_KEEP_AGAIN_S = 2.0
 
 
 class PlannerService:
@@ -33,29 +35,47 @@ class PlannerService:
         self._robots = node.table(ROBOT_STATUS)
         self._store = Store(settings.store, node)
         self._around = Surroundings(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
-        self._resume()
+        self._resumed = self._resume()
+        self._kept_s = time.monotonic()
         node.serve(MISSION_GOAL, self._on_goal)
         node.serve(MISSION_CANCEL, self._on_cancel, workers=2)
         node.serve(MISSION_STATUS, lambda request: self._tell(request, _status_of))
         node.serve(MISSION_PLAN, lambda request: self._tell(request, _plan_of))
 
     def step(self) -> bool:
-        """Nothing to do here: missions run on threads of their own."""
+        """Missions run on threads of their own; here what the store couldn't do is tried again now and then."""
+        now_s = time.monotonic()
+        if now_s - self._kept_s >= _KEEP_AGAIN_S:
+            self._kept_s = now_s
+            with self._lock:
+                self._resumed = self._resumed or self._resume()
+                missions = list(self._missions.values())
+            for mission in missions:
+                mission.save_again()
         return False
 
-    def _resume(self) -> None:
-        """Takes up the unfinished missions of the store, and knows the finished ones again."""
+    def _resume(self) -> bool:
+        """Takes up the unfinished missions of the store, and knows the finished ones again; False if it can't be read.
+
+        A robot has one mission: the last one accepted goes on, others that were left open end.
+        """
         try:
             saved = self._store.load()
         except StoreError as error:
-            self._node.log.error("store_failed: no mission is resumed", error=str(error))
-            return
-        for mission in (Mission(self._around, s) for s in saved):
-            self._missions[mission.id] = mission
-            if not mission.finished:
-                self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
-                mission.start()
+            self._node.warn_seldom("store_failed: no mission is resumed yet", error=str(error))
+            return False
+        self._missions = {s.status.mission: Mission(self._around, s) for s in saved}
+        last = {m.robot: m for m in self._missions.values() if not m.finished}
+        for mission in list(self._missions.values()):
+            if mission.finished:
+                continue
+            if mission is not last[mission.robot]:
+                mission.supersede(last[mission.robot].id)
+                continue
+            self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
+            mission.start()
         self._forget_oldest()
+        return True
 
     # --- goals and cancels ----------------------------------------------------------------------------------------
 
@@ -86,6 +106,8 @@ class PlannerService:
         except TargetError as error:
             raise MissionError("bad_target", str(error)) from error
         with self._lock:
+            if not self._resumed:  # a robot may have a mission already
+                raise MissionError("store_failed", "the store of missions can't be read yet: send the goal again later")
             if known := self._missions.get(id):
                 if (known.status.target, known.status.max_steps) == (target, goal.max_steps):
                     return known  # the same goal sent again

@@ -87,9 +87,9 @@ class World:
         With ``wait_for_cameras`` also until no view of an active camera is on its way any more, for at most
         ``wait_for_cameras_s``. LostError: perception_down, fusion_down or robot_lost after ``maps_timeout_s``.
         """
-        began_s = time.monotonic()
+        began_s = since_s = time.monotonic()
         while True:
-            revision = self._revision_with(seq, began_s)
+            revision = self._revision_with(seq, since_s)
             pending = revision.pending_views
             waited_s = time.monotonic() - began_s
             coming = pending > 0 or waited_s < _INVOCATION_S
@@ -97,6 +97,7 @@ class World:
                 if pending:
                     self.hold(f"waiting for the cameras' first views: {pending} are on their way")
                 self._pause(0.05)
+                since_s = time.monotonic()  # a wait for cameras doesn't use up the patience with the maps
                 continue
             try:
                 return self._view(revision)
@@ -104,7 +105,7 @@ class World:
                 name, why = self._who_is_missing(revision, str(error))
                 if isinstance(error, Refused) and error.name == "perception_down":
                     name, why = error.name, str(error)
-                self._patience(began_s, self.settings.maps_timeout_s, name, why)
+                self._patience(since_s, self.settings.maps_timeout_s, name, why)
 
     def move(self, action: str, seq: int, mission: str, to_floor: str | None = None) -> int:
         """Has the robot carry out one action after observation ``seq``; returns the newest sequence number.

@@ -714,7 +714,47 @@ def test_what_cannot_be_kept_is_not_accepted_but_what_runs_goes_on(fakes, planne
     assert "SURVEILNAV_PLANNER__STORE" in refused.message
     assert [a.ids["mission"] for a in client.ask_all(MISSION_STATUS)] == ["m1"]
     folder.unlink()  # mended
+    service._kept_s = 0.0
+    service.step()
+    (kept,) = service._store.load()
+    assert kept.status.state == "done", "an ended mission must not begin again after a restart"
     assert submit(client, "m2").accepted
+
+
+def test_nothing_is_accepted_before_the_store_was_read(fakes, planner, client, tmp_path):
+    fakes()
+    folder = tmp_path / "state"
+    folder.write_text("in the way")
+    service = planner(QUICK.model_copy(update={"store": str(folder / "planner.sqlite")}))
+    folder.unlink()  # mended, but nobody knows yet which robots have missions
+    assert submit(client, "m1").error == "store_failed"
+    service._kept_s = 0.0
+    service.step()
+    assert submit(client, "m1").accepted
+
+
+def test_of_two_open_missions_of_a_robot_the_later_goes_on(fakes, make_node, client, tmp_path):
+    settings = QUICK.model_copy(update={"store": str(tmp_path / "planner.sqlite")})
+    f = fakes()
+    f.slow_s = 0.05
+    node = make_node("planner", "planner")
+    PlannerService(node, settings)
+    time.sleep(0.1)
+    submit(client, "m1")
+    while len(f.commands) < 3:
+        time.sleep(0.01)
+    node.__exit__(None, None, None)
+    store = Store(settings.store, client)
+    (mission,) = store.load()
+    later = msgspec.structs.replace(mission, status=msgspec.structs.replace(mission.status, mission="m2"))
+    store.save(later)
+    store.close()
+    PlannerService(make_node("planner", "planner"), settings)
+    old = end_of(client, "m1")
+    assert (old.state, old.error) == ("failed", "superseded")
+    assert "m2" in old.message
+    assert end_of(client, "m2").found
+    assert f.seqs == list(range(len(f.seqs)))
 
 
 def test_a_memory_that_cannot_be_read_begins_anew_with_its_steps_counted(fakes, make_node, client, tmp_path):
