@@ -62,8 +62,10 @@ def travel(now: Now) -> Decision | None:
         state.errand = _tempting(now)
     while state.errand is not None:
         stair = _ways(now).get(state.errand.to_floor, (0.0, None))[1]
-        if stair is None:
-            return None  # not seen yet, or barred: explore on
+        if stair is None:  # barred since: explore on, or to another floor where the cameras saw the target
+            if not state.here.exhausted:
+                state.errand = None
+            return None
         if decision := _to_stair(now, stair):
             return decision
     return None
@@ -94,7 +96,8 @@ def go_back(now: Now) -> bool:
     state, ways = now.state, _ways(now)
     left = [f for f in sorted(ways) if _memory(now, f).settled_for is None and _may_visit(now, f)]
     best = max(left, key=lambda floor: (_memory(now, floor).reserve, -ways[floor][0]), default=None)
-    if best is None or _memory(now, best).reserve <= state.here.reserve:
+    here = state.here.reserve if state.here.settled_for is None else 0.0
+    if best is None or _memory(now, best).reserve <= here:
         return False
     state.errand = Errand(best, f"all is searched, and the best seen was on floor {best}")
     return True
@@ -143,12 +146,15 @@ def _evidence_here(now: Now) -> float:
 
 
 def _tempting(now: Now) -> Errand | None:
-    """The floor not visited yet whose cameras saw the target surely, and more surely than anything here is it."""
+    """The floor not visited yet, with a way to it, whose cameras saw the target surely, and more surely than anything
+    here is it."""
     state, config = now.state, now.config
     found = {floor: _evidence(now, floor) for floor in sorted(now.summaries) if not _memory(now, floor).visits}
-    best = max(found, key=lambda floor: found[floor], default=None)
     enough = max(config.floor_confidence, _evidence_here(now) + config.floor_margin)
-    if best is None or found[best] < enough:
+    found = {floor: evidence for floor, evidence in found.items() if evidence >= enough}
+    ways = _ways(now) if found else {}
+    best = max((floor for floor in found if floor in ways), key=lambda floor: found[floor], default=None)
+    if best is None:
         return None
     return Errand(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}")
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from services.planner.core import MissionState, PlannerConfig
+from services.planner.core import MissionState, PlannerConfig, floors
+from services.planner.core.state import FloorMemory
 
 #: A hall with a side room; ``C`` a thing in it. The stair's end is at (6.1, 0.9).
 FLOOR = """
@@ -189,6 +191,26 @@ def test_the_best_of_what_was_dropped_on_another_floor(world, house, thing):
     assert h.trail == ["0", "1", "0"]
     assert decision.found
     assert "nothing else is left" in decision.message
+
+
+@pytest.mark.parametrize(("settled_for", "goes"), [(None, False), (3, True)])
+def test_what_was_settled_for_in_vain_holds_nobody_back(monkeypatch, settled_for, goes):
+    """The better candidate was here; once it was tried, the weaker one on the other floor is next."""
+    state = MissionState("chair")
+    state.floor = "0"
+    state.here.reserve, state.here.settled_for = 0.4, settled_for
+    state.floors["1"] = FloorMemory(reserve=0.35, visits=1, exhausted=True)
+    monkeypatch.setattr(floors, "_ways", lambda now: {"1": (3.0, None)})
+    assert floors.go_back(SimpleNamespace(state=state, config=PlannerConfig())) == goes
+    assert (state.errand is not None) == goes
+
+
+def test_a_floor_that_no_way_leads_to_hides_no_other(two_floors):
+    """One summary of a floor without a stair says more than that of the floor upstairs."""
+    h = two_floors({"1": {"chair": 0.7}, "attic": {"chair": 0.95}})
+    state, decision = h.run()
+    assert decision.found
+    assert "searched" not in state.changes[0].why, "it leaves before all here is explored"
 
 
 @settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
