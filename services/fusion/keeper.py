@@ -2,7 +2,7 @@
 
 A view is logged before the maps take it, so whatever a revision or a reply says can be made again: the newest snapshot
 that can be read, and the views logged since, in their order. A disk that won't be written holds views up: they wait,
-nothing is acknowledged, and ``problem`` says why.
+nothing is acknowledged, and ``problem`` says why. A file that is begun anew takes views only after a snapshot of the maps.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from surveilnav.sensing.packing import decode_frame, perception_from_wire
 
 _HEADER = msgspec.msgpack.Decoder(FrameHeader)
 _REPLY = msgspec.msgpack.Decoder(InferReply)
+_ROW_BYTES = 1024  # of a view in the log, beside its picture: about
 _PLACE_UNKNOWN = {"bad_pose", "pose_jump", "time_backwards", "out_of_map"}
 
 
@@ -49,7 +50,7 @@ class Keeper:
     Attributes:
         robots: newest observation by robot.
         views: views in the maps by camera, refused ones too: nobody should wait for them for ever.
-        digests: of the cameras' views that were taken.
+        digests: of the cameras' views that the maps took; one dictionary, for whoever must not ask about them again.
         troubles: why the newest picture of a view was refused, by source and view.
         problem: why views can't be logged now; empty while they can.
     """
@@ -67,15 +68,22 @@ class Keeper:
         self._waiting: dict[ViewKey, Perceived] = {}
         self._events: list[StoredEvent] = []
         self._number = 0  # of the newest view taken, in the log
-        self._logged = (0, 0)  # views and bytes since the last snapshot
+        self._logged = (0, 0)  # views taken and bytes logged since the last snapshot
         self._again_s = 0.0
         self._saving: threading.Thread | None = None
-        self._restored = self._store is None or self._restore(self._store)
+        self._restored = False
+        self._bare = False  # the file is new and lacks what the maps hold
+        self._ready()
+
+    @property
+    def held_up(self) -> bool:
+        """Whether views wait for the file: no more should be brought."""
+        return bool(self._waiting and self.problem)
 
     def take(self, arrived: Iterable[Perceived]) -> None:
         """Logs views, has the maps take them in their canonical order, and saves a snapshot if one is due."""
         for perceived in arrived:
-            if perceived.view is not None or perceived.fault or not self._holds(perceived.key):
+            if self._is_news(perceived):
                 self._waiting[perceived.key] = perceived
         if self._waiting and time.monotonic() >= self._again_s and self._ready():
             batch = sorted(self._waiting.values(), key=lambda p: (p.header.stamp_ns, p.key))
@@ -93,21 +101,25 @@ class Keeper:
 
     def close(self) -> None:
         """Ends a snapshot that is being written, and closes the file."""
-        if self._saving is not None:
-            self._saving.join()
+        self._end_saving()
         if self._store is not None:
             self._store.close()
 
     # --- views ----------------------------------------------------------------------------------------------------
 
-    def _holds(self, key: ViewKey) -> bool:
-        kind, _, name = key[0].partition("/")
-        return key in self._waiting or (kind == "camera" and key[1] in self.views.get(name, set()))
+    def _is_news(self, perceived: Perceived) -> bool:
+        """Whether a view must be logged: not a camera's that the maps took, nor a fault that it had before."""
+        key, fault = perceived.key, perceived.fault
+        if fault and key[0].startswith("camera/") and self.troubles.get(key) == _trouble(perceived, fault):
+            self._node.reject(f"view.{fault.partition(':')[0]}", f"{key[0]} view {key[1]}: {fault}")
+            return False
+        held = bool(perceived.digest) and key[0].startswith("camera/") and self.digests.get(key) == perceived.digest
+        return bool(fault) or (perceived.view is not None and not held)
 
     def _take(self, number: int, perceived: Perceived, *, again: bool = False) -> None:
         """Has the maps take a view. ``again``: after a restart, when what is wrong with it was said before."""
         source, view = perceived.key
-        refused, floor = perceived.fault, ""
+        refused, floor, done = perceived.fault, "", None
         events: tuple[Happened, ...] = ()
         if perceived.view is not None:
             try:
@@ -121,13 +133,15 @@ class Keeper:
                 refused, floor = str(error), self._floor_of(perceived, error.name)
         if refused and not again:
             self._node.reject(f"view.{refused.partition(':')[0]}", f"{source} view {view}: {refused}")
-        self._note(perceived, floor, refused)
+        self._note(perceived, floor, refused, taken=done is not None)
         self._number = number
-        self._logged = self._logged[0] + 1, self._logged[1] + len(perceived.payload)
+        # what was refused buys no snapshot, but its bytes do: the log is bounded
+        views, n_bytes = self._logged
+        self._logged = views + (done is not None), n_bytes + len(perceived.payload) + _ROW_BYTES
         if self._store is not None:
             self._events += [_stored(number, k, floor, happened) for k, happened in enumerate(events)]
 
-    def _note(self, perceived: Perceived, floor: str, refused: str) -> None:
+    def _note(self, perceived: Perceived, floor: str, refused: str, *, taken: bool) -> None:
         """What the maps now hold; a refused view counts as held, empty."""
         kind, _, name = perceived.key[0].partition("/")
         header = perceived.header
@@ -137,12 +151,11 @@ class Keeper:
             self.robots[name] = HeldRobot(floor, header.seq, header.stamp_ns)
         else:
             self.views.setdefault(name, set()).add(perceived.key[1])
-            if perceived.digest:
+            if taken and perceived.digest:
                 self.digests[perceived.key] = perceived.digest
         self.troubles.pop(perceived.key, None)
         if refused:
-            which = header.seq if kind == "robot" else perceived.key[1]
-            self.troubles[perceived.key] = f"view {which} of {perceived.key[0]} was refused: {refused}"
+            self.troubles[perceived.key] = _trouble(perceived, refused)
 
     def _floor_of(self, perceived: Perceived, fault: str) -> str:
         """The storey that a refused view was taken on, "" if unknown."""
@@ -154,9 +167,11 @@ class Keeper:
     # --- the file -------------------------------------------------------------------------------------------------
 
     def _ready(self) -> bool:
-        """Whether everything that was held before the last restart is held again."""
-        self._restored = self._restored or self._store is None or self._restore(self._store)
-        return self._restored
+        """Whether everything that was held before the last restart is held again, by the maps and by the file."""
+        if self._store is None:
+            return True
+        self._restored = self._restored or self._restore(self._store)
+        return self._restored and self._furnished(self._store)
 
     def _log(self, batch: list[Perceived]) -> list[int] | None:
         """Commits views; returns their numbers, or None if that can't be done now."""
@@ -190,7 +205,8 @@ class Keeper:
         views, n_bytes = self._logged
         enough = views >= self._settings.snapshot_views or n_bytes >= self._settings.snapshot_mb << 20
         busy = self._saving is not None and self._saving.is_alive()
-        return enough and self._store is not None and not busy and not self._events
+        safe = self._store is not None and self._restored and not self._bare
+        return enough and safe and not busy and not self._events
 
     def _snapshot(self) -> None:
         """Copies the maps now and saves them beside the loop."""
@@ -215,8 +231,12 @@ class Keeper:
         assert self._store is not None
         try:
             self._store.save(pack(state), up_to)
-        except StoreError as error:  # the log goes on from the one before
-            self._node.warn_seldom("a snapshot can't be written", error=str(error))
+        except Exception as error:  # the log goes on from the one before
+            self._node.warn_seldom("a snapshot can't be written", error=f"{type(error).__name__}: {error}")
+
+    def _end_saving(self) -> None:
+        if self._saving is not None:
+            self._saving.join()
 
     def _restore(self, store: Store) -> bool:
         """Takes up what the file holds; False: it can't be read now. What can't be used is said and set aside."""
@@ -239,20 +259,32 @@ class Keeper:
         return True
 
     def _begin_anew(self, store: Store, name: str, message: str) -> bool:
-        """Sets a file aside that is of no use any more; the maps go into the new one before anybody is told of them."""
+        """Sets a file aside that is of no use any more; the maps go into the new one before any view."""
+        self._end_saving()  # into the old file
         try:
             aside = store.set_aside(name)
-            self._node.log.warning(f"store_{name}", error=message, moved_to=str(aside), revision=self.joint.revision)
-            self._number = 0
-            if self.joint.revision:
-                store.save(pack(self._frozen()), 0)
         except StoreError as error:
             self._hold_up(error)
             return False
+        self._node.log.warning(f"store_{name}", error=message, moved_to=str(aside), revision=self.joint.revision)
+        self._number = 0
+        self._bare = bool(self.joint.revision or self.robots or self.views)
+        return True
+
+    def _furnished(self, store: Store) -> bool:
+        """Whether the file holds what the maps held when it was begun anew."""
+        if self._bare:
+            try:
+                store.save(pack(self._frozen()), 0)
+            except StoreError as error:
+                self._hold_up(error)
+                return False
+            self._bare = False
         return True
 
     def _load(self, store: Store) -> None:
         """The newest snapshot that can be read."""
+        damaged = []
         for up_to, data in store.snapshots():
             try:
                 if data is None:
@@ -264,7 +296,8 @@ class Keeper:
                 held = state["held"]
                 self.robots = {name: HeldRobot(*fields) for name, fields in held["robots"].items()}
                 self.views = {name: set(views) for name, views in held["views"].items()}
-                self.digests = {(source, view): digest for source, view, digest in held["digests"]}
+                self.digests.clear()
+                self.digests.update({(source, view): digest for source, view, digest in held["digests"]})
                 self.troubles = {(source, view): why for source, view, why in held["troubles"]}
                 self._number = up_to
                 return
@@ -272,6 +305,11 @@ class Keeper:
                 if error.name != "corrupt":
                     raise
                 self._node.log.warning("snapshot_corrupt", up_to=up_to, error=str(error))
+                damaged.append(up_to)
+        first = next((number for number, _ in store.log(0)), 0 if damaged else 1)
+        if first != 1 or 0 in damaged:  # the next snapshots take the place of what somebody may still repair
+            aside = store.set_aside("snapshots_lost", copy=True)
+            self._node.log.warning("snapshots_lost", log_begins_at=first, copied_to=str(aside))
 
     def _replay(self, store: Store) -> None:
         """The views logged since."""
@@ -302,6 +340,12 @@ def _perceived(entry: Entry) -> Perceived:
     view = decode_frame(header, entry.payload)
     perception = perception_from_wire(_REPLY.decode(entry.reply), header.camera) if entry.reply else None
     return Perceived(key, header, view, perception, entry.payload, entry.reply, entry.digest)
+
+
+def _trouble(perceived: Perceived, fault: str) -> str:
+    source, view = perceived.key
+    which = perceived.header.seq if source.startswith("robot/") else view
+    return f"view {which} of {source} was refused: {fault}"
 
 
 def _stored(number: int, k: int, floor: str, happened: Happened) -> StoredEvent:

@@ -11,6 +11,7 @@ import math
 import queue
 import threading
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import msgspec
@@ -60,14 +61,14 @@ class _Lane:
 class Perceiver:
     """Views in by ``submit``, out by ``robots`` and ``cameras``."""
 
-    def __init__(self, node: Node, settings: FusionSettings, digests: dict[ViewKey, bytes]) -> None:
-        """``digests``: of the cameras' views that the maps hold."""
+    def __init__(self, node: Node, settings: FusionSettings, digests: Mapping[ViewKey, bytes]) -> None:
+        """``digests``: of the cameras' views that the maps hold, kept up to date by their keeper."""
         self._node, self._settings = node, settings
         self._workers = node.table(PERCEPTION_LOAD)
         self._lock = threading.Condition()
         self._robots = _Lane(queue.Queue(maxsize=8))
         self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
-        self._digests = dict(digests)
+        self._digests = digests
         self._texts: OrderedDict[tuple[str, str], bytes] = OrderedDict()
         node.alive("perception")  # the first call starts watching
         for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
@@ -177,7 +178,6 @@ class Perceiver:
                 if self._node.stopping.is_set() or key in lane.waiting:
                     return None
         lane.problem = ""
-        self._digests[key] = digest.digest()
         return Perceived(key, header, view, perception, frame.payload, reply, digest.digest())
 
     def _ask(self, frame: Received[FrameHeader]) -> tuple[bytes, ViewPerception]:

@@ -67,12 +67,14 @@ class FusionService:
             if fault := self._sources.wrong_intrinsics(header):
                 finished.append(Perceived((header.source, header.view), header, fault=fault))
                 continue
-            if header.source.startswith("robot/") and len(self._waiting_on) < _MAX_FLOORS:
+            room = header.floor in self._waiting_on or len(self._waiting_on) < _MAX_FLOORS
+            if header.source.startswith("robot/") and room:
                 x_m, y_m, z_m = header.T_world_camera.translation_m
                 self._waiting_on[header.floor] = _Place(x_m, y_m, z_m - header.mounting_offset_m)
             self._perceiver.submit(frame)
         # robots first; cameras' views in slices, so that a robot never waits for many
-        finished += self._perceiver.robots() or self._perceiver.cameras(self._settings.camera_views_per_step)
+        if not self._keeper.held_up:  # else they wait where there is room for few
+            finished += self._perceiver.robots() or self._perceiver.cameras(self._settings.camera_views_per_step)
         # joint maps: logged, then taken, then told of
         self._keeper.take(finished)
         self._publish()
@@ -206,7 +208,10 @@ class FusionService:
             history = self._keeper.history(record.floor, record.id)
         except StoreError as error:
             raise Refused("store_down", f"the whole history can't be read: {error}") from error
-        return record if history is None else msgspec.structs.replace(record, history=history)
+        # after trouble with the file, or once its oldest events went, the record may know more
+        if not history or (record.history and record.history[0] not in history):
+            return record
+        return msgspec.structs.replace(record, history=history)
 
     def _revisions(self, request: Request) -> list[Answer]:
         floor = request.ids.get("floor")

@@ -17,6 +17,7 @@ from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
 from surveilnav.runtime import Node, Received, Slot, clock_ns
 
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
+_MAX_SEQ, _MAX_STAMP_NS = 2**53, 2**62  # beyond, no store, map or reader in JavaScript can hold it
 _REFRESH_S = 0.1
 
 
@@ -40,6 +41,7 @@ class Sources:
         self._node, self._settings, self._config = node, settings, config
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
+        node.alive("robot")  # the first call starts watching
         self._robots: dict[str, Slot[FrameHeader]] = {}
         self._newest = {robot: (h.seq, h.stamp_ns) for robot, h in held.items()}
         self._invocation = Invocation()
@@ -59,8 +61,13 @@ class Sources:
         return [*self._robot_frames(), *self._camera_frames()], dropped
 
     def _follow_robots(self) -> None:
-        for row in self._statuses.rows(max_age_s=self._settings.robot_timeout_s):
-            robot = row.ids["robot"]
+        here = {row.ids["robot"] for row in self._statuses.rows(max_age_s=self._settings.robot_timeout_s)}
+        for robot in sorted(set(self._robots) - here - self._node.alive("robot")):  # silent and gone: its place is free
+            self._robots.pop(robot).close()
+            self._floor_z_m.pop(robot, None)
+            self._newest.pop(robot, None)
+            self._node.log.info("forgets a robot", robot=robot)
+        for robot in sorted(here):
             if robot not in self._robots and len(self._robots) < _MAX_ROBOTS:
                 self._robots[robot] = self._node.slot(ROBOT_OBSERVATION, robot=robot)
                 self._node.log.info("follows a robot", robot=robot)
@@ -92,8 +99,14 @@ class Sources:
         return frames
 
     def _belongs(self, frame: Received[FrameHeader], source: str, view: int) -> bool:
-        """Whether a frame says of itself what its key says, and names a floor that a key can hold."""
+        """Whether a frame says of itself what its key says, and its floor and numbers are such as can be kept."""
         header = frame.message
+        if not (0 <= header.seq < _MAX_SEQ and 0 <= header.stamp_ns < _MAX_STAMP_NS):
+            said = f"seq {header.seq}, stamp_ns {header.stamp_ns}"
+            self._node.reject(
+                "frame.bad_number", f"expected numbers below 2^53 and 2^62, {source} view {view} says {said}"
+            )
+            return False
         try:
             self._node.key(MAP_REVISION, floor=header.floor)
         except ValueError as error:
@@ -128,6 +141,8 @@ class Sources:
         )  # fmt: skip
         active = self._invocation.active
         for name in active:
+            if name not in infos:  # it lingers: nobody says of it any more what it is
+                continue
             if name in self.cameras:
                 self.cameras[name].info = infos[name]
             elif len(self.cameras) < _MAX_CAMERAS:
@@ -141,7 +156,9 @@ class Sources:
 
     def _listen(self, info: CameraInfo, now_s: float) -> None:
         try:
-            views = [v.view for v in info.views][:_MAX_VIEWS]
+            views = sorted({v.view for v in info.views})
+            if any(not 0 <= view < _MAX_VIEWS for view in views):
+                raise ValueError(f"{info.camera}: expected views from 0 to {_MAX_VIEWS - 1}, got {views[:99]}")
             place = {"floor": info.floor, "camera": info.camera}
             slots = {view: self._node.slot(CAMERA_FRAME, **place, view=view) for view in views}
         except ValueError as error:

@@ -8,6 +8,7 @@ system when a committed view reaches the disk, so a power cut may take the last 
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 import threading
 import zlib
@@ -15,6 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -172,15 +174,22 @@ class Store:
             whole = len(pieces) == n_pieces and zlib.crc32(data) == checksum
             yield up_to, data if whole else None
 
-    def set_aside(self, reason: str) -> Path:
-        """Moves the file out of the way, and in the place of what was moved so before; returns where to. StoreError."""
+    def set_aside(self, reason: str, *, copy: bool = False) -> Path:
+        """Moves or copies the file out of the way, in the place of what went there before; returns where to. StoreError."""
         self.close()
         aside = self.path.with_name(f"{self.path.name}.{reason}")
         try:
+            if self.path.exists():  # SQLite would read the old file's log with the new one
+                for ending in ("-wal", "-shm"):
+                    aside.with_name(aside.name + ending).unlink(missing_ok=True)
             for ending in ("", "-wal", "-shm"):
                 old = self.path.with_name(self.path.name + ending)
                 if old.exists():
-                    old.replace(aside.with_name(aside.name + ending))
+                    new = aside.with_name(aside.name + ending)
+                    if copy:
+                        shutil.copy(old, new)
+                    else:
+                        old.replace(new)
         except OSError as error:
             raise StoreError("unwritable", f"{self.path} can't be moved aside: {error}") from error
         return aside
@@ -218,6 +227,7 @@ class Store:
     def _open(self) -> sqlite3.Connection:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         db = sqlite3.connect(self.path, timeout=10.0, isolation_level=None, check_same_thread=False)
+        db.text_factory = bytes  # text that is damaged must not look like a disk that can't be read
         try:
             for pragma in ("journal_mode=WAL", "synchronous=NORMAL", f"journal_size_limit={64 << 20}"):
                 db.execute(f"PRAGMA {pragma}")
@@ -237,10 +247,11 @@ class Store:
 _EVENT = msgspec.msgpack.Decoder(ObjectEvent)
 
 
-def _entry(fields: list[object], checksum: int) -> Entry | None:
+def _entry(fields: list[Any], checksum: int) -> Entry | None:
     """A row of the log; None if its bytes aren't those that were written."""
     try:
-        entry = Entry(*fields)  # type: ignore[arg-type]
+        source, view, header, payload, reply, digest, fault = fields
+        entry = Entry(source.decode(), view, header, payload, reply, digest, fault.decode())
         return entry if entry.checksum == checksum else None
-    except (TypeError, AttributeError):
+    except (TypeError, AttributeError, UnicodeDecodeError):
         return None

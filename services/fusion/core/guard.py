@@ -40,6 +40,7 @@ ViewFault = Literal[
     "no_depth", "pose_jump", "time_backwards", "intrinsics_changed", "embedding_length", "out_of_map",
     "too_many_floors",
 ]  # fmt: skip
+_MOST_MISSED = 2**53  # what every reader of a snapshot can hold
 _RIGID = 1e-3  # of a rotation's R^T R - 1 and determinant; quaternions on the wire are normalised
 
 
@@ -143,10 +144,14 @@ class Guard:
         if last is not None and _repeats(last, now, view.is_robot):
             return False
         self._count_missed(view)
-        fault = self._fault(last, now)
-        believed = doubted is not None and not _repeats(doubted, now, view.is_robot) and not self._fault(doubted, now)
+        fault = self._fault(last, now, view.is_robot)
+        believed = (
+            doubted is not None
+            and not _repeats(doubted, now, view.is_robot)
+            and not self._fault(doubted, now, view.is_robot)
+        )
         if fault is not None and not believed:
-            if len(self._doubted) < self._config.max_sources:
+            if key in self._doubted or len(self._doubted) < self._config.max_sources:
                 self._doubted[key] = now
             raise fault
         if not _any_depth(view.depth_m):
@@ -171,11 +176,11 @@ class Guard:
             return
         heard = self._heard.get(view.source, view.seq)
         if view.seq > heard + 1:
-            self.missed[view.source] = self.missed.get(view.source, 0) + view.seq - heard - 1
+            self.missed[view.source] = min(self.missed.get(view.source, 0) + view.seq - heard - 1, _MOST_MISSED)
         if view.source in self._heard or len(self._heard) < self._config.max_sources:
             self._heard[view.source] = view.seq
 
-    def _fault(self, last: Track | None, now: Track) -> ViewError | None:
+    def _fault(self, last: Track | None, now: Track, is_robot: bool) -> ViewError | None:
         """Why ``now`` can't follow ``last``."""
         if last is None:
             return None
@@ -184,8 +189,9 @@ class Guard:
             return ViewError("time_backwards", f"it was taken {back_s:.3f} s before the last one (view {last.seq})")
         if now.intrinsics != last.intrinsics:
             return ViewError("intrinsics_changed", f"the last one had {last.intrinsics}, this has {now.intrinsics}")
-        restarted = now.seq < last.seq  # and newer: it may stand anywhere
-        climbed = now.floor != last.floor or abs(now.floor_z_m - last.floor_z_m) > self._config.climb_m
+        # counting anew, and newer: it may stand anywhere (a camera's first picture is often its only one)
+        restarted = now.seq < last.seq or (now.seq == last.seq and not is_robot)
+        climbed = abs(now.floor_z_m - last.floor_z_m) > self._config.climb_m  # a new name alone is none
         limit_m = self._config.max_step_m * max(1, now.seq - last.seq)
         moved_m = math.dist((now.pose[3], now.pose[7]), (last.pose[3], last.pose[7]))
         if moved_m > limit_m and not restarted and not climbed:

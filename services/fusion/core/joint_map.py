@@ -19,6 +19,7 @@ from surveilnav.geometry import Grid
 from surveilnav.messages.maps import DEFAULT_LAYERS, ObjectRecord
 from surveilnav.sensing.views import PosedView, ViewPerception
 
+_MAX_NAMES = 256  # of storeys: a robot may say what it likes
 _LEVEL_M = 0.1  # of altitude: within this a robot stays on one level
 
 
@@ -105,6 +106,7 @@ class JointMap:
         except ValueError as error:
             self._forget_if_new(storey)
             raise ViewError("out_of_map", str(error)) from error
+        self._remember_name(view, storey)
         self.revision += 1
         storey.geometry.revision = self.revision
         self._walk_on(view, storey.geometry.floor)
@@ -120,9 +122,15 @@ class JointMap:
     def _forget_if_new(self, storey: _Storey) -> None:
         """Takes back a storey that only a refused view made."""
         if storey.geometry.revision == 0:
-            name = storey.geometry.floor
-            self._storeys.pop(name, None)
-            self._name_of = {said: known for said, known in self._name_of.items() if known != name}
+            self._storeys.pop(storey.geometry.floor, None)
+
+    def _remember_name(self, view: PosedView, storey: _Storey) -> None:
+        """What the source of a view that was taken calls its storey; on a stair its name means nothing yet."""
+        name = storey.geometry.floor
+        if storey.geometry.revision == 0:
+            self._name_of[name] = name  # whatever was called so before
+        if self.storey_at(view.floor_z_m) == name and len(self._name_of) < _MAX_NAMES:
+            self._name_of.setdefault(view.floor, name)
 
     def layer(
         self, floor: str, name: str, text_embedding: NDArray[np.floating] | None = None
@@ -209,7 +217,6 @@ class JointMap:
                     "too_many_floors", f"a view at {z_m:.1f} m would make more than {most} floors (max_floors)"
                 )
             self._open(name, z_m, (float(view.T_world_camera[0, 3]), float(view.T_world_camera[1, 3])))
-        self._name_of.setdefault(view.floor, name)
         return self._storeys[name]
 
     def _climbs(self, view: PosedView) -> bool:
@@ -240,7 +247,6 @@ class JointMap:
         self._storeys[name] = _Storey(
             FloorMap(name, z_m, centre_m, c.map), ValueMap(c.value), ObjectMap(name, c.map.voxel_m, c.objects)
         )
-        self._name_of[name] = name  # whatever was called so before
 
     @classmethod
     def unseen(cls, floor: str, z_m: float, centre_m: tuple[float, float], config: FusionConfig) -> JointMap:

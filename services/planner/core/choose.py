@@ -21,8 +21,12 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     awake = [
         o for o in objects.targets_of(now.maps.objects, state, config, weak=weak)
         if not memory.is_dormant(state, o.center_m[0], o.center_m[1], config)
-        and (weak or not _is_hard(now, o.center_m[0], o.center_m[1], _way_to(now, o)))
+        and (weak or (not _wavers(now, o) and not _is_hard(now, o.center_m[0], o.center_m[1], _way_to(now, o))))
     ]  # fmt: skip
+    held = state.commitment
+    on_the_way = held is not None and held.object_id is not None and not held.last_resort
+    if on_the_way and not any(_is_committed(state, o, config) for o in awake):
+        _note_wavering(state)
     if not awake:
         return None
 
@@ -33,8 +37,8 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     confirmed = [o for o in awake if objects.is_confirmed(o, state.target)]
     pool = confirmed or awake
     best = max(pool, key=score)
-    held = next((o for o in pool if _is_committed(state, o, config)), None)
-    chosen = held if held is not None and score(best) <= score(held) + config.switch_margin_value else best
+    kept = next((o for o in pool if _is_committed(state, o, config)), None)
+    chosen = kept if kept is not None and score(best) <= score(kept) + config.switch_margin_value else best
     for o in awake:
         kind: Literal["target", "candidate"] = "target" if objects.is_confirmed(o, state.target) else "candidate"
         now.weighed.append(Candidate(kind, o.center_m[0], o.center_m[1], score(o), o is chosen, o.reason[:120], o.id))
@@ -75,6 +79,21 @@ def _is_committed(state: MissionState, record: ObjectRecord, config: PlannerConf
         return False
     near = math.hypot(record.center_m[0] - held.x_m, record.center_m[1] - held.y_m) < config.same_place_m
     return held.object_id == record.id or near
+
+
+def _note_wavering(state: MissionState) -> None:
+    """The object that the robot was on its way to ceased to be promising."""
+    assert state.commitment is not None
+    assert state.commitment.object_id is not None
+    wavered, object_id = state.here.wavered, state.commitment.object_id
+    wavered[object_id] = wavered.get(object_id, 0) + 1
+    state.commitment = None
+
+
+def _wavers(now: Now, record: ObjectRecord) -> bool:
+    """Whether an unconfirmed object stopped being promising more than once with the robot on its way there: views that
+    disagree must not turn it to and fro."""
+    return not objects.is_confirmed(record, now.state.target) and now.state.here.wavered.get(record.id, 0) > 1
 
 
 def _is_hard(now: Now, x_m: float, y_m: float, way_m: float) -> bool:

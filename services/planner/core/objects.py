@@ -17,6 +17,8 @@ from services.planner.core.terrain import Terrain, clear_lines
 from surveilnav.messages import ObjectRecord
 
 Verdict = Literal["verified", "open", "contradicted"]
+#: An object that the robot is on its way to stays promising down to this share of what made it so.
+_HELD = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +70,9 @@ def targets_of(
         confirmed = is_confirmed(record, state.target)
         if record.status == "confirmed" and not confirmed:
             continue  # surely something else
-        if not (confirmed or weak or relevance(record, state.target) >= config.promising_confidence):
+        held = state.commitment is not None and state.commitment.object_id == record.id
+        enough = config.promising_confidence * (_HELD if held else 1.0)
+        if not (confirmed or weak or relevance(record, state.target) >= enough):
             continue
         if record.id in state.here.dropped:
             continue

@@ -70,7 +70,7 @@ class PlannerConfig:
     reached_m: float = 0.45
     same_place_m: float = 0.5
     dormant_steps: int = 60
-    patience_steps: int = 30
+    patience_steps: int = 20
     scan_turns: int = 12
     sweep_m: float = 2.0
 
@@ -95,5 +95,5 @@ class PlannerConfig:
     floor_visits: int = 3
 
     # getting stuck
-    stuck_steps: int = 30
+    stuck_steps: int = 24
     max_escapes: int = 3

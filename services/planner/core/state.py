@@ -115,6 +115,7 @@ class FloorMemory:
             gaps lead there. ``dropped``: objects judged not to be the
             target, by id: (x, y, why).
         inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
+        wavered: how often an object ceased to be promising while the robot was on its way to it.
         settled_for: the object accepted on weaker evidence because nothing else is left.
         scans: where the robot looked all around.
         stairs_failed: how often a stair of this floor couldn't be reached or taken, by its name.
@@ -131,6 +132,7 @@ class FloorMemory:
     dropped: dict[int, tuple[float, float, str]] = field(default_factory=dict)
     inspected: dict[int, int] = field(default_factory=dict)
     looks: dict[int, int] = field(default_factory=dict)
+    wavered: dict[int, int] = field(default_factory=dict)
     settled_for: int | None = None
     scans: list[tuple[float, float]] = field(default_factory=list)
     stairs_failed: dict[str, int] = field(default_factory=dict)
@@ -143,7 +145,7 @@ class FloorMemory:
         return replace(
             self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps),
             dormant=list(self.dormant), put_off=list(self.put_off), dropped=dict(self.dropped), inspected=dict(self.inspected),
-            looks=dict(self.looks), scans=list(self.scans), stairs_failed=dict(self.stairs_failed),
+            looks=dict(self.looks), wavered=dict(self.wavered), scans=list(self.scans), stairs_failed=dict(self.stairs_failed),
         )  # fmt: skip
 
 

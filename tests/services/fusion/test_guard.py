@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from services.fusion.core import FusionConfig, JointMap, MapConfig
+from services.fusion.core.config import GuardConfig
 from services.fusion.core.guard import ViewError
 from services.fusion.core.snapshot import pack
 from surveilnav.geometry import Pinhole
@@ -203,3 +204,52 @@ def test_an_episodes_stamps_pass(world, tools):
         assert view.stamp_ns == i
         assert joint.accept(view, tools.seen()) is not None
     assert joint.revision == 18
+
+
+def test_a_camera_that_was_restarted_or_moved_is_believed(seen_some, world):
+    def sees(x, seq, stamp_ns):
+        view = world.view(x, 3, -2.4, -0.5, height=1.8, source="camera/c", seq=seq)
+        return seen_some.accept(replace(view, stamp_ns=stamp_ns), None)
+
+    assert sees(5, 1, 10) is not None
+    assert sees(1, 1, 20) is not None  # it counts from 1 again, and hangs elsewhere
+    assert sees(1, 1, 20) is None
+    with pytest.raises(ViewError, match="pose_jump"):
+        sees(5, 2, 30)
+    assert sees(5, 3, 40) is not None
+
+
+def test_no_number_is_missed_so_often_that_it_cannot_be_kept(seen_some, world):
+    for seq in (2**64 - 1, 5, 2**64 - 1):
+        view = spoil_pose(world.view(2.6, 2, 0.4, seq=seq), lambda T: set_at(T, (0, 3), 2.6))
+        seen_some.guard._count_missed(view)
+    assert seen_some.guard.missed == {"robot/r": 2**53}
+    assert pack(seen_some.guard.missed)
+
+
+def test_another_floor_name_alone_is_no_stair(seen_some, world):
+    view = replace(world.view(2.6, 2, 0.4, seq=4, floor="7"), stamp_ns=4 * 10**9)
+    with pytest.raises(ViewError, match="pose_jump"):
+        seen_some.accept(spoil_pose(view, lambda T: set_at(T, (0, 3), T[0, 3] + 4)), None)
+    assert seen_some.accept(view, None) is not None
+
+
+def test_a_full_memory_of_doubts_is_kept_up_to_date(world):
+    joint = JointMap(FusionConfig(guard=GuardConfig(max_sources=1)))
+    joint.accept(world.view(1, 2, 0, seq=1), None)
+    for seq, x in ((2, 5.0), (3, -9.0)):
+        with pytest.raises(ViewError, match="pose_jump"):
+            joint.accept(world.view(x, 2, 0, seq=seq), None)
+    assert joint.accept(world.view(-9.0, 2, 0, seq=4), None) is not None  # it stands by the second jump
+
+
+def test_names_come_with_views_that_were_taken_and_are_bounded(seen_some, world):
+    before = dict(seen_some._name_of)
+    for floor_z in (0.0, 2.8):
+        with pytest.raises(ViewError, match="out_of_map"):
+            seen_some.integrate(far_off(world.view(2.6, 2, 0.4, floor="attic", floor_z=floor_z)), None)
+    assert seen_some._name_of == before
+    for i in range(300):
+        seen_some._remember_name(world.view(2.6, 2, 0.4, floor=f"f{i}"), seen_some._storeys["0"])
+    assert len(seen_some._name_of) == 256
+    assert (seen_some.knows("f0"), seen_some.knows("f299")) == (True, False)

@@ -593,3 +593,59 @@ def test_provenance_is_served_line_by_line_with_the_cloud(scene):
     (_, cloud), (header, lines) = scene.layer("cloud"), scene.layer("provenance")
     assert (lines.shape, lines.dtype) == ((len(cloud), 3), np.int64)
     assert {tuple(header.source_sets[i]) for i in lines[:, 0]} == {("robot/r",)}
+
+
+def test_a_camera_that_was_moved_is_looked_through_again(scene, world):
+    """Its new place is doubted once; the same picture, said again, is looked at again and believed."""
+    worker, camera = scene.worker(), scene.camera()
+    scene.start(resend_after_s=60.0)
+    scene.robot.observe()
+    until(lambda: camera.invoked)
+    camera.send(0)
+    until(lambda: (r := scene.revision()) and r.revision == 2)
+    moved = {"height": 1.8, "source": "camera/c", "view": 0}
+    for seq, revision in ((2, 2), (3, 3)):
+        camera.views[0] = world.view(1.0, 1.0, 0.7, -0.5, seq=seq, **moved)
+        camera.encoded.clear()
+        camera.send(0)
+        until(lambda seq=seq: ("camera/c", 0, seq) in worker.seen)
+        until(
+            lambda seq=seq, n=revision: bool(scene.revision().message) == (seq == 2) and scene.revision().revision == n
+        )
+    assert rejected(scene) == {"view.pose_jump": 1}
+
+
+def test_while_the_disk_is_full_views_wait_where_there_is_room_for_few(scene, tmp_path):
+    scene.worker()
+    path = tmp_path / "f.sqlite"
+    path.mkdir()  # nothing that can be written
+    scene.start(store=str(path))
+    scene.robot.observe()
+    until(lambda: scene.service._keeper.held_up)
+    seq = scene.robot.observe(yaw=0.1)
+    until(lambda: scene.service._perceiver._robots.done.qsize() == 1)
+    path.rmdir()
+    until(lambda: scene.holds(seq))
+    assert scene.revision().revision == 2
+
+
+def test_a_store_that_lost_events_does_not_shorten_a_history(scene, tmp_path):
+    scene.worker()
+    scene.start(store=str(tmp_path / "f.sqlite"))
+    for i in range(4):
+        if i == 3:
+            scene.service._keeper._store.set_aside("lost")
+        seq = scene.robot.observe(yaw=0.02 * i)
+        until(lambda seq=seq: scene.holds(seq))
+    (known,) = scene.client.ask(contract.OBJECTS, floor="0").message.objects
+    (whole,) = scene.client.ask(contract.OBJECTS, floor="0", parameters={"object": str(known.id)}).message.objects
+    assert whole.history == known.history
+    assert [e.seq for e in whole.history if e.what in ("created", "matched")] == [1, 2, 3, 4]
+
+
+def test_where_a_robot_stands_is_followed_on_the_last_floor_that_there_is_room_for(scene, monkeypatch):
+    monkeypatch.setattr("services.fusion.service._MAX_FLOORS", 1)
+    scene.start()
+    for x in (1.0, 1.5):
+        scene.robot.observe(x=x)
+        until(lambda x=x: (p := scene.service._waiting_on.get("0")) and p.x_m == pytest.approx(x))

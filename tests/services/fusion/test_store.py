@@ -211,7 +211,10 @@ def test_a_damaged_snapshot_costs_time_and_no_view(run, views):
     assert dump(r.keeper.joint) == before
 
 
-@pytest.mark.parametrize("part", ["payload = zeroblob(1000)", "reply = (SELECT reply FROM view WHERE number = 1)"])
+@pytest.mark.parametrize("part", [
+    "payload = zeroblob(1000)", "reply = (SELECT reply FROM view WHERE number = 1)", "source = CAST(x'ff' AS TEXT)",
+    "fault = CAST(x'80' AS TEXT)",
+])  # fmt: skip
 def test_a_damaged_view_is_said_and_costs_that_view(run, tools, tmp_path, part):
     r = run()
     r.take(1, 2, 3, 4)
@@ -357,3 +360,169 @@ def test_a_file_that_breaks_while_it_is_used_is_replaced_without_loss(run):
     r.close()
     assert dump(r.start().joint) == before
     assert r.keeper.robots["r"].seq == 3
+
+
+# --- files that are begun anew --------------------------------------------------------------------------------------
+
+
+def broken(name: str, calls: list[str] | None = None):
+    def fail(*_):
+        if calls is not None:
+            calls.append(name)
+        raise StoreError(name, "made to fail")
+
+    return fail
+
+
+def test_a_new_file_takes_no_view_before_it_holds_the_maps(run):
+    r = run()
+    r.take(1, 2)
+    store, tried = r.keeper._store, []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "append", broken("corrupt"))
+        patch.setattr(store, "save", broken("unwritable", tried))
+        r.take(3)
+        patch.setattr(store, "append", type(store).append.__get__(store))  # the new file can be written, but is full
+        r.take(4)
+        r.take(5)
+        assert (r.keeper.joint.revision, r.keeper.robots["r"].seq, store.log_size()[0]) == (2, 2, 0)
+        assert r.keeper.held_up
+        assert tried
+    r.keeper.take([])
+    assert (r.keeper.robots["r"].seq, r.keeper.problem) == (5, "")
+    before = dump(r.keeper.joint)
+    r.close()
+    assert dump(r.start().joint) == before
+
+
+def test_nor_at_the_start(run):
+    r = run()
+    r.take(1, 2)
+    r.close()
+
+    def torn(store, after):
+        entries = whole(store, after)
+        yield next(entries)
+        raise StoreError("corrupt", "made to fail")
+
+    whole = Store.log
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Store, "log", torn)
+        patch.setattr(Store, "save", broken("unwritable"))
+        r.start()
+        patch.setattr(Store, "log", whole)
+        r.take(3)
+        assert (r.keeper.joint.revision, r.keeper.robots["r"].seq) == (1, 1)
+    r.keeper.take([])
+    assert (r.keeper.joint.revision, r.keeper.robots["r"].seq) == (2, 3)
+    before = dump(r.keeper.joint)
+    r.close()
+    assert dump(r.start().joint) == before
+
+
+def test_a_snapshot_that_is_being_written_ends_in_the_file_it_was_begun_for(run):
+    r = run()
+    r.take(1, 2)
+    store, moved, where = r.keeper._store, threading.Event(), []
+    real_save, real_aside = store.save, store.set_aside
+
+    def slowly(*what):
+        where.append(moved.wait(0.5))
+        real_save(*what)
+
+    def aside(*what, **how):
+        moved.set()
+        return real_aside(*what, **how)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "save", slowly)
+        patch.setattr(store, "set_aside", aside)
+        r.keeper._snapshot()
+        patch.setattr(store, "append", broken("corrupt"))
+        r.take(3)
+    assert where == [False]
+
+
+def test_a_snapshot_that_cannot_be_made_is_said(run):
+    r = run()
+    r.keeper._save({"what": 2**70}, 1)
+    assert r.node.said == ["a snapshot can't be written"]
+
+
+@pytest.mark.parametrize("when", ["pruned", "begun anew"])
+def test_lost_snapshots_are_kept_for_whoever_can_repair_them(run, when):
+    r = run(snapshot_views=4 if when == "pruned" else 100)
+    for seq in range(1, 12):
+        r.take(seq)
+        r.keeper._saving and r.keeper._saving.join()
+    if when == "begun anew":
+        r.keeper._begin_anew(r.keeper._store, "corrupt", "made to fail")
+        r.take(12)
+    r.close()
+    corrupt(r.path, "UPDATE piece SET data = zeroblob(100)")
+    r.start()
+    assert "snapshots_lost" in r.node.said
+    copy = Store(r.path.with_name("fusion.sqlite.snapshots_lost"))
+    assert [data for _, data in copy.snapshots()] == [None] * (2 if when == "pruned" else 1)
+    copy.close()
+    assert 0 < r.keeper.joint.revision < 11  # what the log still holds
+    r.take(20)
+    r.close()
+    assert r.start().robots["r"].seq == 20
+
+
+def test_no_older_log_lies_beside_a_file_set_aside(tmp_path):
+    store = Store(tmp_path / "s.sqlite")
+    store.append([Entry("robot/r", 0, b"h")])
+    stale = tmp_path / "s.sqlite.corrupt-wal"
+    stale.write_bytes(b"of an older file")
+    assert store.set_aside("corrupt").exists()
+    assert not stale.exists()
+    store.close()
+
+
+# --- what is held ---------------------------------------------------------------------------------------------------
+
+
+def faulty(r, seq: int, source: str) -> Perceived:
+    return Perceived((source, 0), r.view(seq, source).header, fault="unreadable: made so")
+
+
+def test_what_is_of_no_use_buys_no_snapshot_and_is_logged_when_it_changes(run):
+    r = run(snapshot_views=2)
+    for seq in range(1, 6):
+        r.keeper.take(
+            [faulty(r, seq, "camera/c"), faulty(r, seq, "robot/r"), r.view(seq, x=1.0 if seq == 1 else 20.0 * seq)]
+        )
+    for seq in range(1, 6):
+        r.keeper.take([faulty(r, seq, "camera/c")])
+    entries = [e for _, e in r.keeper._store.log(0)]
+    assert len([e for e in entries if e.source == "camera/c"]) == 1
+    assert r.node.rejected.count("view.unreadable") >= 10
+    assert r.keeper.joint.revision == 1
+    assert (r.keeper._saving, r.keeper.robots["r"].seq) == (None, 5)
+    r.keeper.take([r.view(6, "camera/c")])
+    assert r.keeper._saving is not None
+
+
+def test_only_what_the_maps_took_need_not_be_looked_at_again(run, tmp_path):
+    r = run()
+    camera = "camera/c"
+    r.keeper.take([r.view(1, camera)])
+    r.keeper.take([r.view(2, camera, x=4.0)])  # it was moved
+    assert r.keeper.digests == {(camera, 0): bytes([1]) * 16}
+    assert r.node.rejected == ["view.pose_jump"]
+    r.keeper.take([r.view(3, camera, x=4.0)])  # and stands by it
+    assert r.keeper.digests == {(camera, 0): bytes([3]) * 16}
+    assert (r.keeper.joint.revision, r.keeper.troubles) == (2, {})
+    r.keeper.take([r.view(3, camera, x=4.0)])
+    assert r.keeper._store.log_size()[0] == 3
+    r.close()
+    away = r.path.rename(tmp_path / "away")
+    r.path.mkdir()
+    perceivers = r.start().digests
+    assert perceivers == {}
+    r.path.rmdir()
+    away.rename(r.path)
+    r.take(1)
+    assert perceivers == {(camera, 0): bytes([3]) * 16}

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -15,6 +17,18 @@ from services.planner.core.terrain import build_terrain, coarse_arrival_m
 from surveilnav.geometry import Grid
 
 CONFIG = PlannerConfig()
+HALL = """
+##########################
+#                        #
+#                        #
+#  R                 CC  #
+#                    CC  #
+#                        #
+##########      ##########
+#                        #
+#                        #
+##########################
+"""
 GRID = Grid(0.0, 0.0, 0.05, 200, 200)
 HERE = RobotView(0, 5.0, 1.0, 0.0, 0.0, "0", False, None, 0.0)
 
@@ -129,6 +143,22 @@ def test_confirmed_comes_first_and_dropped_stays_out(make_record):
     assert [o.id for o in targets_of([a, b, again], state, CONFIG)] == [1]
     seen = make_record(id=3, at=(3.1, 3), label_robot="chair", confidence_robot=0.8)
     assert [o.id for o in targets_of([seen], state, CONFIG)] == [3]
+
+
+@pytest.mark.parametrize("low", [0.2, 0.1])
+def test_views_that_disagree_do_not_turn_the_robot_to_and_fro(world, thing, low):
+    """A candidate that is promising in every other view: the robot is on its way to it or it isn't."""
+    w = world(HALL, {"C": thing("chair", known={"label": "chair", "confidence": 0.3})})
+    objects = w.objects
+
+    def wavering():
+        score = 0.27 if w.seq % 2 else low
+        return [msgspec.structs.replace(o, confidence=score, confidence_surveillance=score) for o in objects()]
+
+    w.objects = wavering
+    phases = []
+    w.run(max_steps=45, watch=lambda m, r, s, d: phases.append(d.phase))
+    assert sum(a != b for a, b in itertools.pairwise(phases)) <= 5, phases
 
 
 ROBOT = {"label_robot": "chair", "confidence_robot": 0.6}
