@@ -42,7 +42,8 @@ def camera(label, score, n=1):
         (near("chair", 0.45, 9), "chair", "candidate"),
         (near("tv", 0.45, 9), "tv", "confirmed"),  # seldom seen wrongly: less is enough
         (near("tv", 0.40, 9), "tv", "candidate"),
-        (near("bed", 0.55, 9), "bed", "candidate"),  # often seen wrongly: more is needed
+        (near("bed", 0.45, 9), "bed", "candidate"),
+        (near("bed", 0.55, 9), "bed", "confirmed"),
         ([("far", "couch", 0.9)] * 9, "couch", "candidate"),
         (camera("couch", 0.8, 2), "couch", "candidate"),
         (camera("couch", 0.8, 3), "couch", "confirmed"),
