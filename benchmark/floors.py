@@ -27,6 +27,7 @@ from surveilnav.errors import SurveilNavError, TargetError
 
 if TYPE_CHECKING:
     from benchmark.episode import Episode
+    from services.planner.core.state import FloorChange
     from surveilnav.building.goals import Goals, Start
     from surveilnav.building.navigation import FloorNavigation, NavigationMap
     from surveilnav.building.simulation import SimulatedBuilding
@@ -58,7 +59,12 @@ def start_on(navigation: NavigationMap, goals: Goals, floor: str, seed: int) -> 
 
 def run_home(home: str, seed: int, targets: Sequence[str], perception: str, max_steps: int, out: Path) -> None:
     """Plays what is missing of one home, and writes the table after every search."""
-    from benchmark.episode import CameraViews, run_episode
+    from benchmark.episode import run_episode
+    from benchmark.policies.mission import Mission
+    from benchmark.policies.policy import Task
+    from benchmark.sight import Sight
+    from services.planner.core import PlannerConfig
+    from services.planner.core.drive import FmmPlanner
     from surveilnav.building.goals import find_goals
     from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
     from surveilnav.perception.choose import choose_backend
@@ -66,7 +72,7 @@ def run_home(home: str, seed: int, targets: Sequence[str], perception: str, max_
     building = SimulatedBuilding(SimulationSettings(building=home, seed=seed))
     building.prepare()
     backend = choose_backend(perception)
-    views = CameraViews(building, backend)
+    sight = Sight(building, backend)
     for target in targets:
         try:
             goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
@@ -78,24 +84,25 @@ def run_home(home: str, seed: int, targets: Sequence[str], perception: str, max_
                 facts = {"building": home, "seed": seed, "target": target, "start": floor, "summaries": arm}
                 if any(key_of(r) == key_of(facts) for r in load(out)):
                     continue
-                episode = run_episode(
-                    building, backend, views, goals, start, max_steps=max_steps, summaries=arm == "with"
-                )
-                append(out, facts | record_of(episode, views.by_floor(), target, backend.name))
+                mission = Mission(Task(target, seed, max_steps, FmmPlanner()), PlannerConfig(), summaries=True)
+                episode = run_episode(sight, goals, start, mission, summaries=arm == "with")
+                append(out, facts | record_of(episode, mission.changes, sight.by_floor(), target, backend.name))
                 cv2.imwrite(
                     str(out / f"{home}-{target}-{floor}-{arm}.png".replace(" ", "_")), picture(building, episode)
                 )
                 (out / "README.md").write_text(table(load(out)))
 
 
-def record_of(episode: Episode, seen: dict[str, dict[str, float]], target: str, perception: str) -> dict[str, Any]:
+def record_of(
+    episode: Episode, changes: Sequence[FloorChange], seen: dict[str, dict[str, float]], target: str, perception: str
+) -> dict[str, Any]:
     """What the table needs of a search."""
     verdict = episode.verdict
     return {
         "perception": perception, "success": verdict.success, "found": episode.found, "reason": episode.reason,
         "message": episode.message, "steps": episode.steps, "path_m": round(verdict.path_m, 2),
         "shortest_path_m": round(verdict.shortest_path_m, 2), "spl": round(verdict.spl, 4), "floors": list(episode.floors),
-        "changes": [{"step": c.step, "floor": c.floor, "to_floor": c.to_floor, "why": c.why} for c in episode.changes],
+        "changes": [{"step": c.step, "floor": c.floor, "to_floor": c.to_floor, "why": c.why} for c in changes],
         "seen": {floor: labels.get(target, 0.0) for floor, labels in seen.items()},
         "summary_bytes": episode.summary_bytes, "camera_bytes": sum(episode.camera_bytes.values()),
         "invoked": sorted(episode.camera_bytes), "seconds": round(episode.seconds, 1),

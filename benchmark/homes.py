@@ -42,7 +42,11 @@ class Job:
 
 def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> int:
     """Runs what is missing of a job; returns how many episodes it ran."""
-    from benchmark.episode import CameraViews, run_episode
+    from benchmark.episode import run_episode
+    from benchmark.policies import policy_of
+    from benchmark.policies.policy import Task
+    from benchmark.sight import Sight
+    from services.planner.core.drive import FmmPlanner
     from surveilnav.building.goals import find_goals, sample_start
     from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
     from surveilnav.perception.choose import choose_backend
@@ -57,7 +61,7 @@ def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> 
         )
     )
     building.prepare()
-    views = CameraViews(building, backend)
+    sight, ours = Sight(building, backend), policy_of("surveilnav")
     parent = os.getppid()
     for target, arm in missing:
         if os.getppid() != parent:
@@ -69,8 +73,8 @@ def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> 
         except TargetError as error:
             append(out, facts | {"skipped": str(error)})
             continue
-        cameras = views if arm == "on" else None
-        episode = run_episode(building, backend, cameras, goals, start, max_steps=job.max_steps)
+        searcher = ours.begin(Task(target, job.seed, job.max_steps, FmmPlanner()))
+        episode = run_episode(sight, goals, start, searcher, surveillance=arm == "on", fusion=ours.fusion)
         verdict = episode.verdict
         append(
             out,
@@ -82,7 +86,7 @@ def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> 
                 "shortest_path_m": round(verdict.shortest_path_m, 2),
                 "distance_m": round(verdict.distance_to_viewpoint_m, 2) if verdict.distance_to_viewpoint_m < 1e6 else None,
                 "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
-                "cameras": len(views.infos), "invoked": sorted(episode.camera_bytes), "robot_bytes": episode.robot_bytes,
+                "cameras": len(sight.infos), "invoked": sorted(episode.camera_bytes), "robot_bytes": episode.robot_bytes,
                 "camera_bytes": sum(episode.camera_bytes.values()), "start_notes": list(start.notes),
                 "seconds": round(episode.seconds, 1),
             },

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.episode import CameraViews, EncodedView, observe
+from benchmark.sight import Sight, Sighted
 from services.robot_node.core import FORWARD_M, TURN_RAD, RobotState
 from surveilnav.building.navigation import NavigationMap
 from surveilnav.building.scene import Scene
@@ -164,23 +164,23 @@ def record(
     """Sees a home: all cameras' views, then a robot's tour. ``on_view(done, of)`` is told."""
     things = things_of(building.scene)
     witness = Witness(backend, things)
-    cameras = CameraViews(building, witness)
+    sight = Sight(building, witness)
     states = states_of(building.navigation, tour)
-    total = sum(len(info.views) for info in cameras.infos) + len(states)
+    total = sum(len(info.views) for info in sight.infos) + len(states)
     seen: list[SeenView] = []
 
-    def add(encoded: EncodedView) -> None:
-        view = encoded.view
-        seen.append(SeenView(view, encoded.perception, witness.seen.get((view.source, view.view, view.seq), ())))
+    def add(sighted: Sighted) -> None:
+        view = sighted.view
+        seen.append(SeenView(view, sighted.perception, witness.seen.get((view.source, view.view, view.seq), ())))
         if on_view is not None:
             on_view(len(seen), total)
 
-    for info in cameras.infos:
-        for encoded in cameras.of(info.camera):
-            add(encoded)
-        cameras.of.cache_clear()
+    for info in sight.infos:
+        for sighted in sight.camera(info.camera):
+            add(sighted)
+        sight.camera.cache_clear()
     for state in states:
-        add(observe(building, witness, state))
+        add(sight.robot(state))
     settings = building.settings
     facts = Facts(settings.building, settings.seed, backend.name, tour.views, building.scene.content_hash)
     return Recording(facts, things, seen)

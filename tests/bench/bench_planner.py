@@ -80,7 +80,8 @@ def test_field(benchmark, side_cells, by):
 @pytest.fixture(scope="module")
 def search():
     """One search of a home, looked at from a place where it can be played again: views, what the planner was told."""
-    from benchmark.episode import CameraViews, map_view, observe, robot_state_view
+    from benchmark.episode import map_view, robot_state_view
+    from benchmark.sight import Sight
     from services.robot_node import core as robot
     from surveilnav.building.goals import find_goals, sample_start
     from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
@@ -94,18 +95,18 @@ def search():
         building = SimulatedBuilding(SimulationSettings(building=SUBSTITUTE))
         building.prepare()
     backend = choose_backend("simulated")
-    views = CameraViews(building, backend)
+    sight = Sight(building, backend)
     goals = find_goals(building.scene, building.navigation, TARGET, caster=building.caster)
     start = sample_start(building.scene, building.navigation, goals, seed=0, caster=building.caster)
     text = backend.embed_texts([f"seems like there is a {TARGET}"])[0]
-    cameras = [v for info in views.infos if info.floor == start.floor for v in views.of(info.camera)]
+    cameras = [v for info in sight.infos if info.floor == start.floor for v in sight.camera(info.camera)]
     joint, state = JointMap(), robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
     mission = MissionState("no such thing", max_steps=STEPS + 1)  # so the search goes on to the last step
     for camera in cameras:
         joint.integrate(camera.view, camera.perception)
     steps = []
     while len(steps) < STEPS:
-        seen = observe(building, backend, state)
+        seen = sight.robot(state)
         placed = joint.integrate(seen.view, seen.perception)
         told = robot_state_view(state)
         mission, decision = step(mission, map_view(joint, placed.floor, text), told, PlannerConfig())

@@ -56,17 +56,24 @@ def test_starts_are_where_the_target_is_not(house, downstairs):
 @pytest.mark.parametrize("planner", ["fmm", "sp"])
 def test_over_the_stairs(house, downstairs, planner):
     """What the ground floor's camera saw sends the robot down; its own cameras follow it; the choice cost few bytes."""
-    from benchmark.episode import CameraViews, run_episode
+    from benchmark.episode import run_episode
+    from benchmark.oracle import OraclePlanner
+    from benchmark.policies.mission import Mission
+    from benchmark.policies.policy import Task
+    from benchmark.sight import Sight
+    from services.planner.core import PlannerConfig
+    from services.planner.core.drive import FmmPlanner
     from surveilnav.building.goals import Start
     from surveilnav.perception.choose import choose_backend
 
-    views = CameraViews(house, choose_backend("oracle"))
+    driver = OraclePlanner(house.navigation) if planner == "sp" else FmmPlanner()
+    mission = Mission(Task("tv", 0, 25, driver), PlannerConfig(), summaries=True)
     head = house.navigation.transits[0].end_on("1")
     at = house.navigation.snap((head[0], head[1] + 0.8, head[2]), "1")
     start = Start(at, "1", -np.pi / 2, downstairs.field.at(at, "1"))
-    episode = run_episode(house, views._backend, views, downstairs, start, planner=planner, max_steps=25)
+    episode = run_episode(Sight(house, choose_backend("oracle")), downstairs, start, mission)
     assert episode.floors[:2] == ("1", "0"), episode.message
-    assert "saw 'tv' with 1.00" in episode.changes[0].why
+    assert "saw 'tv' with 1.00" in mission.changes[0].why
     assert sorted(episode.camera_bytes) == ["c0-1", "c1-1"]
     assert sorted(episode.summary_bytes) == ["c0-1", "c1-1"]
     assert all(0 < n <= 600 for n in episode.summary_bytes.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal
 
 from services.planner.core import memory, objects
@@ -47,26 +48,42 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
 
 
 def choose_frontier(now: Now, *, hard: bool) -> Frontier | None:
-    """The best frontier by the strategy; the present one is kept unless another is clearly better. ``hard``: also those
-    that are hard to get to."""
+    """Our ``FrontierRule``: the best frontier by the strategy; the present one is kept unless another is clearly
+    better."""
     state, config = now.state, now.config
-    found = find_frontiers(now.maps, now.terrain, now.arrival, config)
-    awake = [
-        f for f in found
-        if not memory.is_dormant(state, f.x_m, f.y_m, config) and (hard or not _is_hard(now, f.x_m, f.y_m, f.way_m))
-    ]  # fmt: skip
+    awake = open_frontiers(now, hard=hard)
     if not awake:
         return None
     ranked, by_value = rank(awake, now.maps, state.target, config)
     chosen, margin = ranked[0], config.switch_margin_value if by_value else config.switch_margin_m
-    if state.commitment is not None and state.commitment.kind == "frontier":
-        place = state.commitment.x_m, state.commitment.y_m
-        held = min(ranked, key=lambda f: math.dist((f.x_m, f.y_m), place))
-        near = math.dist((held.x_m, held.y_m), place) <= 1.5 * config.same_place_m
-        if near and chosen.score <= held.score + margin:
-            chosen = held
-    why = "by value" if by_value else "nearest"
-    for f in ranked:
+    held = held_frontier(now, ranked, 1.5 * config.same_place_m)
+    if held is not None and chosen.score <= held.score + margin:
+        chosen = held
+    return head_for(now, ranked, chosen, "by value" if by_value else "nearest")
+
+
+def open_frontiers(now: Now, *, hard: bool) -> list[Frontier]:
+    """The frontiers that a rule may choose from: not given up and, unless ``hard``, not hard to get to."""
+    state, config = now.state, now.config
+    return [
+        f for f in find_frontiers(now.maps, now.terrain, now.arrival, config)
+        if not memory.is_dormant(state, f.x_m, f.y_m, config) and (hard or not _is_hard(now, f.x_m, f.y_m, f.way_m))
+    ]  # fmt: skip
+
+
+def held_frontier(now: Now, frontiers: Sequence[Frontier], within_m: float) -> Frontier | None:
+    """The one nearest to the frontier that the robot is on its way to, if one is so near to it."""
+    held = now.state.commitment
+    if held is None or held.kind != "frontier":
+        return None
+    place = held.x_m, held.y_m
+    nearest = min(frontiers, key=lambda f: math.dist((f.x_m, f.y_m), place))
+    return nearest if math.dist((nearest.x_m, nearest.y_m), place) <= within_m else None
+
+
+def head_for(now: Now, frontiers: Sequence[Frontier], chosen: Frontier, why: str) -> Frontier:
+    """Notes what was weighed and commits to the chosen one."""
+    for f in frontiers:
         now.weighed.append(Candidate("frontier", f.x_m, f.y_m, f.score, f is chosen, f"{why}, {f.way_m:.1f} m"))
     now.commit(next(c for c in now.weighed if c.chosen))
     return chosen

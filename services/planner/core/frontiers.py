@@ -123,12 +123,17 @@ def _value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig
     return math.nan
 
 
+def values_near(maps: MapView, frontier: Frontier, radius_m: float) -> NDArray[np.float32]:
+    """The known values of the map within ``radius_m`` of a frontier's middle, along rows and columns: (n,)."""
+    row, col = (int(v) for v in maps.grid.cells_of((frontier.x_m, frontier.y_m)))
+    k = max(1, round(radius_m / maps.grid.resolution_m))
+    window = maps.value[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1]
+    return window[np.isfinite(window)]
+
+
 def _map_value(frontier: Frontier, maps: MapView, config: PlannerConfig) -> float:
     """The best value of the map within ``value_radius_m``."""
-    row, col = (int(v) for v in maps.grid.cells_of((frontier.x_m, frontier.y_m)))
-    k = max(1, round(config.value_radius_m / maps.grid.resolution_m))
-    window = maps.value[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1]
-    known = window[np.isfinite(window)]
+    known = values_near(maps, frontier, config.value_radius_m)
     return float(known.max()) if known.size else math.nan
 
 

@@ -5,16 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from services.planner.core import memory
 from services.planner.core.drive import LocalPlanner, Route
+from services.planner.core.frontiers import Frontier
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import Commitment, Decision, MapView, MissionState, RobotView
 from services.planner.core.terrain import Terrain, coarse_arrival_m
 from surveilnav.messages import Candidate
+
+
+class FrontierRule(Protocol):
+    """Which frontier to explore next; ``choose.choose_frontier`` is ours, those of others can stand in for it."""
+
+    def __call__(self, now: Now, *, hard: bool) -> Frontier | None:
+        """Commits to one of ``choose.open_frontiers`` by ``choose.head_for``; None: nothing is left to explore.
+        ``hard``: also those that are hard to get to."""
 
 
 @dataclass(slots=True, eq=False)
@@ -30,6 +40,7 @@ class Now:
     config: PlannerConfig
     planner: LocalPlanner
     summaries: Mapping[str, Mapping[str, float]]
+    rule: FrontierRule
     terrain: Terrain
     arrival: NDArray[np.float64]
     weighed: list[Candidate] = field(default_factory=list)

@@ -14,7 +14,7 @@ from dataclasses import replace
 from services.planner.core import floors, memory, objects
 from services.planner.core.choose import choose_frontier, choose_object
 from services.planner.core.drive import FmmPlanner, LocalPlanner
-from services.planner.core.now import Now
+from services.planner.core.now import FrontierRule, Now
 from services.planner.core.pursue import approach, explore
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import Decision, MapView, MissionState, RobotView
@@ -34,6 +34,7 @@ def step(
     config: PlannerConfig,
     planner: LocalPlanner = _FMM,
     summaries: Mapping[str, Mapping[str, float]] = _NO_SUMMARIES,
+    rule: FrontierRule = choose_frontier,
 ) -> tuple[MissionState, Decision]:
     """The next action of a mission on what the maps hold now.
 
@@ -47,6 +48,7 @@ def step(
         config: the core's settings.
         planner: drives to goal cells.
         summaries: by floor, label -> highest confidence that the cameras of that floor last reported.
+        rule: chooses the frontier to explore.
 
     Returns:
         The new memory and the decision. ``found`` comes with ``stop``; a failure has no action and a name.
@@ -60,7 +62,7 @@ def step(
     places = [(o.center_m[0], o.center_m[1]) for o in known_targets] + floors.stair_ends(state, robot, config)
     terrain = build_terrain(maps, robot, state, config, places)
     arrival = coarse_arrival_m(terrain, robot.x_m, robot.y_m)
-    now = Now(state, maps, robot, config, planner, summaries, terrain, arrival)
+    now = Now(state, maps, robot, config, planner, summaries, rule, terrain, arrival)
 
     if memory.is_stuck(state, config):
         memory.escape(state, config)
@@ -117,7 +119,7 @@ def _pursue(now: Now) -> Decision:
             decision = approach(now, record)
         elif decision := floors.travel(now):
             return decision
-        elif (hard or not weak) and (frontier := choose_frontier(now, hard=hard)):
+        elif (hard or not weak) and (frontier := now.rule(now, hard=hard)):
             decision = explore(now, frontier)
         elif memory.revive(state):
             continue

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import resources
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,14 @@ _STRETCH_SLACK = 0.2
 _MAX_STRETCH = 0.75
 _SMALL_PLANT_M = 0.36
 
+#: Which models may furnish a building: all, or those of one half of every kind (``val`` in the table, or the others).
+Models = Literal["all", "train", "val"]
+MODELS: tuple[Models, ...] = get_args(Models)
+#: Where a half is asked for and a piece of a target has no kind of its own.
+_KIND_BY_LABEL = {
+    "bed": "single bed", "couch": "sofa", "chair": "chair", "toilet": "toilet", "tv": "tv", "potted plant": "plant",
+}  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class Kind:
@@ -33,12 +42,21 @@ class Kind:
     label: str
     fit: str
     models: tuple[str, ...]
+    val: frozenset[str] = frozenset()
+
+    def of_half(self, half: Models) -> tuple[str, ...]:
+        """The models that may furnish that half; all where one half has none."""
+        chosen = tuple(m for m in self.models if half == "all" or (m in self.val) == (half == "val"))
+        return chosen or self.models
 
 
 @lru_cache(maxsize=1)
 def kinds() -> dict[str, Kind]:
     """All kinds by name."""
-    return {name: Kind(name, row["label"], row["fit"], tuple(row["models"])) for name, row in _table()["kinds"].items()}
+    return {
+        name: Kind(name, row["label"], row["fit"], tuple(row["models"]), frozenset(row["val"]))
+        for name, row in _table()["kinds"].items()
+    }
 
 
 @lru_cache(maxsize=1)
@@ -70,16 +88,25 @@ def kind_of(catalog_id: str, size_m: tuple[float, float, float]) -> Kind | None:
     return kinds()[name] if name else None
 
 
-def choose(kind: Kind, size_m: tuple[float, float, float], furniture: Furniture, key: str) -> CatalogModel | None:
-    """A model of that kind whose proportions suit; the same ``key`` always gives the same.
+def split_kind_of(catalog_id: str, label: str) -> Kind | None:
+    """The kind that stands in for a target's piece that usually stays as it is, where a half is asked for."""
+    name = _table()["stays"].get(catalog_id, _KIND_BY_LABEL.get(label, ""))
+    return replace(kinds()[name], fit="inside") if name else None
 
-    None where the libraries have none that suits.
+
+def choose(
+    kind: Kind, size_m: tuple[float, float, float], furniture: Furniture, key: str, half: Models = "all"
+) -> tuple[CatalogModel, str] | None:
+    """A model of that kind and half whose proportions suit, and how it fits; the same ``key`` always gives the same.
+
+    None where the libraries have none that suits. A half never gives None for want of proportions: a model of the
+    other half would stay in its place; it is fitted "inside" then.
     """
     never = set(_table()["never"])
-    entries = [furniture.by_id[m] for m in kind.models if m in furniture.by_id and m not in never]
+    entries = [furniture.by_id[m] for m in kind.of_half(half) if m in furniture.by_id and m not in never]
     if not entries:
         return None
-    if kind.fit == "box":
+    if kind.fit in ("box", "inside"):
         costs = [stretch(e.size_m, size_m) for e in entries]
     elif kind.fit == "floor":
         costs = [stretch(e.size_m[:2], size_m[:2]) for e in entries]
@@ -89,10 +116,10 @@ def choose(kind: Kind, size_m: tuple[float, float, float], furniture: Furniture,
     else:
         costs = [0.0] * len(entries)
     best = min(costs)
-    if best > _MAX_STRETCH:
+    if best > _MAX_STRETCH and half == "all":
         return None
     suitable = [e for e, cost in zip(entries, costs, strict=True) if cost <= best + _STRETCH_SLACK]
-    return suitable[int(seeded(key).integers(len(suitable)))]
+    return suitable[int(seeded(key).integers(len(suitable)))], kind.fit if best <= _MAX_STRETCH else "inside"
 
 
 def seeded(key: str) -> np.random.Generator:
@@ -120,6 +147,9 @@ def fitted(piece: Piece, entry: CatalogModel, fit: str) -> Piece:
             x_m=piece.x_m - float(s) * back,
             y_m=piece.y_m + float(c) * back,
         )
+    if fit == "inside":
+        scale = min(w / mw, d / md, 1.2)
+        return replace(piece, size_m=(mw * scale, md * scale, mh * scale))
     return piece
 
 

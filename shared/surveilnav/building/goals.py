@@ -68,7 +68,8 @@ class Goals:
 
     Attributes:
         instances: those with a viewpoint; ``unreachable`` those without.
-        viewpoints: by floor, (n, 2) float64 x, y [m]: centres of navigable cells.
+        viewpoints: by floor, (n, 2) float64 x, y [m]: centres of navigable cells. ``viewpoints_of``: the same by
+            instance.
         surface: (m, 3) float32 points on all instances, the unreachable ones too [m, world].
         field: distance to the nearest viewpoint from everywhere.
     """
@@ -77,6 +78,7 @@ class Goals:
     instances: tuple[Instance, ...]
     unreachable: tuple[Instance, ...]
     viewpoints: dict[str, NDArray[np.float64]]
+    viewpoints_of: dict[int, NDArray[np.float64]]
     surface: NDArray[np.float32]
     field: DistanceField
 
@@ -123,6 +125,7 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
     if not instances:
         raise TargetError(f"there is no {label!r} in {scene.name}; it has {_contents(scene)}")
     viewpoints: dict[str, NDArray[np.bool_]] = {}
+    viewpoints_of: dict[int, NDArray[np.float64]] = {}
     reachable: list[Instance] = []
     surfaces = [_surface(scene, instance) for instance in instances]
     for instance, surface in zip(instances, surfaces, strict=True):
@@ -130,6 +133,7 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
         if seen_from is None:
             continue
         reachable.append(instance)
+        viewpoints_of[instance.id] = navigation.floors[instance.floor].grid.centres_of(np.argwhere(seen_from))
         viewpoints[instance.floor] = viewpoints.get(instance.floor, False) | seen_from
     if not reachable:
         raise TargetError(
@@ -138,7 +142,7 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
         )
     points = {name: navigation.floors[name].grid.centres_of(np.argwhere(m)) for name, m in viewpoints.items()}
     return Goals(
-        wanted, tuple(reachable), tuple(i for i in instances if i not in reachable), points,
+        wanted, tuple(reachable), tuple(i for i in instances if i not in reachable), points, viewpoints_of,
         np.concatenate(surfaces), navigation.distance_field(points),
     )  # fmt: skip
 
@@ -262,6 +266,29 @@ def sample_start(
             yaw_rad = float(rng.uniform(-math.pi, math.pi))
             return Start((float(x), float(y), f.z_m), floor, yaw_rad, goals.field.at((x, y), floor), notes)
     raise TargetError(f"there is no place in {scene.name} from which a robot could start to search for {goals.label!r}")
+
+
+def habitat_starts(
+    navigation: NavigationMap, goals: Goals, *, count: int, seed: int, min_path_m: float = 0.2, max_path_m: float = 30.0
+) -> list[Start]:
+    """Up to ``count`` starts by the rules of Habitat's ObjectNav generator, drawn by ``seed``: in the robots' connected
+    area of a floor with a goal, a way of 0.2 to 30 m to the nearest viewpoint, at least 1.05 times the straight line,
+    any yaw; whether the target is in sight doesn't matter. Fewer where the building has no more such places.
+
+    (habitat-lab ``datasets/object_nav``: ``closest_dist_limit``, ``furthest_dist_limit``, ``geodesic_to_euclid_min_ratio``.)
+    """
+    rng = np.random.default_rng([seed, zlib.crc32(goals.label.encode()), 1])
+    starts: list[Start] = []
+    for floor, cell, path_m, straight_m in _candidates(navigation, goals, max_path_m, rng):
+        if len(starts) == count:
+            break
+        if path_m < min_path_m or path_m < MIN_DETOUR * straight_m:
+            continue
+        f = navigation.floors[floor]
+        x, y = f.grid.centres_of(cell)
+        yaw_rad = float(rng.uniform(-math.pi, math.pi))
+        starts.append(Start((float(x), float(y), f.z_m), floor, yaw_rad, goals.field.at((x, y), floor)))
+    return starts
 
 
 def _candidates(

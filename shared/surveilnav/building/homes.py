@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from surveilnav.building.archive import Archive
 from surveilnav.building.catalog import CREDITS, CatalogModel, Furniture
-from surveilnav.building.furniture import Kind, choose, fitted, kind_of, placed
+from surveilnav.building.furniture import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
 from surveilnav.building.labels import label_of, stand_in_of
 from surveilnav.building.models import Model, load_model
 from surveilnav.building.objfile import EmptyModelError
@@ -21,6 +21,7 @@ from surveilnav.building.scene import Floor, Material, Scene
 from surveilnav.building.shell import Shell
 from surveilnav.building.stairs import IsFloor, find_transit
 from surveilnav.building.sweethome import Color, Home, Level, Piece
+from surveilnav.categories import TARGETS
 from surveilnav.errors import BuildingError
 
 _GLASS = Material("glass", (0.8, 0.9, 0.95), alpha=0.15, shininess=0.8)
@@ -30,7 +31,13 @@ _TV_STAND_SHARE = 0.42
 
 
 def build_home(
-    home: Home, name: str, seed: int, furniture: Furniture | None, archive: Archive | None, source: str
+    home: Home,
+    name: str,
+    seed: int,
+    furniture: Furniture | None,
+    archive: Archive | None,
+    source: str,
+    models: Models = "all",
 ) -> Scene:
     """The scene of a plan.
 
@@ -41,16 +48,28 @@ def build_home(
         furniture: the libraries, or None: parametric furniture stands in then.
         archive: the .sh3d file that the plan came in, for models and textures of its own.
         source: for people.
+        models: which half of the furniture models is used.
     """
-    return _Furnisher(home, name, seed, furniture, archive).scene(source)
+    return _Furnisher(home, name, seed, furniture, archive, models).scene(source)
 
 
 class _Furnisher(Shell):
     """Holds what the steps share. The steps are in ``scene``."""
 
-    def __init__(self, home: Home, name: str, seed: int, furniture: Furniture | None, archive: Archive | None) -> None:
+    def __init__(
+        self,
+        home: Home,
+        name: str,
+        seed: int,
+        furniture: Furniture | None,
+        archive: Archive | None,
+        models: Models = "all",
+    ) -> None:
         super().__init__(home, name, seed, archive)
+        if models != "all":
+            self.builder.name += f"-{models}"
         self.furniture = furniture
+        self.models = models
         self._tinted: dict[tuple[int, Color], Material] = {}
         self._opened: dict[tuple[int, bool], Model] = {}
         self._own_models: dict[str, Model | None] = {}
@@ -79,7 +98,13 @@ class _Furnisher(Shell):
         label = "stairs" if is_stairs(piece) else kind.label if kind is not None else label_of(title, piece.size_m) or (
             label_of(piece.name, piece.size_m) if entry is None else ""
         )  # fmt: skip
+        splits = self.models != "all" and label in TARGETS and entry is not None
+        if splits and kind is None and entry is not None:
+            kind = split_kind_of(entry.id, label)
         if kind is not None and self.furniture is not None and self._place_swapped(piece, level, kind):
+            return
+        if splits:  # its own model may belong to the other half
+            self._stand_in(piece, level, label)
             return
         try:
             model = self._model_of(piece, entry)
@@ -107,9 +132,10 @@ class _Furnisher(Shell):
         box = (0.85 * w, min(d, 0.2), h - low) if on_stand else piece.size_m
         # Pieces of one kind and about one size look alike, as the chairs around a table do.
         key = f"{self.seed}|{self.name}|{kind.name}|{w:.1f}x{d:.1f}x{h:.1f}"
-        entry = choose(kind, box, self.furniture, key)
-        if entry is None:
+        choice = choose(kind, box, self.furniture, key, self.models)
+        if choice is None:
             return False
+        entry, fit = choice
         room = self._room_at(piece, level)
         try:
             model = self.furniture.load(entry)
@@ -121,7 +147,7 @@ class _Furnisher(Shell):
                     self._add(mesh, "TV stand", "", level, model=stand.id, room=room)
                 piece = replace(piece, size_m=box, z_m=piece.z_m + low)
             else:
-                piece = fitted(piece, entry, kind.fit)
+                piece = fitted(piece, entry, fit)
         except BuildingError as error:
             self.builder.notes.append(f"{entry.id} can't be read: {error}")
             return False

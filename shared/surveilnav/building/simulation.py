@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 from pydantic import Field
@@ -37,7 +37,7 @@ Progress = Callable[[float, str], None]
 #: What a surveillance camera measures: its depth covers a large room.
 CAMERA_DEPTH_RANGE_M = (0.3, 10.0)
 _VIEW_CACHE_BYTES = 8_000_000_000
-_PLAN_FORMAT = b"surveilnav plan 2"
+_PLAN_FORMAT = b"surveilnav plan 3"
 
 
 class SimulationSettings(BaseSettings):
@@ -47,6 +47,7 @@ class SimulationSettings(BaseSettings):
 
     building: str = Field("studio", description="an example home, or the path of a .sh3d file")
     seed: int = Field(0, ge=0, description="draws furniture models, floor textures, starts and sensor noise")
+    models: Literal["all", "train", "val"] = Field("all", description="furnish with one half of the models alone")
     area_per_camera_m2: float = Field(100.0, gt=0, description="one camera for so much floor")
     cameras: int | None = Field(None, ge=0, le=10_000, description="this many cameras in all instead")
     depth_noise: bool = Field(True, description="noise on depth; without it bandwidth figures lie")
@@ -54,12 +55,13 @@ class SimulationSettings(BaseSettings):
 
 
 class PlannedCamera(msgspec.Struct, frozen=True):
-    """One camera of the plan: poses of its 13 views, ``T_world_camera``."""
+    """One camera of the plan: poses of its 13 views, ``T_world_camera``; ``half``: the six of the paper's half views."""
 
     name: str
     floor: str
     position_m: tuple[float, float, float]
     views: list[Pose]
+    half: tuple[int, ...] = ()
 
 
 class CameraPlan(msgspec.Struct, frozen=True):
@@ -90,7 +92,8 @@ class SimulatedBuilding:
         from surveilnav.building.sources import open_building
 
         self._progress(0.0, "loading the building")
-        return open_building(self.settings.building, seed=self.settings.seed, cache_dir=self._cache_dir)
+        settings = self.settings
+        return open_building(settings.building, seed=settings.seed, models=settings.models, cache_dir=self._cache_dir)
 
     @cached_property
     def caster(self) -> RayCaster:
@@ -130,22 +133,28 @@ class SimulatedBuilding:
         """Named by everything that the plan depends on; a home of the user's own by its content."""
         source = Path(self.settings.building)
         content = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else ""
-        facts = self.settings.model_dump(include={"building", "seed", "area_per_camera_m2", "cameras"})
+        facts = self.settings.model_dump(include={"building", "seed", "models", "area_per_camera_m2", "cameras"})
         key = json.dumps([__version__, facts, content], sort_keys=True)
         return self._cache_dir / "plans" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.plan"
 
     def _make_plan(self) -> CameraPlan:
+        return self.plan_with(self.settings.area_per_camera_m2, self.settings.cameras)
+
+    def plan_with(self, area_per_camera_m2: float, count: int | None = None) -> CameraPlan:
+        """The plan of another density or number of cameras, made anew."""
         from surveilnav.building import cameras as placement
 
-        settings = self.settings
         placed: tuple[PlacedCamera, ...] = placement.place_cameras(
-            self.scene, self.navigation, area_per_camera_m2=settings.area_per_camera_m2, count=settings.cameras,
-            seed=settings.seed, caster=self.caster,
+            self.scene, self.navigation, area_per_camera_m2=area_per_camera_m2, count=count, seed=self.settings.seed,
+            caster=self.caster,
         )  # fmt: skip
         return CameraPlan(
             self.scene.name, self.scene.content_hash, list(self.navigation.floors), placement.MOUNTING_M,
             placement.CAMERA,
-            [PlannedCamera(c.name, c.floor, c.position_m, [Pose.from_matrix(T) for T in c.views]) for c in placed],
+            [
+                PlannedCamera(c.name, c.floor, c.position_m, [Pose.from_matrix(T) for T in c.views], c.half())
+                for c in placed
+            ],
         )  # fmt: skip
 
     def camera_view(self, camera: PlannedCamera, view: int) -> Rendered:

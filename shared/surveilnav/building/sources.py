@@ -10,10 +10,13 @@ from pathlib import Path
 from surveilnav.building.archive import MAX_MEMBER_BYTES, Archive
 from surveilnav.building.assets import ensure_assets
 from surveilnav.building.catalog import Furniture
+from surveilnav.building.furniture import MODELS, Models
+from surveilnav.building.generated.buildings import KINDS, generated_home, is_generated
 from surveilnav.building.homes import build_home
+from surveilnav.building.meshes import is_mesh, open_scan
 from surveilnav.building.parametric_homes import parametric_flat, parametric_house
 from surveilnav.building.scene import Scene
-from surveilnav.building.sweethome import read_home
+from surveilnav.building.sweethome import Home, read_home
 from surveilnav.config import cache_dir as default_cache_dir
 from surveilnav.errors import AssetError, BuildingError
 
@@ -56,25 +59,31 @@ def list_buildings() -> tuple[BuildingInfo, ...]:
     return (*named, *(BuildingInfo(name, about, False) for name, (_, about) in _PARAMETRIC.items()))
 
 
-def open_building(name_or_path: str, *, seed: int = 0, cache_dir: Path | None = None) -> Scene:
+def open_building(name_or_path: str, *, seed: int = 0, models: Models = "all", cache_dir: Path | None = None) -> Scene:
     """The building of that name, or in that file.
 
     The same name and seed give the same scene, to the byte. Notes for people are in ``Scene.notes``.
 
     Args:
-        name_or_path: one of ``EXAMPLE_HOMES``, "parametric_flat", "parametric_house", or the path of a .sh3d file or
-            a Home.xml.
+        name_or_path: one of ``EXAMPLE_HOMES``, "parametric_flat", "parametric_house", or the path of a .sh3d file, a
+            Home.xml, a .glb or .obj mesh, or a folder of HM3D.
         seed: chooses furniture models and floor coverings.
+        models: "train" or "val" furnishes with that half of every kind's models alone (``data/furniture_kinds.json``),
+            "all" with both. Buildings made of simple shapes have none, they are the same for all three.
         cache_dir: where assets and parsed models are kept; default is ``config.cache_dir()``.
 
     Raises:
         BuildingError: no such building, or a file that can't be read; the message says what was expected.
         AssetError: an example home, and the packages can't be had.
     """
+    if models not in MODELS:
+        raise BuildingError(f"models are {', '.join(MODELS)} (which half of the furniture); got {models!r}")
     name = name_or_path.strip().lower().replace("-", "_")
     if name in _PARAMETRIC:
         return _PARAMETRIC[name][0](seed)
     cache = cache_dir if cache_dir is not None else default_cache_dir()
+    if is_generated(name):
+        return _open_plan(generated_home(name), name, seed, cache, models)
     if name in _HOMES:
         with Furniture(ensure_assets(cache=cache), cache) as furniture:
             plan = f"{_EXAMPLES}/{_HOMES[name][0]}.xml"
@@ -82,12 +91,16 @@ def open_building(name_or_path: str, *, seed: int = 0, cache_dir: Path | None = 
             if data is None:
                 raise AssetError(f"{furniture.jar.path} has no {plan}: a version of Sweet Home 3D that we don't know")
             home = read_home(data, name)
-            return build_home(home, name, seed, furniture, None, f"Sweet Home 3D example home {_HOMES[name][0]}")
+            return build_home(
+                home, name, seed, furniture, None, f"Sweet Home 3D example home {_HOMES[name][0]}", models
+            )
     try:
         path = Path(name_or_path).expanduser()
+        if is_mesh(path):
+            return open_scan(path)
         is_file = path.suffix.lower() in (".sh3d", ".xml") or path.exists()
         if is_file:
-            return _open_file(path, seed, cache)
+            return _open_file(path, seed, cache, models)
     except (OSError, RuntimeError, ValueError) as error:  # too long, no home directory, a zero byte, no permission
         raise BuildingError(f"{name_or_path[:80]!r} can't be opened: {error}") from error
     valid = (*EXAMPLE_HOMES, *_PARAMETRIC)
@@ -98,7 +111,29 @@ def open_building(name_or_path: str, *, seed: int = 0, cache_dir: Path | None = 
     )
 
 
-def _open_file(path: Path, seed: int, cache: Path) -> Scene:
+def _open_plan(home: Home, name: str, seed: int, cache: Path, models: Models) -> Scene:
+    """A generated plan, with whatever furniture can be had."""
+    source = f"{name}: generated, furnished by statistics of example homes"
+    try:
+        root = ensure_assets(cache=cache)
+    except AssetError as error:
+        note = f"furniture libraries can't be had, simple shapes stand in: {error}"
+        scene = build_home(home, name, seed, None, None, source, models)
+        return replace(scene, notes=(note, *scene.notes))
+    with Furniture(root, cache) as furniture:
+        return build_home(home, name, seed, furniture, None, source, models)
+
+
+def read_example(name: str, furniture: Furniture) -> Home:
+    """The plan of an example home."""
+    plan = f"{_EXAMPLES}/{_HOMES[name][0]}.xml"
+    data = furniture.jar.read(plan)
+    if data is None:
+        raise AssetError(f"{furniture.jar.path} has no {plan}: a version of Sweet Home 3D that we don't know")
+    return read_home(data, name)
+
+
+def _open_file(path: Path, seed: int, cache: Path, models: Models) -> Scene:
     """A user's own plan, with whatever furniture can be had."""
     if not path.is_file():
         raise BuildingError(
@@ -126,7 +161,7 @@ def _open_file(path: Path, seed: int, cache: Path) -> Scene:
         except AssetError as error:
             note = f"furniture libraries can't be had, simple shapes stand in: {error}"
         name = re.sub(r"[^A-Za-z0-9_.]+", "_", path.stem)[:40].strip("_.") or "home"
-        scene = build_home(home, name, seed, furniture, archive, f"Sweet Home 3D file {path.name}")
+        scene = build_home(home, name, seed, furniture, archive, f"Sweet Home 3D file {path.name}", models)
     finally:
         if archive is not None:
             archive.close()

@@ -1,0 +1,66 @@
+"""Which buildings make which split, and how many episodes. ``train`` shares neither plans nor furniture with ``val``.
+
+The six train homes are those on which thresholds were tuned and from which the generator's room statistics come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Models = Literal["all", "train", "val"]
+
+TRAIN_HOMES = (
+    "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
+)  # fmt: skip
+VAL_HOMES = ("studio", "1_bedroom", "3_bedroom_attic")
+
+
+@dataclass(frozen=True, slots=True)
+class SceneSpec:
+    """A building with its furniture. ``seed`` draws furniture and floor coverings."""
+
+    building: str
+    seed: int
+    models: Models
+
+    @property
+    def scene(self) -> str:
+        """Its name in a dataset's files."""
+        return f"{self.building}-s{self.seed}"
+
+
+@dataclass(frozen=True, slots=True)
+class SplitSpec:
+    """``expected``: (floors, cameras) that the scenes must come out with, None: whatever they have.
+
+    ``taken_from``: its episodes are some of another split's.
+    """
+
+    name: str
+    scenes: tuple[SceneSpec, ...]
+    episodes: int
+    expected: tuple[int, int] | None = None
+    taken_from: str = ""
+
+
+def quotas(total: int, scenes: int) -> list[int]:
+    """``total`` over ``scenes`` as evenly as whole numbers allow, the first ones get one more."""
+    each, more = divmod(total, scenes)
+    return [each + (i < more) for i in range(scenes)]
+
+
+def take(available: dict[str, int], wanted: int, first: int = 0) -> dict[str, int]:
+    """How many of each category: round and round, beginning with the ``first``, until ``wanted`` or nothing is left."""
+    names, taken = list(available), dict.fromkeys(available, 0)
+    at = first
+    while sum(taken.values()) < min(wanted, sum(available.values())):
+        name = names[at % len(names)]
+        taken[name] += taken[name] < available[name]
+        at += 1
+    return taken
+
+
+def _specs(buildings: Sequence[str], seeds: Sequence[int], models: Models) -> tuple[SceneSpec, ...]:
+    return tuple(SceneSpec(b, s, models) for b in buildings for s in seeds)

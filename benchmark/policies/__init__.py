@@ -1,0 +1,27 @@
+"""Ways to search, all on the same joint maps: ours, those of others by their papers' facts, and an upper bound."""
+
+from __future__ import annotations
+
+from benchmark.policies.apexnav import APEXNAV
+from benchmark.policies.frontier import FRONTIER
+from benchmark.policies.l3mvn import L3MVN
+from benchmark.policies.oracle import ORACLE
+from benchmark.policies.policy import Policy, Searcher, Task, Truth
+from benchmark.policies.random_places import RANDOM_SAMPLES, RANDOM_WALK
+from benchmark.policies.surveilnav import OURS, PAPER
+from benchmark.policies.vlfm import VLFM
+from surveilnav.errors import ConfigError
+
+POLICIES: dict[str, Policy] = {
+    policy.name: policy for policy in (OURS, PAPER, RANDOM_WALK, RANDOM_SAMPLES, FRONTIER, VLFM, L3MVN, APEXNAV, ORACLE)
+}
+
+
+def policy_of(name: str) -> Policy:
+    """The policy of a name. ConfigError: there is none; the message lists them."""
+    if name not in POLICIES:
+        raise ConfigError(f"there is no policy {name!r}; choose one of {', '.join(POLICIES)}")
+    return POLICIES[name]
+
+
+__all__ = ["POLICIES", "Policy", "Searcher", "Task", "Truth", "policy_of"]

@@ -1,0 +1,86 @@
+"""ApexNav's adaptive rule (Zhang et al. 2025, https://arxiv.org/abs/2504.14478): values where they mean something.
+
+Kept: when the standard deviation of the frontiers' values exceeds 0.015 and their max/mean 1.10, a tour over those
+within 5 % of the highest (the open travelling salesman from the robot, by driving distance), else the nearest;
+frontiers given up without progress left dormant; confidence over all evidence with views that should have shown the
+object and didn't counting against it; suspected objects visited only when no frontier is left.
+Not kept: the language model's lists of similar objects (the detectors' other classes stand in), BLIP-2 (values come
+from the backend's own embeddings), the LKH solver (the few frontiers of a tour are tried in every order).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.policies.mission import Mission
+from benchmark.policies.policy import Policy
+from services.fusion.core import FusionConfig
+from services.planner.core import PlannerConfig
+from services.planner.core.choose import head_for, held_frontier, open_frontiers
+from services.planner.core.frontiers import Frontier, rank
+from services.planner.core.now import Now
+from services.planner.core.terrain import coarse_arrival_m
+
+#: No object is promising before it is confirmed: suspected ones come after the frontiers.
+CONFIG = PlannerConfig(verification="paper", promising_confidence=1.01)
+
+_NEAR_THE_BEST = 0.95
+#: All orders of so many frontiers are tried; of more, the nearest.
+_MAX_TOUR = 6
+
+
+def choose(now: Now, *, hard: bool) -> Frontier | None:
+    """See ``FrontierRule``."""
+    found = open_frontiers(now, hard=hard)
+    if not found:
+        return None
+    ranked, exploit = rank(found, now.maps, now.state.target, now.config)
+    if exploit:
+        good = good_ones(ranked, now.config)
+        return head_for(now, good, first_of_tour(good, _ways(now, good)), f"first of a tour over {len(good)} by value")
+    nearest, held = ranked[0], held_frontier(now, ranked, 1.5 * now.config.same_place_m)
+    if held is not None and held.way_m <= nearest.way_m + now.config.switch_margin_m:
+        nearest = held
+    return head_for(now, ranked, nearest, "nearest")
+
+
+def good_ones(frontiers: Sequence[Frontier], config: PlannerConfig) -> list[Frontier]:
+    """Those that exceed the mean value by nearly as much as the best does, nearest first."""
+    values = np.array([f.value for f in frontiers])
+    ratio = values / np.nanmean(values)
+    enough = max(config.exploit_min_ratio, _NEAR_THE_BEST * float(np.nanmax(ratio)))
+    good = [f for f, r in zip(frontiers, ratio, strict=True) if r >= enough]
+    return sorted(good, key=lambda f: f.way_m)[:_MAX_TOUR]
+
+
+def first_of_tour(frontiers: Sequence[Frontier], way_m: NDArray[np.float64]) -> Frontier:
+    """Where the shortest way from the robot over all of them begins; ``way_m`` (n, n) leads from one to another."""
+
+    def length_m(order: tuple[int, ...]) -> float:
+        return frontiers[order[0]].way_m + sum(float(way_m[a, b]) for a, b in itertools.pairwise(order))
+
+    return frontiers[min(itertools.permutations(range(len(frontiers))), key=length_m)[0]]
+
+
+def _ways(now: Now, frontiers: Sequence[Frontier]) -> NDArray[np.float64]:
+    """Driving distance [m] between frontiers (n, n); straight lines where the map shows no way, or between two only,
+    for which it makes no difference."""
+    ways = np.array([[math.dist((a.x_m, a.y_m), (b.x_m, b.y_m)) for b in frontiers] for a in frontiers])
+    for i, a in enumerate(frontiers if len(frontiers) > 2 else ()):
+        arrival = coarse_arrival_m(now.terrain, a.x_m, a.y_m)
+        driven = np.array([arrival[now.terrain.cell(b.x_m, b.y_m)] for b in frontiers])
+        ways[i] = np.where(np.isfinite(driven), driven, ways[i])
+    return ways
+
+
+APEXNAV = Policy(
+    "apexnav",
+    "values when they differ enough, else the nearest frontier, ApexNav (https://arxiv.org/abs/2504.14478)",
+    lambda task: Mission(task, CONFIG, choose),
+    FusionConfig(),
+)

@@ -1,0 +1,64 @@
+"""What the policies share: everything but the choice of frontiers, and how much it takes to believe a detector.
+
+A baseline is a ``FrontierRule``, a ``PlannerConfig`` and the maps' settings; scans, driving, stairs and ways out of
+being stuck are ours for all of them. A paper that says nothing of these gets the better choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from benchmark.policies.policy import Task
+from services.fusion.core import FusionConfig, ObjectConfig
+from services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
+from services.planner.core.choose import choose_frontier
+from services.planner.core.now import FrontierRule
+from services.planner.core.state import FloorChange
+
+#: A single detection of at least this score is believed by those who go to the first one. (VLFM asks .8 of YOLOv7;
+#: the detectors here are less sure of themselves, and .5 is what SurveilNav's confirmation asks.)
+FIRST_SIGHT_SCORE = 0.5
+
+
+class Mission:
+    """A searcher made of the planner's core.
+
+    ``summaries`` False: what the cameras of other floors report isn't looked at. Floors are then searched one by one:
+    when nothing is left to explore on one, ``floors.leave`` sends the robot to the nearest that isn't searched.
+    """
+
+    def __init__(
+        self, task: Task, config: PlannerConfig, rule: FrontierRule = choose_frontier, *, summaries: bool = False
+    ) -> None:
+        self._task, self._config, self._rule, self._summaries = task, config, rule, summaries
+        self._state = MissionState(task.target, max_steps=task.max_steps)
+
+    @property
+    def steps(self) -> int:
+        """Actions decided so far."""
+        return self._state.step
+
+    @property
+    def changes(self) -> list[FloorChange]:
+        """The stairs taken."""
+        return self._state.changes
+
+    def act(self, maps: MapView, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
+        """See ``Searcher``."""
+        reported = summaries if self._summaries else {}
+        self._state, decision = step(
+            self._state, maps, robot, self._config, self._task.driver, reported, self._rule
+        )  # fmt: skip
+        return decision
+
+
+def first_sight(fusion: FusionConfig) -> FusionConfig:
+    """Maps on which the first detection that is sure enough makes an object for good: nothing speaks against it."""
+    never = 1_000_000_000
+    objects = fusion.objects.model_dump() | {
+        "min_score": FIRST_SIGHT_SCORE, "confirm_score": FIRST_SIGHT_SCORE, "confirm_scores": {}, "confidence": "mean",
+        "min_detections": 1, "confirm_robot_detections": 1, "confirm_robot_poses": 1, "near_m": 1e9,
+        "confirm_camera_views": 1, "confirm_camera_score": FIRST_SIGHT_SCORE, "size_prior": False,
+        "flip_detections": never, "miss_weight": 0.0, "reject_misses": never,
+    }  # fmt: skip
+    return fusion.model_copy(update={"objects": ObjectConfig(**objects)})

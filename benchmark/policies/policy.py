@@ -1,0 +1,71 @@
+"""What a policy is: a way to search on the joint maps, and the settings of the maps that it is defined with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from services.fusion.core import FusionConfig
+from services.planner.core import Decision, MapView, RobotView
+from services.planner.core.drive import LocalPlanner
+from surveilnav.building.goals import Goals
+from surveilnav.building.navigation import NavigationMap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """The simulator's own truth, which only the oracle may see."""
+
+    goals: Goals
+    navigation: NavigationMap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """What a searcher is told when an episode begins.
+
+    ``seed``: this episode's, the only source of chance. ``driver``: drives to goal cells (fmm or sp). ``truth``: None
+    unless the policy ``needs_truth``.
+    """
+
+    target: str
+    seed: int
+    max_steps: int
+    driver: LocalPlanner
+    truth: Truth | None = None
+
+
+class Searcher(Protocol):
+    """One episode of a policy."""
+
+    @property
+    def steps(self) -> int:
+        """Actions decided so far; a stair counts as many as moves of its length."""
+
+    def act(self, maps: MapView, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
+        """The next action, see ``services.planner.core.step``. Not to be called again once ``finished``.
+
+        Args:
+            maps: the joint maps of the robot's floor.
+            robot: the robot at the observation that they end with.
+            summaries: by floor, label -> highest confidence that its cameras last reported; empty without any.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """A named way to search.
+
+    Attributes:
+        name: as on the command line. ``about``: one line with the paper's link.
+        begin: a fresh searcher for an episode.
+        fusion: the joint maps' settings that it is defined with.
+        needs_truth: it is no method but a bound: it sees the ``Truth``.
+    """
+
+    name: str
+    about: str
+    begin: Callable[[Task], Searcher]
+    fusion: FusionConfig
+    needs_truth: bool = False

@@ -1,0 +1,64 @@
+"""Random walk and random samples: the lower bounds of the field's tables.
+
+Both look around at the start, go to a random place that a way leads to, and on to the next: within 1 m for the walk,
+anywhere for the samples. A target in sight is gone to and verified as ours is, or nothing would ever be found.
+They never finish with a floor, so they stay on the one where they began.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from benchmark.policies.mission import Mission
+from benchmark.policies.policy import Policy
+from services.fusion.core import FusionConfig
+from services.planner.core import PlannerConfig
+from services.planner.core.choose import head_for
+from services.planner.core.frontiers import Frontier
+from services.planner.core.now import Now
+
+_WALK_M = 1.0
+
+
+class Rule:
+    """Draws the next place when the last one was reached or given up."""
+
+    def __init__(self, seed: int, within_m: float) -> None:
+        self._rng, self._within_m = np.random.default_rng(seed), within_m
+
+    def __call__(self, now: Now, *, hard: bool) -> Frontier | None:
+        """See ``FrontierRule``: places stand in for frontiers."""
+        held = now.state.commitment
+        if held is not None and held.kind == "frontier":
+            place = Frontier(held.x_m, held.y_m, 1, float(now.arrival[now.terrain.cell(held.x_m, held.y_m)]))
+        else:
+            place = self._draw(now)
+        return head_for(now, [place], place, "at random")
+
+    def _draw(self, now: Now) -> Frontier:
+        terrain, robot, config = now.terrain, now.robot, now.config
+        places = np.isfinite(now.arrival) & terrain.known & (terrain.speed > config.tight_speed)
+        places &= ~terrain.disc(robot.x_m, robot.y_m, config.reached_m)
+        if math.isfinite(self._within_m):
+            places &= terrain.disc(robot.x_m, robot.y_m, self._within_m)
+        cells = np.argwhere(places)
+        if not len(cells):
+            cells = np.argwhere(np.isfinite(now.arrival))
+        row, col = (int(v) for v in cells[self._rng.integers(len(cells))])
+        return Frontier(*terrain.place(row, col), 1, float(now.arrival[row, col]))
+
+
+RANDOM_WALK = Policy(
+    "random-walk",
+    "to a random place within a metre, and on",
+    lambda task: Mission(task, PlannerConfig(), Rule(task.seed, _WALK_M)),
+    FusionConfig(),
+)
+RANDOM_SAMPLES = Policy(
+    "random-samples",
+    "to a random place anywhere, and on",
+    lambda task: Mission(task, PlannerConfig(), Rule(task.seed, math.inf)),
+    FusionConfig(),
+)

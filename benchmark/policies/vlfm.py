@@ -1,0 +1,61 @@
+"""VLFM's rule (Yokoyama et al., ICRA 2024, https://arxiv.org/abs/2312.03275): the frontier of the highest value.
+
+Kept: the value map with confidence-weighted averages, a frontier's value the median of what is known within 0.5 m, no
+price for the way, the frontier last chosen kept (also where it moved up to 0.5 m) as long as its value doesn't fall by
+0.01, the scan at the start, frontiers only at unexplored areas of at least 1.5 m2, the first detection of the target
+believed, and the stop at 0.9 m of it.
+Not kept: BLIP-2 (values come from the backend's own embeddings), the learnt PointNav policy (the driver is everybody's),
+giving up when there is no frontier left (floors and second looks are everybody's).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from benchmark.policies.mission import Mission, first_sight
+from benchmark.policies.policy import Policy
+from services.fusion.core import FusionConfig, MapConfig, ValueConfig
+from services.planner.core import PlannerConfig
+from services.planner.core.choose import head_for, held_frontier, open_frontiers
+from services.planner.core.frontiers import Frontier, values_near
+from services.planner.core.now import Now
+
+CONFIG = PlannerConfig(verification="paper", value_radius_m=0.5, standoff_m=0.85, stop_m=0.9)
+FUSION = first_sight(FusionConfig(map=MapConfig(frontier_hole_m2=1.5), value=ValueConfig(fusion="confidence")))
+
+_SAME_M = 0.5
+_WORSE = 0.01
+
+
+class Rule:
+    """The best frontier by value; remembers what the last one was worth."""
+
+    def __init__(self) -> None:
+        self._last_value = 0.0
+
+    def __call__(self, now: Now, *, hard: bool) -> Frontier | None:
+        """See ``FrontierRule``. Of equals the nearest wins."""
+        found = [_valued(now, frontier) for frontier in open_frontiers(now, hard=hard)]
+        if not found:
+            return None
+        ranked = sorted(found, key=lambda f: (-f.value, f.way_m))
+        held = held_frontier(now, ranked, _SAME_M)
+        chosen = held if held is not None and held.value + _WORSE > self._last_value else ranked[0]
+        self._last_value = chosen.value
+        return head_for(now, ranked, chosen, "by value")
+
+
+def _valued(now: Now, frontier: Frontier) -> Frontier:
+    known = values_near(now.maps, frontier, now.config.value_radius_m)
+    value = float(np.median(known)) if known.size else 0.0
+    return replace(frontier, value=value, score=value)
+
+
+VLFM = Policy(
+    "vlfm",
+    "the frontier of the highest value, VLFM (https://arxiv.org/abs/2312.03275)",
+    lambda task: Mission(task, CONFIG, Rule()),
+    FUSION,
+)

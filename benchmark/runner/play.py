@@ -1,0 +1,117 @@
+"""Playing the episodes of one scene: the building is opened once, its static cameras are fused once."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmark.dataset.build import open_scene
+from benchmark.dataset.format import HabitatEpisode
+from benchmark.dataset.load import SceneData, load_scene, start_of
+from benchmark.episode import Episode, FusedCameras, run_episode
+from benchmark.oracle import OraclePlanner
+from benchmark.policies import Task, Truth, policy_of
+from benchmark.runner.records import Broken, EpisodeRecord, Records
+from benchmark.runner.settings import RunSettings
+from benchmark.sight import Sight
+from services.planner.core.drive import FmmPlanner
+from surveilnav.building.goals import Goals
+from surveilnav.building.simulation import SimulatedBuilding
+from surveilnav.errors import SurveilNavError
+from surveilnav.perception.choose import choose_backend
+
+
+class ScenePlayer:
+    """One scene of a run, open."""
+
+    def __init__(self, root: Path, scene: str, settings: RunSettings) -> None:
+        """ConfigError and what opening a building may raise."""
+        self._settings, self._policy = settings, policy_of(settings.policy)
+        self._data: SceneData = load_scene(root, settings.split, scene)
+        backend = choose_backend(settings.perception, seed=settings.seed)
+        way = "depth" if backend.needs_truth else "pixels"
+        self._building: SimulatedBuilding = open_scene(
+            self._data.record, lighting="flat" if way == "depth" else "baked"
+        )
+        self._data.check_scene(self._building.scene)
+        self._sight = Sight(
+            self._building, backend, plan=self._data.plan(settings.density_m2), views=settings.views, way=way,  # type: ignore[arg-type]
+            scale=settings.resolution_divisor,
+        )  # fmt: skip
+        self._fused = FusedCameras(self._sight, self._policy.fusion)
+        self._goals: dict[str, Goals] = {}
+
+    @property
+    def episodes(self) -> list[HabitatEpisode]:
+        return self._data.content.episodes
+
+    def play(self, episode: HabitatEpisode) -> EpisodeRecord:
+        """One search, the same whenever and wherever it is played."""
+        s, building = self._settings, self._building
+        label, seed = self._data.label_of(episode), seed_of(s.seed, self._data.record.scene, episode.episode_id)
+        if label not in self._goals:
+            self._goals[label] = self._data.goals(label, building.scene, building.navigation)
+        goals = self._goals[label]
+        driver = OraclePlanner(building.navigation) if s.planner == "sp" else FmmPlanner()
+        truth = Truth(goals, building.navigation) if self._policy.needs_truth else None
+        outcome = run_episode(
+            self._sight, goals, start_of(episode, building.scene),
+            self._policy.begin(Task(label, seed, s.max_steps, driver, truth)),
+            surveillance=s.surveillance, fusion=self._policy.fusion, fused=self._fused, seed=seed,
+        )  # fmt: skip
+        return self._record(episode, outcome)
+
+    def _record(self, episode: HabitatEpisode, outcome: Episode) -> EpisodeRecord:
+        verdict = outcome.verdict
+        counted = self._sight.way == "pixels"
+        tiers = {"jpeg+depth": sum(outcome.camera_bytes.values()), "summaries": sum(outcome.summary_bytes.values())}
+        return EpisodeRecord(
+            scene=self._data.record.scene, episode_id=episode.episode_id, category=self._data.label_of(episode),
+            success=verdict.success, spl=verdict.spl, soft_spl=verdict.soft_spl, steps=outcome.steps,
+            path_m=verdict.path_m, shortest_path_m=verdict.shortest_path_m,
+            distance_m=verdict.distance_to_viewpoint_m if verdict.distance_to_viewpoint_m < 1e6 else None,
+            reason=outcome.reason, message=outcome.message, seen=outcome.seen, floors=list(outcome.floors),
+            invoked=sorted(outcome.camera_bytes), bytes=tiers if counted else {},
+            path=[(round(1e3 * x), round(1e3 * y)) for x, y, _ in outcome.trajectory], seconds=outcome.seconds,
+        )  # fmt: skip
+
+
+def seed_of(run_seed: int, scene: str, episode_id: str) -> int:
+    """An episode's own seed, at least 1."""
+    digest = hashlib.sha256(repr((run_seed, scene, episode_id)).encode()).digest()
+    return int.from_bytes(digest[:6], "little") + 1
+
+
+def play_scene(
+    root: Path, out: Path, dataset: str, settings: RunSettings, scene: str, wanted: frozenset[str],
+    alive: Callable[[], bool] = lambda: True,
+) -> None:  # fmt: skip
+    """Plays episodes of a scene and keeps each; one that fails by a bug of ours is kept as broken.
+
+    Raises:
+        SurveilNavError: the scene can't be opened, or records can't be kept.
+    """
+    records = Records(out, settings, dataset)
+    player = ScenePlayer(root, scene, settings)
+    for episode in player.episodes:
+        if episode.episode_id not in wanted:
+            continue
+        if not alive():
+            return
+        try:
+            record = player.play(episode)
+        except SurveilNavError:
+            raise
+        except Exception:  # one episode's bug must not end the others'
+            broken = Broken(scene=scene, episode_id=episode.episode_id, error=traceback.format_exc())
+            records.add_broken(broken)
+            continue
+        records.add(record)
+
+
+def parent_lives(parent: int) -> bool:
+    """Whether whoever started this worker still lives; it must not go on unseen."""
+    return os.getppid() == parent

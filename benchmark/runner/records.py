@@ -1,0 +1,147 @@
+"""The records of a run: one SQLite file, one row per episode, whole or not there whenever one looks."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from benchmark.runner.settings import RunSettings
+from surveilnav.errors import ConfigError
+
+VERSION = 1
+_BUSY_S = 60.0
+
+
+class EpisodeRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One episode. ``bytes``: by tier, what the cameras offered; empty where it wasn't counted. ``path``: x, y [m] after
+    every action, in mm. ``seconds``: wall time, the only field that another run may have different."""
+
+    scene: str
+    episode_id: str
+    category: str
+    success: bool
+    spl: float
+    soft_spl: float
+    steps: int
+    path_m: float
+    shortest_path_m: float
+    distance_m: float | None
+    reason: str
+    message: str
+    seen: bool
+    floors: list[str]
+    invoked: list[str]
+    bytes: dict[str, int]
+    path: list[tuple[int, int]]
+    seconds: float
+
+    @property
+    def key(self) -> tuple[str, str]:
+        return self.scene, self.episode_id
+
+
+class Broken(msgspec.Struct, frozen=True, kw_only=True):
+    """An episode that the program failed on: never counted, always named, tried again by the next run."""
+
+    scene: str
+    episode_id: str
+    error: str
+
+
+class Records:
+    """A run's folder. Safe for several processes at once.
+
+    Raises (all methods):
+        ConfigError: the file is damaged, of another run, or the disk is full; the message says what to do.
+    """
+
+    def __init__(self, folder: Path, settings: RunSettings, dataset: str) -> None:
+        """``dataset``: the hash of the split that is played; settings and it are kept, so runs can't be mixed."""
+        self.path = folder / "episodes.sqlite"
+        folder.mkdir(parents=True, exist_ok=True)
+        facts = {"version": VERSION, "dataset": dataset, "settings": msgspec.to_builtins(settings)}
+        with self._open() as db:
+            db.execute("CREATE TABLE IF NOT EXISTS run (facts TEXT NOT NULL)")
+            db.execute(
+                "CREATE TABLE IF NOT EXISTS episodes (scene TEXT, episode_id TEXT, success INTEGER, spl REAL, reason TEXT, "
+                "record BLOB NOT NULL, PRIMARY KEY (scene, episode_id))"
+            )
+            db.execute(
+                "CREATE TABLE IF NOT EXISTS broken (scene TEXT, episode_id TEXT, error TEXT, PRIMARY KEY (scene, episode_id))"
+            )
+            row = db.execute("SELECT facts FROM run").fetchone()
+            if row is None:
+                db.execute("INSERT INTO run VALUES (?)", [json.dumps(facts)])
+            elif json.loads(row[0]) != facts:
+                raise ConfigError(
+                    f"{folder} holds another run ({_difference(json.loads(row[0]), facts)}): take another --out"
+                )
+
+    def add(self, record: EpisodeRecord) -> None:
+        """Keeps an episode; when this returns, a kill can't lose it."""
+        with self._open() as db:
+            db.execute(
+                "INSERT OR REPLACE INTO episodes VALUES (?, ?, ?, ?, ?, ?)",
+                [*record.key, record.success, record.spl, record.reason, msgspec.json.encode(record)],
+            )
+            db.execute("DELETE FROM broken WHERE scene = ? AND episode_id = ?", record.key)
+
+    def add_broken(self, broken: Broken) -> None:
+        with self._open() as db:
+            db.execute(
+                "INSERT OR REPLACE INTO broken VALUES (?, ?, ?)", [broken.scene, broken.episode_id, broken.error]
+            )
+
+    def done(self) -> set[tuple[str, str]]:
+        """The keys of what is there."""
+        with self._open() as db:
+            return set(db.execute("SELECT scene, episode_id FROM episodes"))
+
+    def all(self) -> list[EpisodeRecord]:
+        """All episodes, in the dataset's order."""
+        with self._open() as db:
+            rows = db.execute("SELECT record FROM episodes").fetchall()
+        try:
+            records = [msgspec.json.decode(row[0], type=EpisodeRecord) for row in rows]
+        except msgspec.DecodeError as error:
+            raise ConfigError(f"{self.path} holds a record that can't be read ({error}): {_MOVE_AWAY}") from error
+        return sorted(records, key=lambda r: (r.scene, int(r.episode_id)))
+
+    def broken(self) -> list[Broken]:
+        with self._open() as db:
+            rows = db.execute("SELECT scene, episode_id, error FROM broken ORDER BY scene, episode_id").fetchall()
+        return [Broken(scene=s, episode_id=e, error=error) for s, e, error in rows]
+
+    @contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
+        """One transaction."""
+        try:
+            db = sqlite3.connect(self.path, timeout=_BUSY_S)
+            try:
+                with db:
+                    yield db
+            finally:
+                db.close()
+        except sqlite3.OperationalError as error:
+            raise ConfigError(f"{self.path} can't be used: {error}; is the disk full or read-only?") from error
+        except sqlite3.DatabaseError as error:
+            raise ConfigError(f"{self.path} is damaged: {error}; {_MOVE_AWAY}") from error
+
+
+_MOVE_AWAY = "move it away and run again: the episodes are then played anew"
+
+
+def _difference(kept: dict[str, Any], asked: dict[str, Any]) -> str:
+    """What a person would want to know of two runs' facts."""
+    if kept.get("version") != asked["version"]:
+        return f"its records are of version {kept.get('version')}"
+    if kept.get("dataset") != asked["dataset"]:
+        return "on another dataset"
+    was, now = kept["settings"], asked["settings"]
+    return ", ".join(f"{k} {was.get(k)!r}, asked {v!r}" for k, v in now.items() if was.get(k) != v)

@@ -1,0 +1,113 @@
+"""A whole run: scenes over workers, progress with time left, resumed after a kill at any moment."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmark.dataset import format as files
+from benchmark.dataset.load import load_scene, scenes_of
+from benchmark.runner.play import parent_lives, play_scene
+from benchmark.runner.records import Broken, EpisodeRecord, Records
+from benchmark.runner.settings import RunSettings
+from surveilnav.errors import SurveilNavError
+
+_POLL_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """``left_s``: time left, None until an episode of this start is done."""
+
+    done: int
+    total: int
+    left_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """What a run came to. ``unopened``: scenes that couldn't be opened or kept, with why."""
+
+    records: list[EpisodeRecord]
+    broken: list[Broken]
+    unopened: dict[str, str]
+    total: int
+
+    @property
+    def complete(self) -> bool:
+        return len(self.records) == self.total
+
+
+def dataset_hash(root: Path, split: str) -> str:
+    """What tells a split from every other: the hash of its files' hashes."""
+    import hashlib
+
+    manifest = files.manifest_of(root)
+    mine = sorted((k, v) for k, v in manifest.sha256.items() if k.startswith(f"{split}/"))
+    return hashlib.sha256(repr(mine).encode()).hexdigest()
+
+
+def run(
+    root: Path,
+    out: Path,
+    settings: RunSettings,
+    *,
+    workers: int,
+    on_progress: Callable[[Progress], None] = lambda _: None,
+) -> Finished:
+    """Plays what is missing of a split.
+
+    Raises:
+        ConfigError: settings, dataset or records that can't be used.
+    """
+    settings.check()
+    dataset = dataset_hash(root, settings.split)
+    records = Records(out, settings, dataset)
+    wanted = {
+        scene: [e.episode_id for e in load_scene(root, settings.split, scene).content.episodes]
+        for scene in scenes_of(root, settings.split)
+    }
+    total = sum(len(ids) for ids in wanted.values())
+    done = records.done()
+    missing = {s: frozenset(e for e in ids if (s, e) not in done) for s, ids in wanted.items()}
+    jobs = [(root, out, dataset, settings, s, ids) for s, ids in missing.items() if ids]
+    jobs.sort(key=lambda job: (-len(job[5]), job[4]))  # the largest first, so that all workers end together
+    began_s, before = time.monotonic(), len(done)
+    unopened: dict[str, str] = {}
+    if jobs:
+        with multiprocessing.get_context("spawn").Pool(
+            min(workers, len(jobs)), _ignore_interrupts, maxtasksperchild=1
+        ) as pool:
+            results = pool.imap_unordered(_work, jobs)
+            left = len(jobs)
+            while left:
+                try:
+                    scene, error = results.next(timeout=_POLL_S)
+                    left -= 1
+                    if error:
+                        unopened[scene] = error
+                except multiprocessing.TimeoutError:
+                    pass
+                n = len(records.done())
+                each_s = (time.monotonic() - began_s) / (n - before) if n > before else None
+                on_progress(Progress(n, total, each_s and each_s * (total - n)))
+    return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), total)
+
+
+def _ignore_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which ends its workers
+
+
+def _work(job: tuple[Path, Path, str, RunSettings, str, frozenset[str]]) -> tuple[str, str]:
+    root, out, dataset, settings, scene, ids = job
+    parent = os.getppid()
+    try:
+        play_scene(root, out, dataset, settings, scene, ids, lambda: parent_lives(parent))
+    except SurveilNavError as error:
+        return scene, str(error)
+    return scene, ""

@@ -1,0 +1,88 @@
+"""From records to numbers: SR, SPL, SoftSPL in percent, with bootstrap intervals."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.runner.records import EpisodeRecord
+from surveilnav.building.goals import SUCCESS_M
+
+RESAMPLES = 10_000
+SUCCESS_RULE = f"`stop` within {SUCCESS_M:g} m (geodesic) of a viewpoint of any goal (Habitat's rule)"
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean in percent and its 95 % interval."""
+
+    mean: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.mean:.1f} [{self.low:.1f}, {self.high:.1f}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A run's numbers; ``reasons``: failures by name."""
+
+    episodes: int
+    sr: Interval
+    spl: Interval
+    soft_spl: Interval
+    steps: float
+    path_m: float
+    reasons: dict[str, int]
+    bytes: dict[str, float]
+
+
+def summarise(records: Sequence[EpisodeRecord]) -> Summary:
+    """The numbers of at least one record. ValueError: none."""
+    if not records:
+        raise ValueError("there is no episode to sum up")
+    tiers = sorted({tier for r in records for tier in r.bytes})
+    return Summary(
+        len(records),
+        interval([100.0 * r.success for r in records]),
+        interval([100.0 * r.spl for r in records]),
+        interval([100.0 * r.soft_spl for r in records]),
+        float(np.mean([r.steps for r in records])),
+        float(np.mean([r.path_m for r in records])),
+        dict(sorted(Counter(r.reason for r in records if r.reason).items())),
+        {tier: float(np.mean([r.bytes.get(tier, 0) for r in records])) for tier in tiers},
+    )
+
+
+def interval(values: Sequence[float]) -> Interval:
+    """The mean and its percentile bootstrap over episodes (Efron 1979), always the same draws."""
+    data = np.asarray(values, dtype=np.float64)
+    low, high = np.percentile(_means(data), [2.5, 97.5])
+    return Interval(float(data.mean()), float(low), float(high))
+
+
+def paired(ours: Sequence[EpisodeRecord], theirs: Sequence[EpisodeRecord]) -> tuple[Interval, Interval]:
+    """The differences of SR and SPL in points over the episodes that both played."""
+    by_key = {r.key: r for r in theirs}
+    pairs = [(r, by_key[r.key]) for r in ours if r.key in by_key]
+    if not pairs:
+        raise ValueError("the two runs have no episode in common")
+    return (
+        interval([100.0 * (float(a.success) - float(b.success)) for a, b in pairs]),
+        interval([100.0 * (a.spl - b.spl) for a, b in pairs]),
+    )
+
+
+def _means(data: NDArray[np.float64]) -> NDArray[np.float64]:
+    rng = np.random.default_rng(0)
+    chunk = max(1, 4_000_000 // len(data))
+    parts = []
+    for first in range(0, RESAMPLES, chunk):
+        n = min(chunk, RESAMPLES - first)
+        parts.append(data[rng.integers(len(data), size=(n, len(data)))].mean(axis=1))
+    return np.concatenate(parts)

@@ -1,0 +1,186 @@
+"""What robot and cameras see in a simulated building, with what perception says of it: views as fusion gets them.
+
+Two ways. ``pixels``: rendered with light, through the encoders of the bus and back, so the bytes are those that a camera
+would offer and a detector sees what JPEG left. ``depth``: for perception that is told the truth and looks at no pixel:
+depth and instance ids alone, at a fraction of the resolution; no bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from services.camera_node.core import Seen, labels_of, summary
+from services.robot_node import core as robot
+from surveilnav.building.depth_noise import DepthNoise
+from surveilnav.building.picture import Rendered
+from surveilnav.building.simulation import (
+    CAMERA_DEPTH_RANGE_M,
+    CameraPlan,
+    PlannedCamera,
+    SimulatedBuilding,
+    noise_seed,
+)
+from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
+from surveilnav.geometry import Matrix4, Pinhole, Pose
+from surveilnav.messages import CameraInfo, CameraSummary, CameraViewInfo, FrameHeader, Observation
+from surveilnav.perception import Backend
+from surveilnav.runtime.wire import encode
+from surveilnav.sensing.packing import decode_frame, encode_rgbd
+from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception
+
+Way = Literal["pixels", "depth"]
+Views = Literal["panoramic", "half"]
+
+_NADIR_RAD = math.radians(-75.0)
+_BUILDING = "building"
+_ROBOT = "r1"
+
+
+@dataclass(frozen=True, slots=True)
+class Sighted:
+    """A view as it arrives, what perception says of it, and the bytes that its sender offered (0: not counted)."""
+
+    view: PosedView
+    perception: ViewPerception | None
+    offered_bytes: int
+
+
+class Sight:
+    """The eyes of one building. Camera views are made and perceived once: they don't change.
+
+    Attributes:
+        infos: the cameras as they announce themselves, with the views that they have.
+    """
+
+    def __init__(
+        self,
+        building: SimulatedBuilding,
+        backend: Backend,
+        *,
+        plan: CameraPlan | None = None,
+        views: Views = "panoramic",
+        way: Way = "pixels",
+        scale: int = 2,
+    ) -> None:
+        """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this."""
+        if way == "depth" and not backend.needs_truth:
+            raise ValueError(f"{backend.name} looks at pixels: it needs way='pixels'")
+        self.building, self.backend, self.way = building, backend, way
+        self._plan = plan or building.plan
+        self._half, self._scale = views == "half", scale if way == "depth" else 1
+        self._cameras = {camera.name: camera for camera in self._plan.cameras}
+        self._labels = building.scene.labels_by_id if backend.needs_truth else {}
+        self.infos = [self._info(camera) for camera in self._plan.cameras]
+        self.camera = lru_cache(maxsize=None)(self._camera)
+        self.summary = lru_cache(maxsize=None)(self._summary)
+
+    def robot(self, state: robot.RobotState, seed: int = 0) -> Sighted:
+        """What the robot sees at ``state``; ``seed`` sets the luck of its perception apart from other episodes'."""
+        T_world_camera = robot.camera_pose_of(state)
+        key = (seed, f"robot/{_ROBOT}", 0, state.seq) if seed else (f"robot/{_ROBOT}", 0, state.seq)
+        if self.way == "depth":
+            rendered = self._depth(
+                T_world_camera, robot.CAMERA, robot.DEPTH_RANGE_M, DepthNoise.robot(), "robot", state.seq
+            )
+            view = PosedView(
+                f"robot/{_ROBOT}", 0, state.seq, state.seq, state.floor, T_world_camera, self._lens(robot.CAMERA),
+                robot.CAMERA_HEIGHT_M, rendered.rgb, rendered.depth_m, robot.DEPTH_RANGE_M,
+            )  # fmt: skip
+            return Sighted(view, self._perceive(view, rendered, key), 0)
+        rendered = self.building.robot_view(T_world_camera, robot.CAMERA, robot.DEPTH_RANGE_M, state.seq)
+        payload, image, depth = encode_rgbd(rendered.rgb, rendered.depth_m, depth_range_m=robot.DEPTH_RANGE_M)
+        header = Observation(
+            stamp_ns=state.seq, source=f"robot/{_ROBOT}", view=0, seq=state.seq, floor=state.floor,
+            T_world_camera=Pose.from_matrix(T_world_camera), camera=robot.CAMERA,
+            mounting_offset_m=robot.CAMERA_HEIGHT_M, depth_range_m=robot.DEPTH_RANGE_M, image=image, depth=depth,
+            T_world_base=Pose.from_matrix(robot.base_pose_of(state)), last_action=state.last_action,  # type: ignore[arg-type]
+            collided=state.collided, path_m=state.path_m,
+        )  # fmt: skip
+        address = ROBOT_OBSERVATION.key_for(building=_BUILDING, robot=_ROBOT)
+        view = decode_frame(header, payload)
+        return Sighted(view, self._perceive(view, rendered, key), len(payload) + len(encode(header)) + len(address))
+
+    def by_floor(self) -> dict[str, dict[str, float]]:
+        """Floor -> label -> highest confidence that a camera of that floor reports."""
+        floors: dict[str, dict[str, float]] = {}
+        for info in self.infos:
+            labels = floors.setdefault(info.floor, {})
+            for label, confidence in self.summary(info.camera)[0].labels.items():
+                labels[label] = max(confidence, labels.get(label, 0.0))
+        return floors
+
+    def _camera(self, name: str) -> tuple[Sighted, ...]:
+        camera = self._cameras[name]
+        return tuple(self._camera_view(camera, index) for index in self._indices(camera))
+
+    def _summary(self, name: str) -> tuple[CameraSummary, int]:
+        """What a camera reports of all its views, made by its own perception, and the bytes that it offers for it."""
+        seen = {}
+        for index, view in enumerate(self.camera(name)):
+            labels: dict[str, float] = {}
+            for detected in view.perception.detections if view.perception else ():
+                labels[detected.label] = max(detected.score, labels.get(detected.label, 0.0))
+            seen[index] = Seen(1, labels)
+        floor = self._cameras[name].floor
+        message = summary(name, floor, labels_of(seen), stamp_ns=0)
+        key = CAMERA_SUMMARY.key_for(building=_BUILDING, floor=floor, camera=name)
+        return message, len(encode(message)) + len(key)
+
+    def _camera_view(self, camera: PlannedCamera, index: int) -> Sighted:
+        lens, offset_m = self._plan.intrinsics, self._plan.mounting_offset_m
+        source, pose = f"camera/{camera.name}", camera.views[index]
+        if self.way == "depth":
+            rendered = self._depth(pose.matrix(), lens, CAMERA_DEPTH_RANGE_M, DepthNoise.camera(), camera.name, index)
+            view = PosedView(
+                source, index, 1, 0, camera.floor, pose.matrix(), self._lens(lens), offset_m, rendered.rgb,
+                rendered.depth_m, CAMERA_DEPTH_RANGE_M,
+            )  # fmt: skip
+            return Sighted(view, self._perceive(view, rendered, (source, index, 1)), 0)
+        rendered = self.building.camera_view(camera, index)
+        payload, image, depth = encode_rgbd(
+            rendered.rgb, rendered.depth_m, depth_range_m=CAMERA_DEPTH_RANGE_M, jpeg_quality=85
+        )
+        header = FrameHeader(
+            stamp_ns=0, source=source, view=index, seq=1, floor=camera.floor, T_world_camera=pose, camera=lens,
+            mounting_offset_m=offset_m, depth_range_m=CAMERA_DEPTH_RANGE_M, image=image, depth=depth,
+        )  # fmt: skip
+        view = decode_frame(header, payload)
+        key = CAMERA_FRAME.key_for(building=_BUILDING, floor=camera.floor, camera=camera.name, view=index)
+        offered = len(payload) + len(encode(header)) + len(key)
+        return Sighted(view, self._perceive(view, rendered, (source, index, 1)), offered)
+
+    def _perceive(self, view: PosedView, rendered: Rendered, key: tuple[object, ...]) -> ViewPerception | None:
+        """What perception says of a view; None for one that looks straight down, which detectors can't read."""
+        forward = view.T_world_camera[:3, 2]
+        if math.asin(float(np.clip(forward[2], -1, 1))) < _NADIR_RAD:
+            return None
+        truth = TrueInstances(rendered.instance_ids, self._labels) if self.backend.needs_truth else None
+        return self.backend.perceive(view.rgb, view.depth_m, view.camera, truth=truth, key=key)
+
+    def _depth(
+        self, T_world_camera: Matrix4, camera: Pinhole, range_m: tuple[float, float], noise: DepthNoise, *name: object
+    ) -> Rendered:
+        settings = self.building.settings
+        return self.building.renderer.render(
+            T_world_camera, self._lens(camera), depth_range_m=range_m, noise=noise if settings.depth_noise else None,
+            seed=noise_seed(settings.seed, *name), colors=False,
+        )  # fmt: skip
+
+    def _lens(self, camera: Pinhole) -> Pinhole:
+        """The same lens over fewer, larger pixels."""
+        return camera.resized(camera.width_px // self._scale, camera.height_px // self._scale)
+
+    def _indices(self, camera: PlannedCamera) -> tuple[int, ...]:
+        return camera.half if self._half else tuple(range(len(camera.views)))
+
+    def _info(self, camera: PlannedCamera) -> CameraInfo:
+        return CameraInfo(
+            stamp_ns=0, camera=camera.name, floor=camera.floor, position_m=camera.position_m,
+            mounting_offset_m=self._plan.mounting_offset_m, intrinsics=self._plan.intrinsics,
+            views=[CameraViewInfo(i, camera.views[i]) for i in self._indices(camera)],
+        )  # fmt: skip

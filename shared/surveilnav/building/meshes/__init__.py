@@ -1,0 +1,28 @@
+"""Buildings that come as meshes: GLB and OBJ files, HM3D's folders; and any of our buildings written as such."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from surveilnav.building.meshes.buildings import open_mesh
+from surveilnav.building.meshes.export import export_glb, export_hm3d
+from surveilnav.building.meshes.hm3d import is_hm3d, open_hm3d
+from surveilnav.building.scene import Scene
+
+__all__ = ["export_glb", "export_hm3d", "is_mesh", "open_mesh", "open_scan"]
+
+
+def is_mesh(path: Path) -> bool:
+    """Whether ``open_scan`` is for this path: a .glb or .obj file, or a folder."""
+    return path.suffix.lower() in (".glb", ".obj", ".gltf") or path.is_dir()
+
+
+def open_scan(path: Path) -> Scene:
+    """The building of a GLB, an OBJ or an HM3D folder.
+
+    Raises:
+        BuildingError: it isn't there, can't be read or has nowhere to stand.
+    """
+    if path.is_dir() or is_hm3d(path):
+        return open_hm3d(path)
+    return open_mesh(path)
