@@ -15,12 +15,15 @@ from pydantic import ValidationError
 from pydantic_settings import SettingsError
 from rich.console import Console
 
+from cli import bench, dataset
 from surveilnav.errors import SurveilNavError
 
 app = typer.Typer(
     name="surveilnav", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
     help="Surveillance cameras and a robot search a building together.",
 )  # fmt: skip
+app.add_typer(dataset.app, name="dataset")
+app.add_typer(bench.app, name="bench")
 console = Console(stderr=True, highlight=False)
 
 

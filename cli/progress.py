@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+_SAY_EVERY_S = 15.0
 
 
 @contextmanager
@@ -32,3 +43,29 @@ def bar(console: Console) -> Iterator[Callable[[float, str], None]]:
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("", total=1.0)
         yield lambda fraction, what: progress.update(task, completed=fraction, description=what)
+
+
+@contextmanager
+def counting(console: Console, things: str) -> Iterator[Callable[[int, int, str], None]]:
+    """A function (done, of, which) for long work: a bar, or a line every now and then where there is no terminal."""
+    if console.is_terminal:
+        columns = (TextColumn(things), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"),
+                   TimeElapsedColumn(), TimeRemainingColumn())  # fmt: skip
+        with Progress(*columns, console=console, transient=True) as progress:
+            task = progress.add_task("", total=None)
+            yield lambda done, of, which: progress.update(task, completed=done, total=of, description=which)
+        return
+    began_s = said_s = time.monotonic()
+    first: int | None = None
+
+    def say(done: int, of: int, which: str) -> None:
+        nonlocal said_s, first
+        first = done if first is None else first
+        now_s = time.monotonic()
+        if now_s - said_s < _SAY_EVERY_S and done < of:
+            return
+        said_s = now_s
+        left = f", {(now_s - began_s) / (done - first) * (of - done) / 60:.0f} min left" if done > first else ""
+        console.print(f"  {done} of {of} {things}{left} {which}".rstrip())
+
+    yield say

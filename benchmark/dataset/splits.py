@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from surveilnav.errors import ConfigError
+
 Models = Literal["all", "train", "val"]
 
 TRAIN_HOMES = (
@@ -64,3 +66,18 @@ def take(available: dict[str, int], wanted: int, first: int = 0) -> dict[str, in
 
 def _specs(buildings: Sequence[str], seeds: Sequence[int], models: Models) -> tuple[SceneSpec, ...]:
     return tuple(SceneSpec(b, s, models) for b in buildings for s in seeds)
+
+
+#: Filled by the building's rules: see ``benchmark.dataset.choose``.
+TRAIN = SplitSpec("train", _specs(TRAIN_HOMES, (0, 1), "train"), 120)
+VAL = SplitSpec("val", _specs(VAL_HOMES, (0, 1), "val"), 60)
+
+SPLITS: dict[str, SplitSpec] = {split.name: split for split in (VAL, TRAIN)}
+
+
+def splits_of(names: Sequence[str] | None) -> list[SplitSpec]:
+    """The splits of these names; all if none is named. ConfigError: one that doesn't exist."""
+    unknown = [name for name in names or () if name not in SPLITS]
+    if unknown:
+        raise ConfigError(f"there is no split {unknown[0]!r}; there are {', '.join(SPLITS)}")
+    return [SPLITS[name] for name in names] if names else list(SPLITS.values())

@@ -66,36 +66,38 @@ class Oracle:
 
     def _turn_or_move(self, robot: RobotView, left_m: float) -> str:
         """Towards the heading that begins the best few steps; the least blocked one where no step is free."""
-        n_steps = _NEAR_STEPS if left_m <= _NEAR_M else _FAR_STEPS
-        here, yaw_rad = (robot.x_m, robot.y_m), robot.yaw_rad
-        options = [(self._cost_m(here, yaw_rad, int(n), n_steps, robot.floor), abs(int(n)), int(n)) for n in HEADINGS]
-        cost_m, _, turns = min(options)
-        if math.isinf(cost_m):
-            turns = max(
-                (int(n) for n in HEADINGS),
-                key=lambda n: (
-                    self._truth.navigation.way_free(here, self._step(here, yaw_rad, n), robot.floor),
-                    -abs(n),
-                ),
-            )
+        here, n_steps = (robot.x_m, robot.y_m), _NEAR_STEPS if left_m <= _NEAR_M else _FAR_STEPS
+        _, turns = self._best(here, robot.yaw_rad, n_steps, robot.floor, math.inf)
+        if turns is None:
+            turns = max(HEADINGS.tolist(), key=lambda n: (self._free(here, robot.yaw_rad, n, robot.floor), -abs(n)))
         return "move_forward" if turns == 0 else "turn_left" if turns > 0 else "turn_right"
 
-    def _cost_m(self, p: _Place, yaw_rad: float, turns: int, n_steps: int, floor: str) -> float:
-        """Way [m] to the goal if the next step is taken after so many turns and the best ``n_steps - 1`` follow."""
-        there = self._step(p, yaw_rad, turns)
-        if self._truth.navigation.way_free(p, there, floor) < 1.0:
-            return math.inf
-        spent_m = self._config.step_m + self._config.turn_cost_m * abs(turns)
-        left_m = self._truth.goals.field.at(there, floor)
-        if left_m <= SUCCESS_M:
-            return spent_m
-        # all steps used up short of the goal: what is left takes one more at least
-        best_m = max(left_m, self._config.step_m) if left_m <= _NEAR_M else left_m
-        if n_steps > 1:
-            yaw_rad += turns * self._config.turn_rad
-            later = (self._cost_m(there, yaw_rad, int(n), n_steps - 1, floor) for n in HEADINGS)
-            best_m = min(later)
-        return spent_m + best_m
+    def _best(self, p: _Place, yaw_rad: float, n_steps: int, floor: str, limit_m: float) -> tuple[float, int | None]:
+        """Way [m] to the goal by the best ``n_steps`` free steps, and the turns before the first.
+
+        No step brings the goal nearer than by its length, so whatever can't be shorter than ``limit_m`` isn't tried.
+        """
+        options = []
+        for turns in HEADINGS.tolist():
+            if self._free(p, yaw_rad, turns, floor) >= 1.0:
+                there = self._step(p, yaw_rad, turns)
+                left_m = self._truth.goals.field.at(there, floor)
+                spent_m = self._config.step_m + self._config.turn_cost_m * abs(turns)
+                options.append((spent_m + max(0.0, left_m - SUCCESS_M), abs(turns), turns, there, left_m, spent_m))
+        best_m, first = limit_m, None
+        for least_m, _, turns, there, left_m, spent_m in sorted(options):
+            if least_m >= best_m:
+                break
+            if left_m > SUCCESS_M and n_steps > 1:
+                heading_rad = yaw_rad + turns * self._config.turn_rad
+                left_m, _ = self._best(there, heading_rad, n_steps - 1, floor, best_m - spent_m)
+            cost_m = spent_m + (left_m if left_m > SUCCESS_M else 0.0)
+            if cost_m < best_m:
+                best_m, first = cost_m, turns
+        return best_m, first
+
+    def _free(self, p: _Place, yaw_rad: float, turns: int, floor: str) -> float:
+        return self._truth.navigation.way_free(p, self._step(p, yaw_rad, turns), floor)
 
     def _step(self, p: _Place, yaw_rad: float, turns: int) -> _Place:
         yaw_rad += turns * self._config.turn_rad

@@ -10,6 +10,7 @@ giving up when there is no frontier left (floors and second looks are everybody'
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy as np
 from benchmark.policies.mission import Mission, first_sight
 from benchmark.policies.policy import Policy
 from services.fusion.core import FusionConfig, MapConfig, ValueConfig
-from services.planner.core import PlannerConfig
+from services.planner.core import MapView, PlannerConfig
 from services.planner.core.choose import head_for, held_frontier, open_frontiers
 from services.planner.core.frontiers import Frontier, values_near
 from services.planner.core.now import Now
@@ -36,21 +37,27 @@ class Rule:
         self._last_value = 0.0
 
     def __call__(self, now: Now, *, hard: bool) -> Frontier | None:
-        """See ``FrontierRule``. Of equals the nearest wins."""
-        found = [_valued(now, frontier) for frontier in open_frontiers(now, hard=hard)]
+        """See ``FrontierRule``."""
+        found = [valued(frontier, now.maps, now.config) for frontier in open_frontiers(now, hard=hard)]
         if not found:
             return None
-        ranked = sorted(found, key=lambda f: (-f.value, f.way_m))
-        held = held_frontier(now, ranked, _SAME_M)
-        chosen = held if held is not None and held.value + _WORSE > self._last_value else ranked[0]
+        chosen = best(found, held_frontier(now, found, _SAME_M), self._last_value)
         self._last_value = chosen.value
-        return head_for(now, ranked, chosen, "by value")
+        return head_for(now, found, chosen, "by value")
 
 
-def _valued(now: Now, frontier: Frontier) -> Frontier:
-    known = values_near(now.maps, frontier, now.config.value_radius_m)
+def valued(frontier: Frontier, maps: MapView, config: PlannerConfig) -> Frontier:
+    """With its value; 0 where the map knows none."""
+    known = values_near(maps, frontier, config.value_radius_m)
     value = float(np.median(known)) if known.size else 0.0
     return replace(frontier, value=value, score=value)
+
+
+def best(frontiers: Sequence[Frontier], held: Frontier | None, last_value: float) -> Frontier:
+    """The highest value, of equals the nearest; the one that the robot is on its way to while it keeps its value."""
+    if held is not None and held.value + _WORSE > last_value:
+        return held
+    return min(frontiers, key=lambda f: (-f.value, f.way_m))
 
 
 VLFM = Policy(

@@ -37,6 +37,8 @@ _HOMES: dict[str, tuple[str, str]] = {
 
 EXAMPLE_HOMES: tuple[str, ...] = tuple(_HOMES)
 PARAMETRIC_HOME = "parametric_flat"
+#: Patterns of names: n is any number from 0, and the plan's seed.
+GENERATED: tuple[str, ...] = tuple(f"{kind}_<n>" for kind in KINDS)
 
 _PARAMETRIC = {
     "parametric_flat": (parametric_flat, "flat of 80 m², six rooms, made in code: needs no assets"),
@@ -56,7 +58,8 @@ class BuildingInfo:
 def list_buildings() -> tuple[BuildingInfo, ...]:
     """All buildings that can be named; any .sh3d file or Home.xml can be opened besides."""
     named = tuple(BuildingInfo(name, about, True) for name, (_, about) in _HOMES.items())
-    return (*named, *(BuildingInfo(name, about, False) for name, (_, about) in _PARAMETRIC.items()))
+    generated = (BuildingInfo(f"{kind}_<n>", about, False) for kind, (_, about) in KINDS.items())
+    return (*named, *generated, *(BuildingInfo(name, about, False) for name, (_, about) in _PARAMETRIC.items()))
 
 
 def open_building(name_or_path: str, *, seed: int = 0, models: Models = "all", cache_dir: Path | None = None) -> Scene:
@@ -103,7 +106,7 @@ def open_building(name_or_path: str, *, seed: int = 0, models: Models = "all", c
             return _open_file(path, seed, cache, models)
     except (OSError, RuntimeError, ValueError) as error:  # too long, no home directory, a zero byte, no permission
         raise BuildingError(f"{name_or_path[:80]!r} can't be opened: {error}") from error
-    valid = (*EXAMPLE_HOMES, *_PARAMETRIC)
+    valid = (*EXAMPLE_HOMES, *_PARAMETRIC, *GENERATED)
     near = get_close_matches(name, valid, n=1)
     raise BuildingError(
         f"there is no building {name_or_path!r}{f'; did you mean {near[0]!r}?' if near else ''} "

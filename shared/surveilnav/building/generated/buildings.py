@@ -19,7 +19,7 @@ from surveilnav.building.generated.layout import (
     office_body,
 )
 from surveilnav.building.generated.rooms import flats_storey, office_storey
-from surveilnav.building.generated.space import Placed, RoomSpace
+from surveilnav.building.generated.space import FRONTS, Placed, RoomSpace
 from surveilnav.building.generated.statistics import Wanted, draw
 from surveilnav.building.generated.storey import OUTSIDE, Hole, Storey, add_windows
 from surveilnav.building.generated.walls import HALF_M, INNER_M, OUTER_M, Raster, inset, raster_of
@@ -160,18 +160,13 @@ def _wall(
 
 
 def _hole_piece(hole: Hole, level: str) -> Piece:
+    """A door or window; those to the outside sit in the middle of the outer wall, windows flush with its inside."""
     catalog, title, depth, foot, height = _HOLES[hole.what]
-    return _plain(
-        title,
-        level,
-        catalog,
-        hole.x,
-        hole.y,
-        foot,
-        (hole.width_m, depth, height),
-        0.0 if hole.along_x else math.pi / 2,
-        opening=True,
-    )
+    fx, fy = FRONTS[hole.quarter]
+    out = (OUTER_M - INNER_M) / 2 + max(0.0, (depth - OUTER_M) / 2) if OUTSIDE in hole.rooms else 0.0
+    x, y = round(hole.x - fx * out, 3), round(hole.y - fy * out, 3)
+    size = (hole.width_m, depth, height)
+    return _plain(title, level, catalog, x, y, foot, size, hole.quarter * math.pi / 2, opening=True)
 
 
 def _piece(placed: Placed, level: str) -> Piece:

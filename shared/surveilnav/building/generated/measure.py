@@ -37,7 +37,10 @@ _BY_NAME = (
     (r"bedro", "bedroom"), (r"bath", "bath"), (r"hall|corridor|entrance", "hall"), (r"office|study", "study"),
     (r"dressing|storage|cellar", "storage"),
 )  # fmt: skip
-_BY_CONTENT = (("bath", "bath"), ("shower", "bath"), ("toilet", "toilet"), ("double bed", "bedroom"), ("sofa", "living"), ("bookcase", "storage"), ("washing machine", "laundry"))  # fmt: skip
+_BY_CONTENT = (
+    ("bath", "bath"), ("shower", "bath"), ("toilet", "toilet"), ("double bed", "bedroom"), ("sofa", "living"),
+    ("bookcase", "storage"), ("washing machine", "laundry"),
+)  # fmt: skip
 #: Catalogue entries that are never swapped, and what we call them.
 _OTHERS = {
     "eTeks#kitchenCabinet": "kitchen cabinet", "eTeks#kitchenUpperCabinet": "upper cabinet",
@@ -81,7 +84,7 @@ def measure(homes: Iterable[Home]) -> dict[str, dict]:
         rooms = counts[type_]
         table[type_] = {
             "rooms": len(rooms),
-            "area_m2": {"min": round(min(areas[type_]), 1), "mean": round(float(np.mean(areas[type_])), 1), "max": round(max(areas[type_]), 1)},
+            "area_m2": {name: round(float(value), 1) for name, value in _spread(areas[type_]).items()},
             "pieces": {
                 kind: {
                     "share": round(sum(kind in c for c in rooms) / len(rooms), 2),
@@ -92,6 +95,10 @@ def measure(homes: Iterable[Home]) -> dict[str, dict]:
             },
         }  # fmt: skip
     return table
+
+
+def _spread(values: list[float]) -> dict[str, float]:
+    return {"min": min(values), "mean": float(np.mean(values)), "max": max(values)}
 
 
 def _area(room: PlanRoom) -> float:
@@ -117,7 +124,6 @@ def _type_of(room: PlanRoom, kinds: Counter[str]) -> str:
     """The type of a room; "" for what is outdoors and for rooms without a name or anything telling."""
     for pattern, type_ in _BY_NAME:
         if re.search(pattern, room.name, re.IGNORECASE):
-            # A bathroom that is only a toilet and a basin.
             return type_
     return next((type_ for kind, type_ in _BY_CONTENT if kinds[kind]), "")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from surveilnav.building.generated.layout import Body, Rect, Strip, snap
@@ -116,7 +118,7 @@ def flats_storey(body: Body, number: int, rng: np.random.Generator) -> Storey:
             for i in range(count + 1)
         ]
         cuts[-1] = strip.length
-        for s0, s1 in zip(cuts, cuts[1:], strict=False):
+        for s0, s1 in pairwise(cuts):
             flat += 1
             _flat(storey, strip.part(s0, s1), f"Flat {number}.{flat}", rng)
     return storey

@@ -32,6 +32,7 @@ class Space:
 class Hole:
     """A door or window in the wall between two rooms (``OUTSIDE`` for none).
 
+    ``quarter``: the way it looks in quarter turns from -y; doors to either side, windows and front doors inwards.
     ``what``: "door", "frame" (wide, without a leaf), "front" (closed, to the street), "window", "small window".
     """
 
@@ -39,8 +40,12 @@ class Hole:
     rooms: tuple[int, int]
     x: float
     y: float
-    along_x: bool
     width_m: float
+    quarter: int
+
+    @property
+    def along_x(self) -> bool:
+        return self.quarter % 2 == 0
 
 
 @dataclass(slots=True)
@@ -75,7 +80,7 @@ class Storey:
         offset = reach * float(rng.choice([0.0, 0.0, 1.0, 1.0, rng.random()]))
         middle = low + _CORNER_M + width_m / 2 + offset
         x, y = (middle, at) if along_x else (at, middle)
-        self.holes.append(Hole(what, (a, b), round(x, 3), round(y, 3), along_x, width_m))
+        self.holes.append(Hole(what, (a, b), round(x, 3), round(y, 3), width_m, 0 if along_x else 1))
         return True
 
     def facade(self, space: int) -> list[tuple[bool, float, float, float]]:
@@ -146,4 +151,7 @@ def add_windows(storey: Storey, rng: np.random.Generator, *, ground: bool) -> No
 
 def _pierce(storey: Storey, what: str, space: int, along_x: bool, at: float, middle: float, width: float) -> None:
     x, y = (middle, at) if along_x else (at, middle)
-    storey.holes.append(Hole(what, (space, OUTSIDE), round(x, 3), round(y, 3), along_x, width))
+    before = (x, y - 0.1) if along_x else (x - 0.1, y)
+    inside_first = any(r.x0 < before[0] < r.x1 and r.y0 < before[1] < r.y1 for r in storey.spaces[space].rects)
+    quarter = (0 if inside_first else 2) if along_x else (3 if inside_first else 1)
+    storey.holes.append(Hole(what, (space, OUTSIDE), round(x, 3), round(y, 3), width, quarter))

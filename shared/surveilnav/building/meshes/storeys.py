@@ -14,8 +14,10 @@ from surveilnav.building.scene import Floor, Room
 
 #: Heights nearer than this belong together; floors of scans are uneven by some centimetres.
 _EPS_M = 0.1
-#: A height has at least this much walkable area within ``_EPS_M``, or it is a tread.
-_DENSE_M2 = 1.0
+#: A height has at least this much walkable area, and this share of all, within ``_EPS_M``, or it is a tread or a ramp.
+_DENSE_M2, _DENSE_SHARE = 1.0, 0.03
+#: Ground rises less than this over twice ``_BASE_M``; garden slopes and roofs rise more.
+_RISE_M, _BASE_M = 0.05, 0.2
 #: A floor has at least this much room for a robot's centre.
 MIN_FLOOR_M2 = 4.0
 #: What is nearer than this to a larger floor is furniture, unless steps lead there, ...
@@ -38,7 +40,7 @@ class Storey:
 
 def find_storeys(spots: Spots) -> tuple[tuple[Storey, ...], tuple[str, ...]]:
     """The floors from below to above, called "0", "1", ..., and notes on levels that are none."""
-    chosen = spots.wide & _indoors(spots)
+    chosen = spots.wide & _indoors(spots) & _flat(spots)
     clusters = _clusters(spots, chosen)
     kept: list[tuple[float, float, set[int]]] = []  # height, area, parts
     notes: list[str] = []
@@ -78,6 +80,20 @@ def _indoors(spots: Spots) -> NDArray[np.bool_]:
     return np.asarray(usable[spots.part] if usable.any() else np.ones(len(spots.z_m), np.bool_))
 
 
+def _flat(spots: Spots) -> NDArray[np.bool_]:
+    """Spots whose ground rises little in both directions."""
+    flat = np.ones(len(spots.z_m), np.bool_)
+    for ahead, back in ((0, 1), (2, 3)):
+        ends = []
+        for side in (ahead, back):
+            spot = np.arange(len(spots.z_m))
+            for _ in range(max(1, round(_BASE_M / spots.grid.resolution_m))):
+                spot = np.where(spots.neighbour[side, spot] >= 0, spots.neighbour[side, spot], spot)
+            ends.append(spots.z_m[spot])
+        flat &= np.abs(ends[0] - ends[1]) < _RISE_M
+    return flat
+
+
 def _clusters(spots: Spots, chosen: NDArray[np.bool_]) -> list[tuple[float, float, set[int]]]:
     """Height [m], area [m2] and parts of every dense height among the chosen spots."""
     if not chosen.any():
@@ -85,7 +101,7 @@ def _clusters(spots: Spots, chosen: NDArray[np.bool_]) -> list[tuple[float, floa
     z, part = spots.z_m[chosen], spots.part[chosen]
     centimetre, index, count = np.unique(np.round(z / 0.01).astype(int), return_inverse=True, return_counts=True)
     # Equal heights are one point with a weight: DBSCAN's neighbourhoods stay small.
-    dense = DBSCAN(eps=_EPS_M, min_samples=max(1, round(_DENSE_M2 / spots.cell_m2)))
+    dense = DBSCAN(eps=_EPS_M, min_samples=max(1, round(_DENSE_M2 / spots.cell_m2), round(_DENSE_SHARE * len(z))))
     labels = dense.fit_predict(centimetre[:, None] * 0.01, sample_weight=count)
     of_spot = labels[index]
     found = []

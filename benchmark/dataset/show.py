@@ -1,0 +1,112 @@
+"""Pictures of a scene's floors: what cameras see, where they hang, where episodes start and goals stand."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.dataset.build import open_scene
+from benchmark.dataset.load import SceneData, load_scene, start_of
+from surveilnav.building.navigation import FloorNavigation
+from surveilnav.building.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
+from surveilnav.errors import ConfigError
+from surveilnav.geometry import Grid
+
+_SCALE = 3  # pixels a cell
+#: BGR
+_COLORS: dict[str, tuple[int, int, int]] = {
+    "chair": (60, 140, 230), "bed": (190, 80, 150), "potted plant": (60, 150, 60), "toilet": (200, 160, 40),
+    "tv": (40, 40, 40), "couch": (60, 60, 200),
+}  # fmt: skip
+
+
+def draw(root: Path, split: str, scene: str, out: Path) -> Path:
+    """Writes ``<out>/<split>/<scene>.png``; floors from the lowest on, side by side.
+
+    Raises:
+        ConfigError: no such scene, or it can't be written.
+    """
+    if not (root / split / "scenes" / f"{scene}.json").exists():
+        raise ConfigError(f"{root} has no scene {scene!r} in {split}; see {root / split / 'scenes'}")
+    data = load_scene(root, split, scene)
+    building = open_scene(data.record, lighting="flat")
+    data.check_scene(building.scene)
+    floors = [_floor(building, data, floor) for floor in building.navigation.floors.values()]
+    height = max(f.shape[0] for f in floors)
+    image = np.hstack([np.pad(f, ((0, height - f.shape[0]), (0, 0), (0, 0)), constant_values=255) for f in floors])
+    path = out / split / f"{scene}.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not cv2.imwrite(str(path), image):
+        raise ConfigError(f"{path} can't be written")
+    return path
+
+
+def _floor(building: SimulatedBuilding, data: SceneData, floor: FloorNavigation) -> NDArray[np.uint8]:
+    cameras = [c for c in data.plan(100).cameras if c.floor == floor.id]
+    covered = np.zeros(floor.grid.shape, dtype=np.bool_)
+    for camera in cameras:
+        covered |= seen_floor(building, floor, camera.position_m)
+    image = np.full((*floor.grid.shape, 3), 255, np.uint8)
+    image[floor.supported] = 222
+    image[floor.supported & floor.indoor] = 240
+    image[covered & floor.supported] = (200, 235, 205)
+    image[floor.obstacle] = 130
+    image = np.repeat(np.repeat(image, _SCALE, axis=0), _SCALE, axis=1)
+    for instance in building.scene.instances:
+        if instance.floor == floor.id and instance.label in _COLORS:
+            low, high = _pixel(floor.grid, instance.p_min[:2]), _pixel(floor.grid, instance.p_max[:2])
+            cv2.rectangle(image, low, high, _COLORS[instance.label], 2)
+    for episode in data.content.episodes:
+        start = start_of(episode, building.scene)
+        if start.floor == floor.id:
+            tip = (start.p_m[0] + 0.35 * math.cos(start.yaw_rad), start.p_m[1] + 0.35 * math.sin(start.yaw_rad))
+            color = _COLORS[data.label_of(episode)]
+            cv2.arrowedLine(image, _pixel(floor.grid, start.p_m[:2]), _pixel(floor.grid, tip), color, 1, cv2.LINE_AA)
+    for camera in cameras:
+        at = _pixel(floor.grid, camera.position_m[:2])
+        cv2.circle(image, at, 7, (0, 110, 255), -1, cv2.LINE_AA)
+        cv2.circle(image, at, 7, (0, 0, 0), 1, cv2.LINE_AA)
+    for transit in building.navigation.transits:
+        if floor.id in (transit.lower_floor, transit.upper_floor):
+            cv2.drawMarker(
+                image, _pixel(floor.grid, transit.end_on(floor.id)[:2]), (200, 0, 200), cv2.MARKER_TRIANGLE_UP, 12, 2
+            )
+    rows, cols = np.nonzero(floor.supported | floor.obstacle)
+    image = image[
+        max(0, rows.min() - 4) * _SCALE : (rows.max() + 5) * _SCALE,
+        max(0, cols.min() - 4) * _SCALE : (cols.max() + 5) * _SCALE,
+    ]
+    share = (covered & floor.supported & floor.indoor).sum() / max(1, (floor.supported & floor.indoor).sum())
+    title = f"{data.record.scene} floor {floor.id}: {floor.floor_area_m2:.0f} m2, {len(cameras)} cameras see {100 * share:.0f} %"
+    image = np.ascontiguousarray(np.pad(image[::-1], ((22, 4), (4, 8), (0, 0)), constant_values=255))
+    cv2.putText(image, title, (6, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def seen_floor(
+    building: SimulatedBuilding, floor: FloorNavigation, p_camera: tuple[float, float, float]
+) -> NDArray[np.bool_]:
+    """Cells of a floor's surface that a camera at ``p_camera`` has in sight and range."""
+    cells = np.argwhere(floor.supported)
+    xy = floor.grid.centres_of(cells)
+    near = np.linalg.norm(xy - np.array(p_camera[:2]), axis=1) < CAMERA_DEPTH_RANGE_M[1]
+    cells, xy = cells[near], xy[near]
+    seen = np.zeros(floor.grid.shape, dtype=np.bool_)
+    if len(cells):
+        ground = np.column_stack([xy, np.full(len(xy), floor.z_m + 0.1)]).astype(np.float32)
+        eye = np.broadcast_to(np.array(p_camera, dtype=np.float32), ground.shape)
+        clear = ~building.caster.occluded(eye, ground)
+        seen[cells[clear, 0], cells[clear, 1]] = True
+    return seen
+
+
+def _pixel(grid: Grid, p_m: tuple[float, ...]) -> tuple[int, int]:
+    row, col = (
+        float(v)
+        for v in ((p_m[1] - grid.origin_y_m) / grid.resolution_m, (p_m[0] - grid.origin_x_m) / grid.resolution_m)
+    )
+    return round(col * _SCALE), round(row * _SCALE)

@@ -1,0 +1,104 @@
+"""``surveilnav bench``: play a split of the dataset, and make tables of what came out."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from cli.dataset import DEFAULT_ROOT, AsJson, Root
+
+app = typer.Typer(no_args_is_help=True, help="The benchmark: policies on the dataset.")
+console = Console(stderr=True, highlight=False)
+
+
+@app.command()
+def run(
+    split: Annotated[str, typer.Option(help="val, val_mini or train.")] = "val_mini",
+    policy: Annotated[str, typer.Option(help="See `surveilnav bench policies`.")] = "surveilnav",
+    planner: Annotated[
+        str, typer.Option(help="fmm drives by the known map; sp knows the true navigation mesh.")
+    ] = "fmm",
+    surveillance: Annotated[str, typer.Option(help="on or off: whether cameras take part.")] = "on",
+    perception: Annotated[str, typer.Option(help="simulated, oracle or onnx-coco.")] = "simulated",
+    density: Annotated[int, typer.Option(help="Square metres of floor for a camera: 100 or 200.")] = 100,
+    views: Annotated[str, typer.Option(help="panoramic (360 degrees) or half (180).")] = "panoramic",
+    max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
+    root: Root = DEFAULT_ROOT,
+    out: Annotated[
+        Path | None, typer.Option(help="The run's folder; a second start plays only what is missing.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Play episodes; kill it at any moment and start it again. Exit 0 only if every episode was played."""
+    from benchmark.runner.run import run as play
+    from benchmark.runner.settings import RunSettings
+    from benchmark.runner.summary import SUCCESS_RULE, summarise
+    from cli.progress import counting
+    from surveilnav.errors import ConfigError
+
+    facts = {
+        "split": split, "policy": policy, "planner": planner, "surveillance": _on(surveillance), "perception": perception,
+        "density_m2": density, "views": views, "max_steps": max_steps, "seed": seed,
+    }  # fmt: skip
+    settings = _settings(RunSettings, facts)
+    folder = out or Path("runs/bench") / f"{split}-{policy}-{planner}-{surveillance}-{perception}"
+    began_s = time.monotonic()
+    with counting(console, "episodes") as progress:
+        finished = play(root, folder, settings, workers=workers, on_progress=lambda p: progress(p.done, p.total, ""))
+    for scene, why in finished.unopened.items():
+        console.print(f"[red]{scene} could not be played:[/] {why}")
+    for broken in finished.broken:
+        last = broken.error.strip().splitlines()[-1]
+        console.print(f"[red]{broken.scene} episode {broken.episode_id} broke (not counted):[/] {last}")
+    if not finished.records:
+        raise ConfigError(f"no episode could be played; see above, or {folder}")
+    s = summarise(finished.records)
+    if as_json:
+        print(json.dumps({
+            "sr": round(s.sr.mean, 2), "spl": round(s.spl.mean, 2), "soft_spl": round(s.soft_spl.mean, 2),
+            "episodes": s.episodes, "seconds": round(time.monotonic() - began_s, 1), "traffic": s.bytes,
+            "success": SUCCESS_RULE, "missing": finished.total - s.episodes, "reasons": s.reasons, "out": str(folder),
+        }))  # fmt: skip
+    else:
+        console.print(f"{s.episodes} of {finished.total} episodes: SR {s.sr}, SPL {s.spl}, SoftSPL {s.soft_spl}")
+        console.print("  " + ", ".join(f"{k} {v}" for k, v in s.reasons.items()))
+        console.print(f"  success: {SUCCESS_RULE}; records in {folder}")
+    sys.exit(0 if finished.complete else 1)
+
+
+@app.command()
+def policies(as_json: AsJson = False) -> None:
+    """List the policies."""
+    from benchmark.policies import POLICIES
+
+    if as_json:
+        print(json.dumps({p.name: p.about for p in POLICIES.values()}))
+        return
+    for p in POLICIES.values():
+        console.print(f"[bold]{p.name}[/]  {p.about}")
+
+
+def _on(value: str) -> bool:
+    if value not in ("on", "off"):
+        raise typer.BadParameter(f"surveillance is on or off, got {value!r}")
+    return value == "on"
+
+
+def _settings(kind: Any, facts: dict[str, Any]) -> Any:
+    import msgspec
+
+    from surveilnav.errors import ConfigError
+
+    try:
+        return msgspec.convert(facts, kind)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"these settings can't be: {error}") from error

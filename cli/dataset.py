@@ -1,0 +1,84 @@
+"""``surveilnav dataset``: build, check and show the collaborative dataset."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+app = typer.Typer(no_args_is_help=True, help="The collaborative dataset: buildings, cameras, episodes.")
+console = Console(stderr=True, highlight=False)
+
+DEFAULT_ROOT = Path("data/surveilnav-v1")
+Root = Annotated[Path, typer.Option(help="The dataset's folder.")]
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
+
+
+@app.command()
+def build(
+    split: Annotated[list[str] | None, typer.Option(help="val, val_mini, train; all if none is named.")] = None,
+    root: Root = DEFAULT_ROOT,
+    workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
+    as_json: AsJson = False,
+) -> None:
+    """Build the dataset, or what is missing of it: stop it whenever you like."""
+    import msgspec
+
+    from benchmark.dataset.make import make
+    from benchmark.dataset.splits import splits_of
+    from cli.progress import counting
+
+    with counting(console, "scenes") as progress:
+        manifest = make(root, splits_of(split), workers=workers, on_progress=progress)
+    if as_json:
+        print(msgspec.json.encode(manifest).decode())
+        return
+    for name, c in manifest.splits.items():
+        console.print(f"{name}: {c.scenes} scenes, {c.floors} floors, {c.cameras} cameras, {c.episodes} episodes")
+
+
+@app.command()
+def check(
+    root: Root = DEFAULT_ROOT,
+    deep: Annotated[bool, typer.Option(help="Also open every building and compare.")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Name whatever is wrong with a dataset. Exit 0 only if nothing is."""
+    from benchmark.dataset.check import check as faults_of
+    from cli.progress import counting
+
+    with counting(console, "scenes") as progress:
+        faults = list(faults_of(root, deep=deep, on_scene=progress))
+    if as_json:
+        print(json.dumps([{"level": f.level, "where": f.where, "what": f.what} for f in faults]))
+    else:
+        for f in faults:
+            console.print(f"[{'red' if f.level == 'error' else 'yellow'}]{f.level}[/] {f.where}: {f.what}")
+    errors = sum(f.level == "error" for f in faults)
+    console.print(f"{errors} errors, {len(faults) - errors} notes")
+    sys.exit(1 if errors else 0)
+
+
+@app.command()
+def show(
+    root: Root = DEFAULT_ROOT,
+    split: Annotated[str, typer.Option()] = "val",
+    scene: Annotated[list[str] | None, typer.Option(help="Scenes; all if none is named.")] = None,
+    out: Annotated[Path, typer.Option(help="Where the pictures go.")] = Path("runs/dataset"),
+) -> None:
+    """Draw floors, cameras with what they see, goals and starts."""
+    from benchmark.dataset.load import scenes_of
+    from benchmark.dataset.show import draw
+    from cli.progress import counting
+
+    scenes = scene or scenes_of(root, split)
+    with counting(console, "scenes") as progress:
+        for done, name in enumerate(scenes, start=1):
+            path = draw(root, split, name, out)
+            progress(done, len(scenes), name)
+            console.print(str(path))

@@ -1,0 +1,61 @@
+"""The bound: nearly the shortest way, over stairs too, never a collision."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from benchmark.floors import start_on
+from benchmark.policies import POLICIES
+from surveilnav.errors import TargetError
+
+ORACLE = POLICIES["oracle"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_spl(house, search, seed):
+    spl = []
+    for target in ("bed", "couch", "chair", "toilet", "tv", "potted plant"):
+        try:
+            goals = house.goals(target)
+        except TargetError:
+            continue
+        run = search(house, ORACLE, goals, house.start(goals, seed=seed))
+        verdict = run.run()
+        assert verdict.success, (target, run.last.message)
+        assert run.searcher.steps == run.state.steps
+        spl.append(verdict.spl)
+    assert len(spl) >= 5
+    assert sum(spl) / len(spl) >= 0.9, spl
+
+
+@pytest.mark.parametrize(("below", "seed"), [("0", 0), ("1", 1)])
+def test_over_the_stairs(house, search, below, seed):
+    goals = house.goals("bed")
+    only = {below: goals.viewpoints[below]}
+    goals = replace(goals, viewpoints=only, field=house.navigation.distance_field(only))
+    start = start_on(house.navigation, goals, "1" if below == "0" else "0", seed)
+    run = search(house, ORACLE, goals, start)
+    verdict = run.run()
+    assert verdict.success
+    assert "take_stairs" in run.actions
+    assert verdict.spl >= 0.9
+    assert run.searcher.steps == run.state.steps
+
+
+def test_it_never_bumps_and_counts_its_steps(house, search):
+    goals = house.goals("toilet")
+    run = search(house, ORACLE, goals, house.start(goals, seed=5), max_steps=4)
+    while run.step():
+        assert not run.state.collided
+    assert (run.last.error, run.searcher.steps) == ("out_of_steps", 4)
+
+
+def test_unreachable_goals_are_said_to_be(house, search):
+    goals = house.goals("bed")
+    start = house.start(goals)
+    nowhere = replace(goals, field=house.navigation.distance_field({}))
+    run = search(house, ORACLE, nowhere, start)
+    assert not run.step()
+    assert run.last.error == "unreachable"

@@ -1,0 +1,68 @@
+"""Every policy ends, by its own decision or its steps, and does the same again with the same seed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from benchmark.policies import POLICIES, Task, policy_of
+from services.planner.core.drive import FmmPlanner
+from surveilnav.errors import ConfigError
+
+CHANCE = ("random-walk", "random-samples")
+
+
+def test_a_wrong_name_is_told_the_right_ones():
+    assert policy_of("vlfm") is POLICIES["vlfm"]
+    with pytest.raises(ConfigError, match=r"'vlfn'.*surveilnav.*random-walk.*frontier.*vlfm.*l3mvn.*apexnav.*oracle"):
+        policy_of("vlfn")
+
+
+def test_names_and_lines():
+    for name, policy in POLICIES.items():
+        assert policy.name == name
+        assert "\n" not in policy.about
+    for name in ("surveilnav-paper", "frontier", "vlfm", "l3mvn", "apexnav"):
+        assert "https://" in POLICIES[name].about or "arXiv" in POLICIES[name].about
+
+
+@pytest.mark.parametrize("name", [name for name in POLICIES if name != "random-walk"])
+def test_it_finds_what_is_there(flat, search, name):
+    goals = flat.goals("toilet")
+    run = search(flat, POLICIES[name], goals, flat.start(goals))
+    verdict = run.run()
+    assert verdict.success, run.last.message
+    assert run.last.found
+    assert run.searcher.steps == run.state.steps
+
+
+@pytest.mark.parametrize("name", [name for name in POLICIES if name != "oracle"])
+def test_it_ends_where_there_is_nothing(flat, search, name):
+    """The target is never recognised: the steps bound the search, or it ends by itself, and nothing is claimed."""
+    goals = flat.goals("toilet")
+    run = search(flat, POLICIES[name], replace(goals, label="zebra"), flat.start(goals), max_steps=60)
+    run.run()
+    assert not run.last.found
+    assert run.last.error in ("out_of_steps", "not_found")
+    assert run.searcher.steps <= 60
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_the_same_seed_gives_the_same_actions(flat, search, name):
+    goals = flat.goals("bed")
+    start = flat.start(goals)
+
+    def actions(seed):
+        run = search(flat, POLICIES[name], goals, start, seed=seed, max_steps=30)
+        run.run()
+        return run.actions
+
+    first = actions(1)
+    assert actions(1) == first
+    assert (actions(2) != first) == (name in CHANCE)
+
+
+def test_the_oracle_needs_the_truth():
+    with pytest.raises(ValueError, match="truth"):
+        POLICIES["oracle"].begin(Task("bed", 0, 500, FmmPlanner()))

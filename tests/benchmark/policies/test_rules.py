@@ -1,0 +1,181 @@
+"""Which frontier each rule goes to."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmark.policies import POLICIES, apexnav, l3mvn, vlfm
+from benchmark.policies.cooccurrence import Cooccurrence, count_train, of_train
+from services.planner.core.frontiers import Frontier
+from surveilnav.building.sources import open_building
+from surveilnav.categories import TARGETS
+from surveilnav.errors import SurveilNavError
+from surveilnav.messages import ObjectRecord
+
+
+def frontier(way_m, value=math.nan, n_cells=20, x_m=0.0, y_m=0.0):
+    return Frontier(x_m, y_m, n_cells, way_m, value, value)
+
+
+def thing(label, x_m, y_m, status="candidate"):
+    return ObjectRecord(
+        id=1, label=label, floor="0", status=status, confidence=0.6, confidence_robot=0.6, confidence_surveillance=0.0,
+        label_robot=label, label_surveillance="", n_detections=2, n_points=50, center_m=(x_m, y_m, 0.5),
+        size_m=(0.5, 0.5, 0.5), first_seen_ns=0, last_seen_ns=0, sources=[], reason="",
+    )  # fmt: skip
+
+
+# --- VLFM ---------------------------------------------------------------------------------------------------------
+
+NEAR, FAR = frontier(1.0, 0.30), frontier(9.0, 0.32)
+
+
+@pytest.mark.parametrize(
+    ("held", "last_value", "chosen"),
+    [
+        (None, 0.0, FAR),  # the way costs nothing
+        (NEAR, 0.30, NEAR),  # kept as long as it is worth what it was
+        (NEAR, 0.305, NEAR),
+        (NEAR, 0.31, FAR),  # it lost 0.01
+        (FAR, 0.40, FAR),  # it lost more, and is the best all the same
+    ],
+)
+def test_vlfm(held, last_value, chosen):
+    assert vlfm.best([NEAR, FAR], held, last_value) is chosen
+
+
+def test_vlfm_takes_the_nearest_of_equals():
+    assert vlfm.best([frontier(3.0, 0.3), frontier(2.0, 0.3)], None, 0.0).way_m == 2.0
+
+
+# --- ApexNav ------------------------------------------------------------------------------------------------------
+
+
+def test_apexnav_tours_those_near_the_best():
+    found = [frontier(5.0, 0.50), frontier(2.0, 0.49), frontier(1.0, 0.40), frontier(1.5, 0.10), frontier(1.0)]
+    assert apexnav.good_ones(found, apexnav.CONFIG) == found[:2][::-1]
+
+
+def test_apexnav_does_not_begin_with_the_nearest_if_that_costs_the_tour():
+    """Robot at 0 on a line, frontiers at -1.0, 1.2 and 3: going left first saves nothing later and is the tour's best
+    beginning; with the far one gone it is the nearest that begins."""
+    at = np.array([-1.0, 1.2, 3.0])
+    found = [frontier(abs(x), 0.5) for x in at]
+    assert apexnav.first_of_tour(found, abs(at[:, None] - at)) is found[0]
+    at = np.array([-1.1, 1.0, -9.0])
+    found = [frontier(abs(x), 0.5) for x in at]
+    assert apexnav.first_of_tour(found, abs(at[:, None] - at)) is found[1]
+    at = np.array([-3.0, 1.0, 9.0, 1.5])
+    found = [frontier(abs(x), 0.5) for x in at]
+    assert apexnav.first_of_tour(found, abs(at[:, None] - at)) is found[0]
+
+
+# --- L3MVN --------------------------------------------------------------------------------------------------------
+
+ROOMS = [["bed", "chair"]] * 8 + [["toilet", "sink"]] * 8 + [["couch", "tv", "chair"]] * 8 + [["sink", "oven"]] * 2
+KNOWN = Cooccurrence.of_rooms(ROOMS)
+
+
+def test_l3mvn_goes_where_the_target_is_likely():
+    found = [frontier(1.0, x_m=0.0), frontier(4.0, x_m=10.0)]
+    things = [thing("bed", 1.0, 1.0), thing("sink", 11.0, 1.0), thing("chair", 3.0, 0.0)]
+    scored = l3mvn.scored(found, things, "toilet", KNOWN)
+    assert l3mvn.likeliest(scored).x_m == 10.0
+    assert l3mvn.likeliest(l3mvn.scored(found, things, "bed", KNOWN)).x_m == 0.0
+
+
+def test_l3mvn_counts_nothing_rejected_unknown_or_beyond_the_window():
+    found = [frontier(1.0)]
+    bare = l3mvn.scored(found, [], "toilet", KNOWN)
+    others = [thing("sink", 2.1, 0.0), thing("sink", 1.0, 0.0, "rejected"), thing("vase", 0.5, 0.5)]
+    assert l3mvn.scored(found, others, "toilet", KNOWN) == bare
+    assert l3mvn.scored(found, [thing("sink", 1.9, 1.9)], "toilet", KNOWN) != bare
+
+
+def test_l3mvn_without_objects_goes_by_cost_and_utility():
+    small, large, near = frontier(4.0, n_cells=10), frontier(4.5, n_cells=20), frontier(2.0, n_cells=13)
+    scored = l3mvn.scored([small, large, near], [], "toilet", KNOWN)
+    assert [f.n_cells for f in scored] == [13, 20, 10] or [f.n_cells for f in scored] == [20, 13, 10]
+    assert [f.n_cells + (8 if f.way_m < 3.0 else 0) for f in scored] == [21, 20, 10]
+    assert l3mvn.likeliest(scored).n_cells == 13
+    assert [round(f.score, 3) for f in scored] == [0.2, round(0.1 + 0.1 * 20 / 21, 3), round(0.1 + 0.1 * 10 / 21, 3)]
+
+
+def test_l3mvn_looks_at_the_four_best_within_reach():
+    found = [frontier(1.0 + i, n_cells=30 - i) for i in range(4)] + [
+        frontier(4.9, n_cells=5),
+        frontier(6.0, n_cells=90),
+    ]
+    scored = l3mvn.scored(found, [], "toilet", KNOWN)
+    assert len(scored) == 4
+    assert all(f.way_m < 5.0 and f.n_cells > 5 for f in scored)
+    assert l3mvn.scored(found[-1:], [], "toilet", KNOWN)[0].n_cells == 90
+
+
+@pytest.mark.parametrize(
+    ("scores", "chosen"), [((0.15, 0.4, 0.31), 1), ((0.05, 0.15, 0.25), 1), ((0.02, 0.05, 0.01), 0)]
+)
+def test_l3mvn_thresholds(scores, chosen):
+    found = [replace(frontier(1.0), score=s) for s in scores]
+    assert l3mvn.likeliest(found) is found[chosen]
+
+
+def test_likelihoods_are_shares():
+    for near in ([], ["sink"], ["bed", "chair"], ["zebra"]):
+        shares = {t: KNOWN.likelihood(t, near) for t in TARGETS}
+        assert math.isclose(sum(shares.values()), 1.0)
+    assert max(TARGETS, key=lambda t: KNOWN.likelihood(t, ["sink"])) == "toilet"
+    assert max(TARGETS, key=lambda t: KNOWN.likelihood(t, ["couch"])) in ("tv", "couch", "chair")
+    assert KNOWN.likelihood("zebra", ["sink"]) == 0.0
+
+
+def test_the_committed_counts_are_what_the_command_makes():
+    try:
+        open_building("2_bedroom")
+    except SurveilNavError as error:
+        pytest.skip(str(error))
+    assert count_train().to_json() == of_train().to_json()
+
+
+# --- on maps ------------------------------------------------------------------------------------------------------
+
+
+def first_choice(search, home, name, value):
+    """Frontiers weighed and the one chosen, after the scan at the start."""
+    goals = home.goals("bed")
+    run = search(home, POLICIES[name], goals, home.start(goals, seed=3), value=value)
+    while run.step():
+        run.known.clear()  # nothing is ever recognised
+        weighed = [c for c in run.last.candidates if c.kind == "frontier"]
+        if len(weighed) > 1:
+            return weighed, next(c for c in weighed if c.chosen)
+    raise AssertionError("never two frontiers")
+
+
+def test_values_lead_vlfm_and_not_frontier(flat, search):
+    """The same maps with values that grow towards +x, and towards -x."""
+    by_rule = {}
+    for name in ("vlfm", "frontier"):
+        for sign in (1.0, -1.0):
+            weighed, chosen = first_choice(search, flat, name, lambda x, y, s=sign: 0.5 + 0.03 * s * x)
+            by_rule[name, sign] = chosen.x_m
+            assert chosen.score == max(c.score for c in weighed)
+    assert by_rule["vlfm", 1.0] > by_rule["vlfm", -1.0]
+    assert by_rule["frontier", 1.0] == by_rule["frontier", -1.0]
+
+
+def test_apexnav_exploits_only_what_differs(flat, search):
+    """Weak values: as the nearest-frontier rule; strong ones: towards them."""
+    _, weak = first_choice(search, flat, "apexnav", lambda x, y: 0.5 + 1e-4 * x)
+    _, nearest = first_choice(search, flat, "frontier", lambda x, y: 0.5 + 1e-4 * x)
+    assert (weak.x_m, weak.y_m) == (nearest.x_m, nearest.y_m)
+    assert weak.reason.startswith("nearest")
+    chosen = {}
+    for sign in (1.0, -1.0):
+        _, strong = first_choice(search, flat, "apexnav", lambda x, y, s=sign: np.clip(0.5 + 0.08 * s * (x - 5), 0, 1))
+        chosen[sign] = strong.x_m
+    assert chosen[1.0] > chosen[-1.0]
