@@ -120,9 +120,8 @@ def _building(split: str, data: SceneData) -> Iterator[Fault]:
         building = open_scene(data.record, lighting="flat")
         data.check_scene(building.scene)
         scene, navigation = building.scene, building.navigation
-        goals = {
-            label: data.goals(label, scene, navigation) for label in {data.label_of(e) for e in data.content.episodes}
-        }
+        present = {files.CATEGORIES[key.rpartition(".glb_")[2]] for key in data.content.goals_by_category}
+        goals = {label: data.goals(label, scene, navigation) for label in sorted(present)}
     except SurveilNavError as error:
         yield Fault("error", where, str(error))
         return

@@ -1,4 +1,10 @@
-"""Ours, and the paper to the letter."""
+"""Ours, and the paper to the letter (arXiv 2606.25119).
+
+The paper: values averaged (eq. 2), association by box IoU (eq. 3), an object confirmed as soon as the higher of both
+confidences passes a threshold and rejected for good when its class changes; a confirmed target first, then a promising
+candidate, then the frontier of the highest value whatever the way costs; no camera chooses a floor. Where it is silent
+its maps are VLN-Game's and its driving is ours.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +12,11 @@ from benchmark.policies.mission import Mission
 from benchmark.policies.policy import Policy
 from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
+
+#: Values always decide unless they are all the same, and only they do.
+AS_WRITTEN = PlannerConfig(
+    verification="paper", exploit_min_std=1e-6, exploit_min_ratio=1.0, distance_weight_per_m=0.0, switch_margin_value=0.0
+)  # fmt: skip
 
 OURS = Policy(
     "surveilnav",
@@ -16,6 +27,6 @@ OURS = Policy(
 PAPER = Policy(
     "surveilnav-paper",
     "the paper to the letter: averaged values, stops at whatever is confirmed (arXiv 2606.25119)",
-    lambda task: Mission(task, PlannerConfig(verification="paper")),
+    lambda task: Mission(task, AS_WRITTEN),
     FusionConfig.preset("paper"),
 )

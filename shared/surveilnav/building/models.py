@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.building.archive import decode_picture
+from surveilnav.building.archive import MAX_TEXTURE_PX, decode_picture
 from surveilnav.building.objfile import MtlMaterial, ObjModel, read_mtl, read_obj
 from surveilnav.building.scene import Material
 from surveilnav.building.stored import replacing
@@ -63,13 +63,16 @@ def builtin_materials() -> dict[str, MtlMaterial]:
     }
 
 
-def load_model(path: str, read: Reader, cache_file: Path | None = None) -> Model:
+def load_model(
+    path: str, read: Reader, cache_file: Path | None = None, *, max_texture_px: int = MAX_TEXTURE_PX
+) -> Model:
     """Reads an OBJ with its MTL and pictures.
 
     Args:
         path: of the OBJ in the archive.
         read: gives the bytes of a path in the archive, or None.
         cache_file: where the parsed model is kept, if anywhere. Only for archives that we trust.
+        max_texture_px: pictures are reduced to this width and height.
 
     Raises:
         BuildingError: not there, or not an OBJ that can be read.
@@ -84,13 +87,13 @@ def load_model(path: str, read: Reader, cache_file: Path | None = None) -> Model
     if data is None:
         raise BuildingError(f"there is no model {path!r}")
     obj = read_obj(data, path)
-    model = _with_materials(obj, path, read)
+    model = _with_materials(obj, path, read, max_texture_px)
     if cache_file is not None:
         _save_cached(cache_file, model)
     return model
 
 
-def _with_materials(obj: ObjModel, path: str, read: Reader) -> Model:
+def _with_materials(obj: ObjModel, path: str, read: Reader, max_texture_px: int) -> Model:
     folder = PurePosixPath(path).parent
     known: dict[str, MtlMaterial] = {}
     for library in obj.libraries:
@@ -107,7 +110,7 @@ def _with_materials(obj: ObjModel, path: str, read: Reader) -> Model:
         texture = None
         if mtl.texture:
             if mtl.texture not in pictures:
-                pictures[mtl.texture] = _picture(mtl.texture, folder, read)
+                pictures[mtl.texture] = _picture(mtl.texture, folder, read, max_texture_px)
             picture = pictures[mtl.texture]
             if picture is not None:
                 texture = picture[0]
@@ -125,7 +128,7 @@ def _with_materials(obj: ObjModel, path: str, read: Reader) -> Model:
 
 
 def _picture(
-    words: str, folder: PurePosixPath, read: Reader
+    words: str, folder: PurePosixPath, read: Reader, max_px: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None] | None:
     """The picture that a ``map_Kd`` line means: options before it, backslashes and spaces in it are all met."""
     plain = words.replace("\\", "/")
@@ -138,7 +141,7 @@ def _picture(
                 continue
             data = read(str(folder / name))
             if data:
-                return decode_picture(data)
+                return decode_picture(data, max_px)
     return None
 
 

@@ -24,6 +24,7 @@ SIZES_M: dict[str, tuple[float, float, float]] = {
     "sink": (0.6, 0.48, 0.86), "refrigerator": (0.62, 0.65, 1.8), "oven": (0.6, 0.6, 0.88),
     "bathtub": (1.7, 0.75, 0.56),
     "bookshelf": (0.9, 0.32, 1.9), "lamp": (0.36, 0.36, 1.55), "cabinet": (1.2, 0.42, 0.5), "rug": (1.8, 1.3, 0.01),
+    "stairs": (0.9, 2.4, 3.62),
 }  # fmt: skip
 
 _FABRICS: tuple[Color, ...] = (
@@ -34,6 +35,7 @@ _WOODS: tuple[Color, ...] = ((0.52, 0.36, 0.22), (0.40, 0.27, 0.17), (0.66, 0.50
 _CERAMIC = Material("ceramic", (0.93, 0.93, 0.92), shininess=0.4)
 _METAL = Material("metal", (0.62, 0.63, 0.65), shininess=0.5)
 _BLACK = Material("black", (0.04, 0.04, 0.05), shininess=0.4)
+_STAIR_WOOD = Material("stairs", (0.55, 0.40, 0.26))
 _LINEN = Material("linen", (0.92, 0.91, 0.88))
 
 
@@ -216,10 +218,22 @@ def _rug(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator)
     m.box((-w / 2, -d / 2, 0), (w / 2, d / 2, max(h, 0.005)), _pick("fabric", _FABRICS, rng))
 
 
+def _stairs(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator) -> None:
+    """A straight flight that climbs to the back; Sweet Home 3D's heights count a handrail of 1 m."""
+    del rng
+    steps, rise = 12, h - 1.0 if h > 2.9 else h
+    for i in range(steps):
+        y = -d / 2 + i * d / steps
+        m.box(
+            (-w / 2, y, max(0.0, (i - 1) * rise / steps)), (w / 2, y + d / steps, (i + 1) * rise / steps), _STAIR_WOOD
+        )
+
+
 _MAKERS: dict[str, _Maker] = {
     "bed": _bed, "couch": _couch, "chair": _chair, "toilet": _toilet, "tv": _tv, "potted plant": _plant,
     "dining table": _table, "sink": _sink, "refrigerator": _refrigerator, "oven": _oven, "bathtub": _bathtub,
     "bookshelf": _bookshelf, "lamp": _lamp, "cabinet": _box, "rug": _rug,
+    "stairs": _stairs,
 }  # fmt: skip
 
 PIECES: tuple[str, ...] = tuple(_MAKERS)
@@ -242,12 +256,11 @@ def parametric_piece(kind: str, size_m: tuple[float, float, float] | None, rng: 
 def stair_flight(width_m: float, run_m: float, rise_m: float, steps: int) -> Mesh:
     """A straight flight that climbs towards +x, from x = 0, centred in y, closed below."""
     mesh = MeshBuilder()
-    wood = Material("stairs", (0.55, 0.40, 0.26))
     for i in range(steps):
         low = max(0.0, (i - 1) * rise_m / steps)
         mesh.box(
             (i * run_m / steps, -width_m / 2, low),
             ((i + 1) * run_m / steps, width_m / 2, (i + 1) * rise_m / steps),
-            wood,
+            _STAIR_WOOD,
         )
     return mesh.mesh()

@@ -87,10 +87,12 @@ class TrueInstances:
     """Simulation only: which instance each pixel shows. Never reaches fusion or planner.
 
     ``ids`` is (height, width) uint16, 0 where no instance is; ``labels`` maps instance ids to class names.
+    ``T_world_camera`` is the view's pose where it is told: views from the same direction share their luck.
     """
 
     ids: NDArray[np.uint16]
     labels: dict[int, str] = field(default_factory=dict)
+    T_world_camera: Matrix4 | None = None
 
 
 def box_cells(box_px: tuple[float, float, float, float], width_px: int, height_px: int) -> tuple[int, int, int, int]:

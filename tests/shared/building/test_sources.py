@@ -232,9 +232,10 @@ def test_example_homes_need_assets(tmp_path: Path) -> None:
 
 
 def test_the_list_of_buildings() -> None:
-    assert [b.name for b in list_buildings()] == [*EXAMPLE_HOMES, "parametric_flat", "parametric_house"]
+    names = [*EXAMPLE_HOMES, "office_<n>", "flats_<n>", "parametric_flat", "parametric_house"]
+    assert [b.name for b in list_buildings()] == names
     assert len(EXAMPLE_HOMES) == 9
-    assert [b.needs_assets for b in list_buildings()] == [True] * 9 + [False] * 2
+    assert [b.needs_assets for b in list_buildings()] == [True] * 9 + [False] * 4
 
 
 @pytest.fixture(scope="session")

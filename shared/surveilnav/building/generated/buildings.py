@@ -25,13 +25,15 @@ from surveilnav.building.generated.storey import OUTSIDE, Hole, Storey, add_wind
 from surveilnav.building.generated.walls import HALF_M, INNER_M, OUTER_M, Raster, inset, raster_of
 from surveilnav.building.sweethome import Home, Level, Piece, PlanRoom, PlanWall
 
-#: What can be asked for: name -> (least and largest area of a floor [m2], what it is).
+#: What can be asked for: name -> (least and largest area of a floor without outer walls [m2], what it is).
 KINDS: dict[str, tuple[tuple[float, float], str]] = {
-    "office": ((200.0, 450.0), "offices along corridors, 1-4 floors of 200-450 m²"),
-    "flats": ((150.0, 350.0), "apartment house, 1-4 floors of 150-350 m²"),
+    "office": ((195.0, 430.0), "offices along corridors, 1-4 floors of 200-450 m²"),
+    "flats": ((145.0, 330.0), "apartment house, 1-4 floors of 150-350 m²"),
 }
 _NAME = re.compile(r"(office|flats)_(0|[1-9]\d{0,17})")
 _ROOM_HEIGHT_M, _SLAB_M = 2.5, 0.12
+#: Of all floors together: furniture for more has too many triangles for one scene.
+_MAX_AREA_M2 = 1600.0
 _FLOOR_M = _ROOM_HEIGHT_M + _SLAB_M
 _RAIL_M = 0.9
 
@@ -103,7 +105,7 @@ def plan(kind: str, rng: np.random.Generator) -> tuple[Body, list[Storey]]:
     """Body and floors."""
     low, high = KINDS[kind][0]
     floors = int(rng.choice([1, 2, 3, 4], p=[0.3, 0.3, 0.25, 0.15]))
-    area = float(rng.uniform(low, high))
+    area = min(float(rng.uniform(low, high)), _MAX_AREA_M2 / floors)
     body = (office_body if kind == "office" else flats_body)(area, floors > 1, rng)
     storeys = []
     for i in range(floors):

@@ -94,7 +94,9 @@ def _toilets(storey: Storey, strip: Strip, number: int, rng: np.random.Generator
     """A washroom at the corridor, two toilets behind it."""
     front, middle = snap(min(2.0, strip.depth / 2)), snap(strip.length / 2)
     count = sum(s.type == "washroom" for s in storey.spaces)
-    washroom = storey.add(f"Washroom {number}.{count + 1}", "washroom", strip.cell(0.0, strip.length, 0.0, front))
+    washroom = storey.add(
+        f"Toilet washroom {number}.{count + 1}", "washroom", strip.cell(0.0, strip.length, 0.0, front)
+    )
     storey.connect(0, washroom, rng)
     for i, (s0, s1) in enumerate(((0.0, middle), (middle, strip.length))):
         room = storey.add(f"Toilet {number}.{2 * count + i + 1}", "toilet", strip.cell(s0, s1, front))

@@ -103,17 +103,17 @@ def draw(type_: str, area_m2: float, rng: np.random.Generator) -> list[Wanted]:
         for kind, share in rooms.pieces.items():
             chance = table if kind in ("table", "chair") else rng.random()
             if kind not in without and kind not in more and chance < share.share:
-                wanted += [_sized(kind, share.size_m, rng)] * _number(share.count * growth, rng)
+                wanted += [_sized(kind, share.size_m, rng)] * _number(share.count, growth, rng)
     for kind, (share_of_rooms, number, size) in more.items():
         if rng.random() < share_of_rooms:
-            count = max(1, int(area_m2 / -number)) if number < 0 else _number(number, rng)
+            count = max(1, int(area_m2 / -number)) if number < 0 else _number(number, 1.0, rng)
             wanted += [_sized(kind, size, rng)] * count
     return _sensible(type_, wanted, rng)
 
 
-def _number(mean: float, rng: np.random.Generator) -> int:
-    """At least one."""
-    return 1 + int(rng.poisson(max(0.0, mean - 1.0)))
+def _number(mean: float, growth: float, rng: np.random.Generator) -> int:
+    """At least one; what no room of the homes has twice comes once however large the room."""
+    return 1 if mean <= 1.0 else 1 + int(rng.poisson(max(0.0, mean * growth - 1.0)))
 
 
 def _sized(kind: str, size_m: Size, rng: np.random.Generator) -> Wanted:
@@ -142,9 +142,7 @@ def _sensible(type_: str, wanted: list[Wanted], rng: np.random.Generator) -> lis
         wanted = [w for w in wanted if w.kind != "washbasin"]
     if "tv" in kinds and "tv on a stand" in kinds:
         wanted = [w for w in wanted if w.kind != "tv on a stand"]
-    most = {"tv": 1, "tv on a stand": 1, "sofa": 3, "table": 1, "piano": 1, "toilet": 1}
-    if type_ == "study":
-        wanted = [w for i, w in enumerate(wanted) if w.kind != "bookcase" or kinds[:i].count("bookcase") < 3]
+    most = {"sofa": 3, "bookcase": 3 if type_ == "study" else 8, "vanity": 2}
     kept: list[Wanted] = []
     for w in wanted:
         if sum(k.kind == w.kind for k in kept) < most.get(w.kind, 8):

@@ -50,6 +50,10 @@ def open_mesh(path: Path, *, up: str = "y", scale: float = 1.0) -> Scene:
     Raises:
         BuildingError: it can't be read, has nowhere to stand, or isn't of a building's size.
     """
+    if not path.is_file():
+        raise BuildingError(f"there is no file {path}; expected a .glb or .obj file, or a folder of HM3D")
+    if not 0.0 < scale < np.inf:
+        raise BuildingError(f"the scale is a positive number of metres per unit, got {scale}")
     T = np.diag([scale, scale, scale, 1.0])
     if up == "y":
         T = T_WORLD_YUP @ T

@@ -15,7 +15,7 @@ from surveilnav.building.assembly import Mesh
 from surveilnav.building.scene import Material
 
 _MANY_PICTURES = 16
-_TEXTURE_PX, _TEXTURE_PX_OF_MANY = 2048, 1024
+TEXTURE_PX, _TEXTURE_PX_OF_MANY = 2048, 1024
 #: A palette of vertex colours has so many texels a side.
 _PALETTE = 64
 
@@ -34,7 +34,7 @@ def srgb_of(linear: NDArray[np.float64]) -> NDArray[np.float64]:
 def materials_of(header: dict[str, Any], blob: bytes, max_px: int | None) -> tuple[list[Material], tuple[str, ...]]:
     """The materials of a file and, last, the one for surfaces without; and notes on pictures that can't be read."""
     images = header.get("images", [])
-    max_px = max_px or (_TEXTURE_PX if len(images) <= _MANY_PICTURES else _TEXTURE_PX_OF_MANY)
+    max_px = max_px or (TEXTURE_PX if len(images) <= _MANY_PICTURES else _TEXTURE_PX_OF_MANY)
     pictures: dict[int, NDArray[np.uint8] | None] = {}
     found: list[Material] = []
     unread: set[int] = set()

@@ -115,21 +115,26 @@ def _surfaces(
 
 
 def _neighbours(grid: Grid, column: NDArray[np.int64], z: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(4, N): see ``Spots.neighbour``. Spots are sorted by column, then height."""
+    """(4, N): see ``Spots.neighbour``. Spots are sorted by column, then height.
+
+    Where the next column has none the one after it counts: rays that graze a riser find no tread.
+    """
     count = np.bincount(column, minlength=grid.rows * grid.cols)
     first = np.cumsum(count) - count
     found = np.full((4, len(z)), -1, dtype=np.int64)
     row, col = np.divmod(column, grid.cols)
     for side, (dr, dc) in enumerate(((0, 1), (0, -1), (1, 0), (-1, 0))):
-        inside = (0 <= row + dr) & (row + dr < grid.rows) & (0 <= col + dc) & (col + dc < grid.cols)
-        there = np.where(inside, column + dr * grid.cols + dc, 0)
-        nearest = np.full(len(z), STEP_M)
-        for layer in range(int(count.max(initial=0))):
-            has = inside & (layer < count[there])
-            spot = np.where(has, first[there] + layer, 0)
-            rise = np.abs(z[spot] - z)
-            better = has & (rise <= nearest)
-            found[side, better], nearest[better] = spot[better], rise[better]
+        for reach in (1, 2):
+            to_row, to_col = row + reach * dr, col + reach * dc
+            open_ = (found[side] < 0) & (to_row >= 0) & (to_row < grid.rows) & (to_col >= 0) & (to_col < grid.cols)
+            there = np.where(open_, to_row * grid.cols + to_col, 0)
+            nearest = np.full(len(z), STEP_M)
+            for layer in range(int(count.max(initial=0))):
+                has = open_ & (layer < count[there])
+                spot = np.where(has, first[there] + layer, 0)
+                rise = np.abs(z[spot] - z)
+                better = has & (rise <= nearest)
+                found[side, better], nearest[better] = spot[better], rise[better]
     return found
 
 

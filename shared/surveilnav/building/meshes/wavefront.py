@@ -8,6 +8,7 @@ import numpy as np
 
 from surveilnav.building.archive import MAX_MEMBER_BYTES
 from surveilnav.building.assembly import Mesh
+from surveilnav.building.meshes.materials import TEXTURE_PX
 from surveilnav.building.models import load_model
 from surveilnav.errors import BuildingError
 
@@ -34,7 +35,7 @@ def read_obj_building(path: Path) -> list[tuple[str, Mesh]]:
             return None
         return target.read_bytes()
 
-    model = load_model(path.name, read)
+    model = load_model(path.name, read, max_texture_px=TEXTURE_PX)
     found = []
     for number, name in enumerate(model.group_names):
         chosen = model.group == number

@@ -1,0 +1,185 @@
+"""How a detector errs: what it finds, what it calls it, how sure it is, and how alike its luck is from view to view.
+
+Every thing (or place of a wall or floor) that a view shows has a latent ease: a linear function of what can be seen of
+it plus a standard normal luck (a probit model). Above 0 the detector finds it; the score grows with the ease. Luck has
+three parts: one of the instance, which every view of it shares; one that changes smoothly with direction and distance
+(a Gaussian field of random Fourier features, Rahimi and Recht 2007); one of the single view. All of it is drawn by
+hashing, so it depends on seed, view and instance alone, on any machine and in any order.
+
+The figures stand in data/simulated_errors.json; ``python -m benchmark.calibration`` measures them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+Floats = NDArray[np.float64]
+
+#: What ease depends on, in the order of every row of weights.
+FEATURES = ("one", "size", "size_squared", "range", "hidden", "cut", "elevation", "camera", "camera_size")
+_WAVES = 12  # Fourier features of a field
+_ROUND = {"splitmix": (0xBF58476D1CE4E5B9, 0x94D049BB133111EB), "step": (0x9E3779B97F4A7C15,)}
+
+
+def features(size_rad: Floats, range_m: Floats, hidden: Floats, cut: Floats, elevation_rad: Floats, camera: bool) -> Floats:
+    """(N, len(FEATURES)) of N things: square root of the solid angle that shows, distance, share of the outline behind
+    which it goes on, sides at the picture's edge, angle of sight below the horizon; ``camera``: not a robot's view."""
+    size = np.clip(np.log(size_rad / 0.15), -2.5, 2.0)
+    one, camera_ = np.ones_like(size), np.full_like(size, float(camera))
+    range_ = np.log(np.clip(range_m, 0.4, 12.0) / 2.5)
+    return np.stack(
+        [one, size, size**2, range_, hidden, cut / 2, np.sin(elevation_rad), camera_, camera_ * size], axis=-1
+    )
+
+
+class Luck(msgspec.Struct, frozen=True):
+    """Shares of the variance of luck (the single view has the rest), and how far a field's values are alike."""
+
+    instance: float
+    field: float
+    angle_rad: float
+    range_ratio: float
+
+
+class Kind(msgspec.Struct, frozen=True, dict=True):
+    """One kind of thing. ``weights``: of ``FEATURES`` by class, "" for all others; ``luck``: of finding.
+
+    ``names``: by class, what it is called and how often; ``name_luck``: share of the luck of names that the instance
+    keeps. ``own``: weights by which the thing's own name is the one, for things that have one. ``scores``: (ease,
+    score) of right and of wrong names. ``boxes``: measured ones: right and wrong; corners relative to the visible
+    thing's box, or for places (width, height) in radians of a thing 1 m away.
+    """
+
+    weights: dict[str, list[float]]
+    luck: Luck
+    names: dict[str, dict[str, float]]
+    name_luck: float
+    scores: dict[str, list[tuple[float, float]]]
+    boxes: dict[str, list[list[float]]]
+    own: dict[str, list[float]] = {}
+
+    @cached_property
+    def rows(self) -> dict[str, Floats]:
+        return {label: np.array(row) for label, row in self.weights.items()}
+
+    def ease(self, x: Floats, labels: Sequence[str]) -> Floats:
+        """(N,) expected ease of things with features (N, F)."""
+        return _weighted(x, labels, self.weights)
+
+    def own_ease(self, x: Floats, labels: Sequence[str]) -> Floats:
+        """(N,) the same for being called by its own name."""
+        return _weighted(x, labels, self.own)
+
+    def score(self, ease: float, right: bool) -> float:
+        """The detector's score at some ease; below the lowest score that it reports where ease < 0."""
+        knots = self.scores["right" if right else "wrong"]
+        return float(np.interp(ease, [k[0] for k in knots], [k[1] for k in knots]))
+
+    def name(self, label: str, luck: float, but: str = "") -> str:
+        """What a thing is called, with a standard normal luck; never ``but``."""
+        shares = self.names.get(label) or self.names[""]
+        total = sum(share for name, share in shares.items() if name != but)
+        left = float(ndtr(luck)) * total
+        for name, share in shares.items():
+            if name != but:
+                left -= share
+                if left <= 0:
+                    return name
+        return next(reversed(shares))
+
+
+def _weighted(x: Floats, labels: Sequence[str], weights: dict[str, list[float]]) -> Floats:
+    if not len(x):
+        return np.zeros(0)
+    rows = np.array([weights.get(label) or weights[""] for label in labels])
+    return np.asarray((x * rows).sum(axis=1))
+
+
+class ErrorModel(msgspec.Struct, frozen=True):
+    """All kinds: ``thing`` has a name that the detector knows, ``other`` has none, ``place`` is a piece of a surface."""
+
+    what: str
+    source: str
+    min_score: float
+    min_size_rad: float
+    kinds: dict[str, Kind]
+
+
+@lru_cache(maxsize=1)
+def error_model() -> ErrorModel:
+    """data/simulated_errors.json."""
+    return read(Path(__file__).parent / "data" / "simulated_errors.json")
+
+
+def read(path: Path) -> ErrorModel:
+    """The model in a file that ``benchmark.calibration`` wrote."""
+    return msgspec.json.decode(path.read_bytes(), type=ErrorModel)
+
+
+# --- luck -----------------------------------------------------------------------------------------------------------
+
+
+def hashed(seed: int, names: object) -> int:
+    """64 bits that depend on a seed and names, the same on every machine."""
+    return int.from_bytes(hashlib.sha256(repr((seed, names)).encode()).digest()[:8], "little")
+
+
+def uniforms(seed: int, ids: NDArray[np.uint64], channel: int, n: int = 1) -> Floats:
+    """(len(ids), n) numbers in (0, 1), by splitmix64 (Steele et al. 2014) of seed, id, channel and column."""
+    columns = np.arange(n, dtype=np.uint64) + np.uint64(channel << 32)
+    with np.errstate(over="ignore"):
+        z = _mixed(_mixed(ids + np.uint64(seed))[:, None] + columns)
+    return ((z >> np.uint64(11)).astype(np.float64) + 0.5) / 2.0**53
+
+
+def _mixed(z: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    a, b = _ROUND["splitmix"]
+    z = z + np.uint64(_ROUND["step"][0])
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(a)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(b)
+    return z ^ (z >> np.uint64(31))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Draws:
+    """Where luck comes from in one view: ``scene`` and ``view`` are seeds, ``ids`` (N,) name the things.
+
+    ``direction`` (N, 3) are unit vectors from the things to the camera in the world, ``range_m`` (N,).
+    """
+
+    scene: int
+    view: int
+    ids: NDArray[np.uint64]
+    direction: Floats
+    range_m: Floats
+
+    def luck(self, luck: Luck, channel: int) -> Floats:
+        """(N,) standard normal lucks of one channel, alike from view to view as ``luck`` says."""
+        own = ndtri(uniforms(self.scene, self.ids, 3 * channel))[:, 0]
+        view = ndtri(uniforms(self.view, self.ids, channel))[:, 0]
+        rest = max(0.0, 1.0 - luck.instance - luck.field)
+        return np.asarray(
+            np.sqrt(luck.instance) * own + np.sqrt(luck.field) * self._field(luck, channel) + np.sqrt(rest) * view
+        )
+
+    def name_luck(self, share: float, channel: int) -> Floats:
+        """(N,) standard normal lucks of which the instance keeps a share and each view draws the rest."""
+        return self.luck(Luck(share, 0.0, 1.0, 2.0), channel)
+
+    def _field(self, luck: Luck, channel: int) -> Floats:
+        at = np.concatenate(
+            [self.direction / luck.angle_rad, (np.log(self.range_m) / np.log(luck.range_ratio))[:, None]], axis=1
+        )
+        waves = ndtri(uniforms(self.scene, self.ids, 3 * channel + 1, 4 * _WAVES)).reshape(-1, _WAVES, 4)
+        phases = 2 * np.pi * uniforms(self.scene, self.ids, 3 * channel + 2, _WAVES)
+        return np.asarray(np.sqrt(2 / _WAVES) * np.cos((waves * at[:, None]).sum(axis=-1) + phases).sum(axis=-1))

@@ -1,0 +1,144 @@
+"""A dataset comes out the same, resumes, and its faults are named."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import shutil
+
+import pytest
+
+from benchmark.dataset.check import check
+from benchmark.dataset.make import make, write_manifest
+from benchmark.dataset.show import draw
+from benchmark.dataset.splits import SplitSpec, quotas, splits_of, take
+from surveilnav.errors import ConfigError
+from tests.benchmark.dataset.conftest import SPLIT
+
+
+def _bytes(root):
+    return {p.relative_to(root).as_posix(): p.read_bytes() for p in sorted(root.rglob("*.json*"))}
+
+
+def test_built_twice_it_is_the_same(dataset, tmp_path):
+    make(tmp_path, [SPLIT], workers=2)
+    assert _bytes(tmp_path) == _bytes(dataset)
+
+
+def test_only_what_is_missing_is_built(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    (root / "val_mini" / "scenes" / "parametric_flat-s0.json").unlink()  # as a kill leaves it
+    built = []
+    make(root, [SPLIT], workers=1, on_progress=lambda done, total, scene: built.append((done, total, scene)))
+    assert built == [(1, 1, "parametric_flat-s0")]
+    assert _bytes(root) == _bytes(dataset)
+
+
+def test_a_sound_dataset_has_no_errors(dataset):
+    assert [f for f in check(dataset) if f.level == "error"] == []
+
+
+def test_counts_that_dont_come_out_are_an_error(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    with pytest.raises(ConfigError, match="should have 4 floors"):
+        make(root, [SplitSpec("val_mini", SPLIT.scenes, 9, (4, 3))], workers=1)
+
+
+def _edit(path, change):
+    content = json.loads(gzip.decompress(path.read_bytes()))
+    change(content)
+    path.write_bytes(gzip.compress(json.dumps(content).encode()))
+
+
+def _start_in_a_wall(content):
+    content["episodes"][0]["start_position"] = [-50.0, 0.0, 0.0]
+
+
+def _no_viewpoint(content):
+    goals = next(iter(content["goals_by_category"].values()))
+    goals[0]["view_points"] = []
+
+
+def _no_category(content):
+    content["goals_by_category"].pop(next(k for k in content["goals_by_category"] if k.endswith("_toilet")))
+    content["episodes"] = [e for e in content["episodes"] if e["object_category"] != "toilet"]
+    for i, e in enumerate(content["episodes"]):
+        e["episode_id"] = str(i)
+
+
+def _goal_that_isnt_there(content):
+    next(iter(content["goals_by_category"].values()))[0]["object_id"] = "60000"
+
+
+@pytest.mark.parametrize(
+    ("change", "level", "said"),
+    [
+        (_start_in_a_wall, "error", "starts where no way leads to a goal"),
+        (_no_viewpoint, "error", "no viewpoint: unreachable"),
+        (_no_category, "note", "has no toilet"),
+        (_goal_that_isnt_there, "error", "with the number 60000"),
+    ],
+)
+def test_faults_are_named(dataset, tmp_path, change, level, said):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    _edit(root / "val_mini" / "content" / "parametric_flat-s0.json.gz", change)
+    changed = [f.what for f in check(root, deep=False) if f.level == "error"]
+    assert any("was changed" in what for what in changed)
+    write_manifest(root)  # somebody rebuilt the manifest over it
+    found = [f for f in check(root) if said in f.what]
+    assert [f.level for f in found][:1] == [level]
+    assert "parametric_flat-s0" in found[0].where
+
+
+def test_a_camera_that_sees_nothing_is_named(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+
+    def away(content):
+        content["cameras"]["100"][0]["position_m"] = [500.0, 500.0, 100.0]
+
+    _edit(root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", away)
+    write_manifest(root)
+    assert any("sees nothing" in f.what for f in check(root))
+
+
+def test_a_building_that_comes_out_otherwise_is_named(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    path = root / "val_mini" / "scenes" / "parametric_flat-s0.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"content_hash": "0" * 64}))
+    write_manifest(root)
+    assert any("another version of the program" in f.what for f in check(root))
+
+
+def test_a_damaged_file_is_named(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    path = root / "val_mini" / "content" / "parametric_flat-s0.json.gz"
+    path.write_bytes(path.read_bytes()[:200])
+    assert any("can't be read" in f.what and "parametric_flat-s0" in f.what for f in check(root, deep=False))
+
+
+def test_quotas_and_categories_are_even():
+    assert quotas(1000, 36) == [28] * 28 + [27] * 8
+    assert take({"a": 5, "b": 1, "c": 5}, 7) == {"a": 3, "b": 1, "c": 3}
+    assert take({"a": 1, "b": 1}, 7) == {"a": 1, "b": 1}
+    assert take({"a": 5, "b": 5}, 3, first=1) == {"a": 1, "b": 2}
+
+
+def test_splits_have_names():
+    with pytest.raises(ConfigError, match="there are"):
+        splits_of(["vla"])
+
+
+def test_pictures_show_floors(dataset, tmp_path):
+    import cv2
+
+    image = cv2.imread(str(draw(dataset, "val_mini", "parametric_house-s1", tmp_path)))
+    assert image.shape[1] > 900  # two floors side by side
+    assert (image == (0, 110, 255)).all(axis=-1).any()  # cameras
+    with pytest.raises(ConfigError, match="no scene"):
+        draw(dataset, "val_mini", "castle-s1", tmp_path)

@@ -1,0 +1,120 @@
+"""Records survive what happens to files; runs can't be mixed."""
+
+from __future__ import annotations
+
+import sqlite3
+
+import msgspec
+import pytest
+
+from benchmark.runner.records import Broken, EpisodeRecord, Records
+from benchmark.runner.settings import RunSettings
+from benchmark.runner.summary import interval, paired, summarise
+from surveilnav.errors import ConfigError
+
+RECORD = EpisodeRecord(
+    scene="flat-s0", episode_id="2", category="tv", success=True, spl=0.5, soft_spl=0.6, steps=10, path_m=4.0,
+    shortest_path_m=2.0, distance_m=0.05, reason="", message="found", seen=True, floors=["0"], invoked=["c0-1"],
+    bytes={"jpeg+depth": 1000}, path=[(0, 0), (250, 0)], seconds=1.0,
+)  # fmt: skip
+FAILED = msgspec.structs.replace(RECORD, episode_id="10", success=False, spl=0.0, reason="not_seen", bytes={})
+
+
+def test_kept_and_read_back_in_the_datasets_order(tmp_path):
+    records = Records(tmp_path, RunSettings(), "hash")
+    records.add(FAILED)
+    records.add(RECORD)
+    again = Records(tmp_path, RunSettings(), "hash")
+    assert again.all() == [RECORD, FAILED]  # 2 before 10
+    assert again.done() == {RECORD.key, FAILED.key}
+
+
+def test_a_broken_episode_is_kept_apart_until_it_is_played(tmp_path):
+    records = Records(tmp_path, RunSettings(), "hash")
+    records.add_broken(Broken(scene="flat-s0", episode_id="2", error="Traceback"))
+    assert records.all() == []
+    assert records.done() == set()
+    assert [b.episode_id for b in records.broken()] == ["2"]
+    records.add(RECORD)
+    assert records.broken() == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "dataset", "said"),
+    [
+        (RunSettings(max_steps=50), "hash", "max_steps 500, asked 50"),
+        (RunSettings(surveillance=False), "hash", "surveillance True, asked False"),
+        (RunSettings(), "other", "another dataset"),
+    ],
+)
+def test_runs_cant_be_mixed(tmp_path, settings, dataset, said):
+    Records(tmp_path, RunSettings(), "hash")
+    with pytest.raises(ConfigError, match=said):
+        Records(tmp_path, settings, dataset)
+
+
+def test_a_damaged_file_is_named(tmp_path):
+    Records(tmp_path, RunSettings(), "hash").add(RECORD)
+    path = tmp_path / "episodes.sqlite"
+    path.write_bytes(b"not a database" * 400)
+    with pytest.raises(ConfigError, match=r"damaged.*move it away"):
+        Records(tmp_path, RunSettings(), "hash")
+
+
+def test_a_damaged_record_is_named(tmp_path):
+    records = Records(tmp_path, RunSettings(), "hash")
+    records.add(RECORD)
+    with sqlite3.connect(records.path) as db:
+        db.execute("UPDATE episodes SET record = ?", [b'{"scene": 3'])
+    with pytest.raises(ConfigError, match="can't be read"):
+        records.all()
+
+
+def test_a_full_disk_is_named(tmp_path, monkeypatch):
+    records = Records(tmp_path, RunSettings(), "hash")
+    real = sqlite3.connect
+
+    def full(*arguments, **options):
+        db = real(*arguments, **options)
+        db.execute("PRAGMA max_page_count = 1")  # SQLite's own word for it: "database or disk is full"
+        return db
+
+    monkeypatch.setattr(sqlite3, "connect", full)
+    with pytest.raises(ConfigError, match="full"):
+        records.add(msgspec.structs.replace(RECORD, path=[(1, 1)] * 50_000))
+    monkeypatch.undo()
+    assert all(r.scene == "flat-s0" for r in records.all())  # what was kept can be read
+
+
+def test_numbers_and_their_intervals():
+    s = summarise([RECORD, FAILED])
+    assert (s.sr.mean, s.spl.mean, s.episodes, s.reasons) == (50.0, 25.0, 2, {"not_seen": 1})
+    assert s.bytes == {"jpeg+depth": 500.0}
+    many = [100.0] * 60 + [0.0] * 40
+    i = interval(many)
+    assert i == interval(many)  # the same draws
+    assert i.mean == 60.0
+    assert 48 < i.low < 53 < 67 < i.high < 72  # +-1.96 * sqrt(.6 * .4 / 100)
+    with pytest.raises(ValueError, match="no episode"):
+        summarise([])
+
+
+def test_paired_differences_use_common_episodes():
+    ours = [RECORD, msgspec.structs.replace(FAILED, success=True, spl=0.4)]
+    sr, spl = paired(ours, [FAILED, msgspec.structs.replace(RECORD, episode_id="99")])
+    assert (sr.mean, round(spl.mean, 6)) == (100.0, 40.0)
+    with pytest.raises(ValueError, match="no episode in common"):
+        paired([RECORD], [FAILED])
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (RunSettings(policy="best"), "there is no policy 'best'"),
+        (RunSettings(perception="auto"), "perception is one of"),
+        (RunSettings(max_steps=0), "1 to 5000 steps"),
+    ],
+)
+def test_settings_that_cant_be(settings, said):
+    with pytest.raises(ConfigError, match=said):
+        settings.check()

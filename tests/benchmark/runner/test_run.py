@@ -1,0 +1,125 @@
+"""A run: the same twice, resumed, nothing broken counted."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from benchmark.dataset.make import make
+from benchmark.dataset.splits import SceneSpec, SplitSpec
+from benchmark.episode import REASONS, FusedCameras, run_episode
+from benchmark.runner import play
+from benchmark.runner.play import ScenePlayer
+from benchmark.runner.records import Records
+from benchmark.runner.run import dataset_hash, run
+from benchmark.runner.settings import RunSettings
+from surveilnav.errors import ConfigError
+
+SETTINGS = RunSettings(perception="oracle", max_steps=40)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    root = tmp_path_factory.mktemp("dataset")
+    scenes = (SceneSpec("parametric_flat", 0, "all"), SceneSpec("parametric_house", 0, "all"))
+    make(root, [SplitSpec("val_mini", scenes, 6)], workers=1)
+    return root
+
+
+def _plain(records):
+    return [msgspec.structs.replace(r, seconds=0.0) for r in records]
+
+
+@pytest.fixture(scope="module")
+def finished(dataset, tmp_path_factory):
+    return run(dataset, tmp_path_factory.mktemp("run"), SETTINGS, workers=2)
+
+
+def test_every_episode_is_played_once(finished):
+    assert finished.complete
+    assert len({r.key for r in finished.records}) == finished.total == 6
+    assert finished.broken == []
+    assert finished.unopened == {}
+    assert all((r.reason == "") == r.success for r in finished.records)
+    assert all(r.reason in {"", *REASONS} for r in finished.records)
+    assert any(r.success for r in finished.records)
+    assert all(r.invoked for r in finished.records)
+
+
+def test_the_same_twice_on_any_number_of_workers(dataset, finished, tmp_path):
+    assert _plain(run(dataset, tmp_path, SETTINGS, workers=1).records) == _plain(finished.records)
+
+
+def test_a_second_start_plays_what_is_missing(dataset, finished, tmp_path, monkeypatch):
+    records = Records(tmp_path, SETTINGS, dataset_hash(dataset, "val_mini"))
+    for record in finished.records[:-2]:
+        records.add(record)
+    again = run(dataset, tmp_path, SETTINGS, workers=1)
+    assert _plain(again.records) == _plain(finished.records)
+    assert [r.seconds for r in again.records[:-2]] == [r.seconds for r in finished.records[:-2]]  # not played again
+
+
+def test_a_broken_episode_is_named_and_not_counted(dataset, tmp_path, monkeypatch):
+    real = ScenePlayer.play
+
+    def sometimes(self, episode):
+        if episode.episode_id == "1":
+            raise ZeroDivisionError("a bug")
+        return real(self, episode)
+
+    monkeypatch.setattr(ScenePlayer, "play", sometimes)
+    hash_ = dataset_hash(dataset, "val_mini")
+    play.play_scene(dataset, tmp_path, hash_, SETTINGS, "parametric_flat-s0", frozenset({"0", "1"}))
+    records = Records(tmp_path, SETTINGS, hash_)
+    assert [r.episode_id for r in records.all()] == ["0"]
+    assert "a bug" in records.broken()[0].error
+
+
+def test_a_scene_that_cant_be_opened_is_named(dataset, tmp_path, monkeypatch):
+    path = dataset / "val_mini" / "scenes" / "parametric_flat-s0.json"
+    kept = path.read_text()
+    path.write_text(kept.replace('"parametric_flat"', '"parametric_castle"'))
+    try:
+        finished = run(dataset, tmp_path, SETTINGS, workers=1)
+    finally:
+        path.write_text(kept)
+    assert not finished.complete
+    assert "parametric_castle" in finished.unopened["parametric_flat-s0"]
+    assert len(finished.records) == 3
+
+
+def test_fused_once_is_as_good_as_fused_live(dataset):
+    """The shortcut of the benchmark changes nothing that the planner sees."""
+    player = ScenePlayer(dataset, "parametric_house-s0", SETTINGS)
+    shown = []
+
+    def look(step, view, joint, maps, decision):
+        shown.append(
+            (decision.action, maps.occupancy.tobytes(), maps.explored.tobytes(), maps.value.tobytes(), maps.objects)
+        )
+
+    from benchmark.dataset.load import start_of
+    from benchmark.policies import Task, policy_of
+    from services.planner.core.drive import FmmPlanner
+
+    episode = player.episodes[0]
+    label = player._data.label_of(episode)
+    building = player._sight.building
+    goals, start = player._data.goals(label, building.scene, building.navigation), start_of(episode, building.scene)
+    ours = policy_of("surveilnav")
+    runs = []
+    for fused in (FusedCameras(player._sight, ours.fusion), None):
+        shown.clear()
+        for _ in range(2 if fused else 1):  # the second time from the copy
+            shown.clear()
+            searcher = ours.begin(Task(label, 1, 12, FmmPlanner()))
+            run_episode(player._sight, goals, start, searcher, fusion=ours.fusion, fused=fused, seed=1, on_step=look)
+        runs.append(list(shown))
+    assert runs[0] == runs[1]
+
+
+def test_no_such_split_or_dataset(dataset, tmp_path):
+    with pytest.raises(ConfigError, match="has the splits val_mini"):
+        run(dataset, tmp_path, RunSettings(split="test"), workers=1)
+    with pytest.raises(ConfigError, match="dataset build"):
+        run(tmp_path / "none", tmp_path / "out", RunSettings(), workers=1)
