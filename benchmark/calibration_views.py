@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from benchmark.recordings import Recording, SeenView, instance_of
 from surveilnav.building.simulation import SimulatedBuilding
 from surveilnav.building.stored import read_parts, write_parts
+from surveilnav.categories import COCO
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.error_model import Floats
@@ -27,7 +28,7 @@ _SCALE = 2  # views are kept at this fraction of their resolution: that at which
 
 class Found(msgspec.Struct, frozen=True):
     """A detection: box in pixels of the kept view, the instance that most of its mask shows (0: none) and its share,
-    and the median depth under its mask [m]."""
+    the median depth under its mask [m], the share that its label has of all classes' scores, and the next class."""
 
     label: str
     score: float
@@ -35,6 +36,8 @@ class Found(msgspec.Struct, frozen=True):
     id: int
     share: float
     depth_m: float
+    certainty: float = 1.0
+    second: str = ""
 
 
 class Look(msgspec.Struct, frozen=True):
@@ -108,9 +111,7 @@ def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
     )  # fmt: skip
 
 
-def _found(
-    d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], inside: dict[int, None]
-) -> Found:
+def _found(d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], inside: dict[int, None]) -> Found:
     height, width = depth_m.shape
     x0, y0, x1, y1 = box_cells(d.box_px, width, height)
     large = np.repeat(np.repeat(ids, _SCALE, axis=0), _SCALE, axis=1)
@@ -118,7 +119,12 @@ def _found(
     under = depth_m[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)]
     under = under[under > 0]
     box = tuple(float(v) / _SCALE for v in d.box_px)
-    return Found(d.label, d.score, box, id_, share, float(np.median(under)) if under.size else 0.0)  # type: ignore[arg-type]
+    shares = d.embedding[: len(COCO)] ** 2
+    first, second = (int(i) for i in np.argsort(-shares, kind="stable")[:2])
+    return Found(
+        d.label, d.score, box, id_, share, float(np.median(under)) if under.size else 0.0,  # type: ignore[arg-type]
+        round(float(shares[first] / shares.sum()), 3), COCO[second] if shares[second] > 0 else "",
+    )  # fmt: skip
 
 
 def save(looks: Looks, path: Path) -> None:

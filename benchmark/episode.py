@@ -77,6 +77,7 @@ def run_episode(
     summaries: bool = True,
     fusion: FusionConfig | None = None,
     fused: FusedCameras | None = None,
+    delay_steps: int = 0,
     seed: int = 0,
     on_step: Callable[[int, PosedView, JointMap, MapView, Decision], None] | None = None,
 ) -> Episode:
@@ -85,6 +86,7 @@ def run_episode(
     Args:
         summaries: whether the cameras of all floors report what they last saw.
         fused: made with the same sight and fusion settings; spares fusing the first floor's cameras.
+        delay_steps: so many actions after its invocation a camera's views arrive.
         seed: the luck of this episode's perception.
         on_step: ``on_step(step, view, joint, maps, decision)`` may look on.
     """
@@ -97,20 +99,23 @@ def run_episode(
     text = sight.backend.embed_texts([f"seems like there is a {goals.label}"])[0]
     joint: JointMap | None = None
     invoked: dict[str, int] = {}
+    due: list[tuple[int, tuple[str, ...]]] = []
     robot_bytes = 0
     trajectory, floors = [(state.x_m, state.y_m, state.yaw_rad)], [state.floor]
     while True:
         # active camera invocation (eq. 1)
         seen = sight.robot(state, seed)
         active = active_cameras([seen.view.floor_z_m], sight.infos) if surveillance else []
-        new = tuple(name for name in active if name not in invoked)
-        if joint is None:
-            joint = fused.maps_of(new) if fused is not None else JointMap(fusion)
-            if fused is None:
-                _integrate(joint, sight, new)
+        if new := tuple(name for name in active if name not in invoked):
+            invoked.update({name: sum(v.offered_bytes for v in sight.camera(name)) for name in new})
+            due.append((searcher.steps + delay_steps, new))
+        arrived = tuple(name for at, names in due if at <= searcher.steps for name in names)
+        due = [(at, names) for at, names in due if at > searcher.steps]
+        if joint is None and fused is not None:
+            joint = fused.maps_of(arrived)
         else:
-            _integrate(joint, sight, new)
-        invoked.update({name: sum(v.offered_bytes for v in sight.camera(name)) for name in new})
+            joint = joint or JointMap(fusion)
+            _integrate(joint, sight, arrived)
         # joint maps
         placed = joint.integrate(seen.view, seen.perception)
         robot_bytes += seen.offered_bytes

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
+import cv2
 import numpy as np
 
 from services.camera_node.core import Seen, labels_of, summary
@@ -50,6 +51,26 @@ class Sighted:
     offered_bytes: int
 
 
+@dataclass(frozen=True, slots=True)
+class PoseError:
+    """Every camera was surveyed wrongly by this much, in a direction and about an axis drawn for it."""
+
+    position_m: float = 0.0
+    angle_rad: float = 0.0
+
+    def drawn(self, camera: str, seed: int) -> Matrix4:
+        """A camera's error (4, 4): its views are turned by its rotation about the camera, and moved by its translation."""
+        rng = np.random.default_rng(noise_seed(seed, "pose error", camera))
+        axis, direction = rng.normal(size=(2, 3))
+        turn, _ = cv2.Rodrigues(self.angle_rad * axis / np.linalg.norm(axis))
+        error = np.eye(4)
+        error[:3, :3], error[:3, 3] = turn, self.position_m * direction / np.linalg.norm(direction)
+        return error
+
+
+NO_POSE_ERROR = PoseError()
+
+
 class Sight:
     """The eyes of one building. Camera views are made and perceived once: they don't change.
 
@@ -66,13 +87,16 @@ class Sight:
         views: Views = "panoramic",
         way: Way = "pixels",
         scale: int = 2,
+        pose_error: PoseError = NO_POSE_ERROR,
     ) -> None:
-        """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this."""
+        """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this.
+        ``pose_error``: how wrong the cameras are about where they hang."""
         if way == "depth" and not backend.needs_truth:
             raise ValueError(f"{backend.name} looks at pixels: it needs way='pixels'")
         self.building, self.backend, self.way = building, backend, way
         self._plan = plan or building.plan
         self._half, self._scale = views == "half", scale if way == "depth" else 1
+        self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
         self._cameras = {camera.name: camera for camera in self._plan.cameras}
         self._labels = building.scene.labels_by_id if backend.needs_truth else {}
         self.infos = [self._info(camera) for camera in self._plan.cameras]
@@ -134,10 +158,11 @@ class Sight:
     def _camera_view(self, camera: PlannedCamera, index: int) -> Sighted:
         lens, offset_m = self._plan.intrinsics, self._plan.mounting_offset_m
         source, pose = f"camera/{camera.name}", camera.views[index]
+        said = self._said(camera.name, pose)
         if self.way == "depth":
             rendered = self._depth(pose.matrix(), lens, CAMERA_DEPTH_RANGE_M, DepthNoise.camera(), camera.name, index)
             view = PosedView(
-                source, index, 1, 0, camera.floor, pose.matrix(), self._lens(lens), offset_m, rendered.rgb,
+                source, index, 1, 0, camera.floor, said.matrix(), self._lens(lens), offset_m, rendered.rgb,
                 rendered.depth_m, CAMERA_DEPTH_RANGE_M,
             )  # fmt: skip
             return Sighted(view, self._perceive(view, rendered, (source, index, 1)), 0)
@@ -146,13 +171,21 @@ class Sight:
             rendered.rgb, rendered.depth_m, depth_range_m=CAMERA_DEPTH_RANGE_M, jpeg_quality=85
         )
         header = FrameHeader(
-            stamp_ns=0, source=source, view=index, seq=1, floor=camera.floor, T_world_camera=pose, camera=lens,
+            stamp_ns=0, source=source, view=index, seq=1, floor=camera.floor, T_world_camera=said, camera=lens,
             mounting_offset_m=offset_m, depth_range_m=CAMERA_DEPTH_RANGE_M, image=image, depth=depth,
         )  # fmt: skip
         view = decode_frame(header, payload)
         key = CAMERA_FRAME.key_for(building=_BUILDING, floor=camera.floor, camera=camera.name, view=index)
         offered = len(payload) + len(encode(header)) + len(key)
         return Sighted(view, self._perceive(view, rendered, (source, index, 1)), offered)
+
+    def _said(self, camera: str, pose: Pose) -> Pose:
+        """Where a camera says that a view was taken from."""
+        error, T = self._error[camera], pose.matrix()
+        if (error == np.eye(4)).all():
+            return pose
+        T[:3, :3], T[:3, 3] = error[:3, :3] @ T[:3, :3], T[:3, 3] + error[:3, 3]
+        return Pose.from_matrix(T)
 
     def _perceive(self, view: PosedView, rendered: Rendered, key: tuple[object, ...]) -> ViewPerception | None:
         """What perception says of a view; None for one that looks straight down, which detectors can't read."""

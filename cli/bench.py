@@ -76,6 +76,27 @@ def run(
 
 
 @app.command()
+def table(
+    name: Annotated[list[str] | None, typer.Argument(help="main, range, density, ...; all if none is named.")] = None,
+    workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
+    root: Root = DEFAULT_ROOT,
+    out: Annotated[Path, typer.Option(help="Where pages, plots and runs go.")] = Path("docs/results/bench"),
+) -> None:
+    """Make tables: play what is missing of their runs, write pages and plots."""
+    from benchmark.tables.arms import TABLES
+    from benchmark.tables.make import make
+    from cli.progress import counting
+    from surveilnav.errors import ConfigError
+
+    if unknown := [n for n in name or () if n not in TABLES]:
+        raise ConfigError(f"there is no table {unknown[0]!r}; there are {', '.join(TABLES)}")
+    for one in name or TABLES:
+        with counting(console, "episodes") as progress:
+            path = make(TABLES[one], root, out, workers=workers, on_progress=progress)
+        console.print(str(path))
+
+
+@app.command()
 def policies(as_json: AsJson = False) -> None:
     """List the policies."""
     from benchmark.policies import POLICIES

@@ -40,7 +40,7 @@ def choose(now: Now, *, hard: bool) -> Frontier | None:
     if not found:
         return None
     ranked, exploit = rank(found, now.maps, now.state.target, now.config)
-    if not exploit:
+    if exploit:
         good = good_ones(ranked, now.config)
         return head_for(now, good, first_of_tour(good, _ways(now, good)), f"first of a tour over {len(good)} by value")
     nearest, held = ranked[0], held_frontier(now, ranked, 1.5 * now.config.same_place_m)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import traceback
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from benchmark.oracle import OraclePlanner
 from benchmark.policies import Task, Truth, policy_of
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
-from benchmark.sight import Sight
+from benchmark.sight import PoseError, Sight
 from services.planner.core.drive import FmmPlanner
 from surveilnav.building.goals import Goals
 from surveilnav.building.simulation import SimulatedBuilding
@@ -31,7 +32,8 @@ class ScenePlayer:
         """ConfigError and what opening a building may raise."""
         self._settings, self._policy = settings, policy_of(settings.policy)
         self._data: SceneData = load_scene(root, settings.split, scene)
-        backend = choose_backend(settings.perception, seed=settings.seed)
+        networks = {"detector_names": settings.detectors, "large_detector_names": settings.detectors}
+        backend = choose_backend(settings.perception, seed=settings.seed, **(networks if settings.detectors else {}))  # type: ignore[arg-type]
         way = "depth" if backend.needs_truth else "pixels"
         self._building: SimulatedBuilding = open_scene(
             self._data.record, lighting="flat" if way == "depth" else "baked"
@@ -40,8 +42,10 @@ class ScenePlayer:
         self._sight = Sight(
             self._building, backend, plan=self._data.plan(settings.density_m2), views=settings.views, way=way,  # type: ignore[arg-type]
             scale=settings.resolution_divisor,
+            pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
         )  # fmt: skip
-        self._fused = FusedCameras(self._sight, self._policy.fusion)
+        self._fusion = settings.fusion_config()
+        self._fused = FusedCameras(self._sight, self._fusion)
         self._goals: dict[str, Goals] = {}
 
     @property
@@ -60,7 +64,7 @@ class ScenePlayer:
         outcome = run_episode(
             self._sight, goals, start_of(episode, building.scene),
             self._policy.begin(Task(label, seed, s.max_steps, driver, truth)),
-            surveillance=s.surveillance, fusion=self._policy.fusion, fused=self._fused, seed=seed,
+            surveillance=s.surveillance, fusion=self._fusion, fused=self._fused, delay_steps=s.delay_steps, seed=seed,
         )  # fmt: skip
         return self._record(episode, outcome)
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import fields
+from typing import Any, Literal
 
 import msgspec
+from pydantic import ValidationError
 
 from benchmark.policies import policy_of
+from services.fusion.core import FusionConfig
+from services.planner.core import PlannerConfig
 from surveilnav.errors import ConfigError
 from surveilnav.perception.choose import BACKENDS
 
@@ -19,6 +23,10 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         views: ``panoramic`` or ``half``, the six neighbouring azimuths that see most.
         seed: sets the luck of perception and policies.
         resolution_divisor: of depth, where perception looks at no pixel.
+        delay_steps: so many actions after its invocation a camera's views arrive.
+        camera_error_m, camera_error_deg: how wrong each camera is about where it hangs and looks.
+        detectors: the weights of ``onnx-coco``; empty: its own choice.
+        fusion, planning: settings of the joint maps and of the planner's core to change, by name.
     """
 
     split: str = "val_mini"
@@ -31,6 +39,12 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     max_steps: int = 500
     seed: int = 0
     resolution_divisor: int = 2
+    delay_steps: int = 0
+    camera_error_m: float = 0.0
+    camera_error_deg: float = 0.0
+    detectors: list[str] = []
+    fusion: dict[str, Any] = {}
+    planning: dict[str, Any] = {}
 
     def check(self) -> None:
         """ConfigError: a name that doesn't exist; the message lists what does."""
@@ -42,3 +56,27 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             raise ConfigError(f"an episode has 1 to 5000 steps, got {self.max_steps}")
         if not 1 <= self.resolution_divisor <= 8:
             raise ConfigError(f"the resolution is divided by 1 to 8, got {self.resolution_divisor}")
+        if not (self.delay_steps >= 0 and self.camera_error_m >= 0.0 and self.camera_error_deg >= 0.0):
+            raise ConfigError(
+                f"delay and errors are 0 or more, got {self.delay_steps} steps, {self.camera_error_m} m, "
+                f"{self.camera_error_deg} degrees"
+            )
+        self.fusion_config()
+        known = {f.name for f in fields(PlannerConfig)}
+        if unknown := sorted(set(self.planning) - known):
+            raise ConfigError(f"the planner has no setting {unknown[0]!r}; it has {', '.join(sorted(known))}")
+
+    def fusion_config(self) -> FusionConfig:
+        """The policy's joint maps with what is to be changed. ConfigError: a setting that doesn't exist or can't be."""
+        try:
+            return FusionConfig(**_merged(policy_of(self.policy).fusion.model_dump(), self.fusion))
+        except ValidationError as error:
+            raise ConfigError(f"these settings of the joint maps can't be: {error}") from error
+
+
+def _merged(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """``under`` with the values of ``over``, level by level."""
+    both = dict(under)
+    for key, value in over.items():
+        both[key] = _merged(both[key], value) if isinstance(value, dict) and isinstance(both.get(key), dict) else value
+    return both

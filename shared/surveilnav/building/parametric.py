@@ -219,14 +219,15 @@ def _rug(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator)
 
 
 def _stairs(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator) -> None:
-    """A straight flight that climbs to the back; Sweet Home 3D's heights count a handrail of 1 m."""
+    """A straight flight that climbs to the back; of a height like Sweet Home 3D's, 1 m is its rail on the right."""
     del rng
-    steps, rise = 12, h - 1.0 if h > 2.9 else h
+    steps, rail = 12, 1.0 if h > 2.9 else 0.0
+    rise = (h - rail) / steps
     for i in range(steps):
-        y = -d / 2 + i * d / steps
-        m.box(
-            (-w / 2, y, max(0.0, (i - 1) * rise / steps)), (w / 2, y + d / steps, (i + 1) * rise / steps), _STAIR_WOOD
-        )
+        y, top = -d / 2 + i * d / steps, (i + 1) * rise
+        m.box((-w / 2, y, max(0.0, (i - 1) * rise)), (w / 2, y + d / steps, top), _STAIR_WOOD)
+        if rail:
+            m.box((w / 2 - 0.04, y, top), (w / 2, y + 0.04, top + rail), _STAIR_WOOD)
 
 
 _MAKERS: dict[str, _Maker] = {

@@ -12,7 +12,6 @@ The figures stand in data/simulated_errors.json; ``python -m benchmark.calibrati
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

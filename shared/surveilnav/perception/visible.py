@@ -19,6 +19,7 @@ from surveilnav.sensing.views import TrueInstances, box_cells
 SURFACES = frozenset({"wall", "floor", "ceiling"})
 #: Side of the cells [m] that places are told apart by.
 PLACE_M = 0.75
+_SURFACE_M = 1.2  # nameless things of which a view shows more than a square of this side are surfaces, too
 _SAMPLES = 32  # places are looked for at so many pixels of a row
 _NEARER = 0.03  # what is nearer by this share of the range hides what is behind it
 _FAR_M = {True: 12.0, False: 6.5}  # where things without depth are thought to be
@@ -126,18 +127,15 @@ class Place:
 
 
 def places(
-    truth: TrueInstances, depth_m: NDArray[np.float32], camera: Pinhole, T_world_camera: Matrix4
+    ids: NDArray[np.uint16], surfaces: set[int], depth_m: NDArray[np.float32], camera: Pinhole, T_world_camera: Matrix4
 ) -> list[Place]:
-    """The places that a view shows."""
+    """The places that a view shows; ``surfaces``: the instances that are."""
     height, width = depth_m.shape
     xs = ((np.arange(_SAMPLES) + 0.5) * width / _SAMPLES).astype(int)
     n_rows = round(_SAMPLES * height / width)
     ys = ((np.arange(n_rows) + 0.5) * height / n_rows).astype(int)
     z = depth_m[np.ix_(ys, xs)].ravel()
-    ids = truth.ids[np.ix_(ys, xs)].ravel()
-    surfaces = np.zeros(int(truth.ids.max()) + 1, bool)
-    surfaces[[i for i, label in truth.labels.items() if label in SURFACES and i < len(surfaces)]] = True
-    keep = np.flatnonzero((z > 0) & (surfaces[ids] | (ids == 0)))
+    keep = np.flatnonzero((z > 0) & np.isin(ids[np.ix_(ys, xs)].ravel(), [0, *sorted(surfaces)]))
     if not len(keep):
         return []
     v, u = np.meshgrid(ys + 0.5, xs + 0.5, indexing="ij")
@@ -184,11 +182,15 @@ def candidates(
     """What a view shows, by kind. ``is_camera``: a surveillance camera's view; things that look smaller are left out."""
     min_area_px = min_size_rad**2 * camera.fx_px * camera.fy_px
     things = all_things(truth, depth_m, min_area_px)
+    surfaces = {i for i, label in truth.labels.items() if label in SURFACES}
+    for thing in things:  # walls and floors often have no label of their own
+        if thing.label not in COCO and math.sqrt(thing.area_px) / camera.fx_px * thing.range_m > _SURFACE_M:
+            surfaces.add(thing.id)
     T = _LEVEL if truth.T_world_camera is None else truth.T_world_camera
     seen: dict[str, Sequence[VisibleThing | Place]] = {
         "thing": [t for t in things if t.label in COCO],
-        "other": [t for t in things if t.label not in COCO],
-        "place": places(truth, depth_m, camera, T),
+        "other": [t for t in things if t.label not in COCO and t.id not in surfaces],
+        "place": places(truth.ids, surfaces, depth_m, camera, T),
     }
     return [_measured(kind, shown, camera, T, is_camera) for kind, shown in seen.items() if shown]
 

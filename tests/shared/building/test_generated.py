@@ -74,14 +74,14 @@ def assets() -> Path:
 
 @pytest.mark.assets
 @pytest.mark.usefixtures("assets")
-def test_a_furnished_office_the_same_twice() -> None:
-    scene = open_building("office_0", seed=2, models="val")
-    assert scene.name == "office_0-s2-val"
+def test_furnished_flats_the_same_twice() -> None:
+    scene = open_building("flats_1", seed=2, models="val")
+    assert scene.name == "flats_1-s2-val"
     assert scene.notes == ()
     assert len(scene.triangles) < 5_000_000
     found = check_robot_gets_everywhere(scene)
-    assert set(found) >= {"chair", "toilet", "couch", "potted plant", "tv"}
-    assert open_building("office_0", seed=2, models="val").content_hash == scene.content_hash
+    assert set(found) >= {"chair", "toilet", "couch", "potted plant"}
+    assert open_building("flats_1", seed=2, models="val").content_hash == scene.content_hash
     assert any("CC BY" in credit for credit in scene.credits)
 
 

@@ -53,6 +53,7 @@ def test_every_room_is_reached_from_the_corridor(kind: str, number: int) -> None
         for _ in storey.spaces:
             reached |= {room for h in doors if reached & set(h.rooms) for room in h.rooms}
         assert reached == set(range(len(storey.spaces)))
+        assert not any(way(a, 0.05).overlaps(way(b, 0.05)) for a, b in combinations(doors, 2))
         for hole in doors:
             edges = [
                 shared_edge(p, q)

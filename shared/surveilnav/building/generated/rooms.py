@@ -109,7 +109,8 @@ def flats_storey(body: Body, number: int, rng: np.random.Generator) -> Storey:
     flat = 0
     for strip in body.strips:
         if strip.length < _MIN_FLAT_M:
-            room = storey.add(f"Storage {number}", "storage", strip.cell(0.0, strip.length))
+            count = sum(s.type == "storage" for s in storey.spaces) + 1
+            room = storey.add(f"Storage {number}.{count}", "storage", strip.cell(0.0, strip.length))
             storey.connect(0, room, rng)
             continue
         count = max(1, round(strip.length / rng.uniform(7.5, 10.0)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -62,7 +63,7 @@ class RoomSpace:
         doors = [h for h in holes if "window" not in h.what]
         self.zones = [*(_zone(h, _DOOR_ZONE_M, 0.1) for h in doors), *closed]
         self.windows = [_zone(h, 0.45, 0.0) for h in holes if "window" in h.what]
-        self._inside = _Raster(rects, self.rects)
+        self._inside = _Raster(rects)
         # Through a closed front door nobody walks.
         self._doors = [p for h in doors if h.what != "front" for p in self._before(h)]
         self._doors += [((c.x0 + c.x1) / 2, (c.y0 + c.y1) / 2) for c in closed]
@@ -120,24 +121,15 @@ class RoomSpace:
         return any(r.x0 <= x <= r.x1 and r.y0 <= y <= r.y1 for r in self.rects)
 
     def _cost(self, piece: Placed, corner: bool, facing: Placed | None) -> float:
+        """How far a place is from what was asked for."""
         if facing is not None:
             (fx, fy), (gx, gy) = FRONTS[piece.quarter], FRONTS[facing.quarter]
             aside = abs(piece.x - facing.x) if fy else abs(piece.y - facing.y)
             return (0.0 if (fx, fy) == (-gx, -gy) else 4.0) + aside
         if corner:
             f = piece.footprint
-            return (
-                round(
-                    min(
-                        min(f.x0 - r.x0, r.x1 - f.x1) + min(f.y0 - r.y0, r.y1 - f.y1)
-                        for r in self.rects
-                        if r.contains(f)
-                    )
-                    / 0.3
-                )
-                if any(r.contains(f) for r in self.rects)
-                else 99.0
-            )
+            gaps = [min(f.x0 - r.x0, r.x1 - f.x1) + min(f.y0 - r.y0, r.y1 - f.y1) for r in self.rects if r.contains(f)]
+            return round(min(gaps) / 0.3) if gaps else 99.0
         return 0.0
 
     def in_the_open(
@@ -191,28 +183,15 @@ class RoomSpace:
 class _Raster:
     """The room in cells of 10 cm."""
 
-    def __init__(self, outer: Sequence[Rect], inner: Sequence[Rect]) -> None:
-        self.x0, self.y0 = min(r.x0 for r in outer) - 0.2, min(r.y0 for r in outer) - 0.2
-        cols = math.ceil((max(r.x1 for r in outer) + 0.2 - self.x0) / _CELL_M)
-        rows = math.ceil((max(r.y1 for r in outer) + 0.2 - self.y0) / _CELL_M)
+    def __init__(self, rects: Sequence[Rect]) -> None:
+        self.x0, self.y0 = min(r.x0 for r in rects) - 0.2, min(r.y0 for r in rects) - 0.2
+        cols = math.ceil((max(r.x1 for r in rects) + 0.2 - self.x0) / _CELL_M)
+        rows = math.ceil((max(r.y1 for r in rects) + 0.2 - self.y0) / _CELL_M)
         self.inside = np.zeros((rows, cols), np.uint8)
-        # Between rectangles of one room there is no wall: their own insets would make one.
-        for a in outer:
-            edges = free_edges(a, outer)
-            low_x = any(not e[0] and abs(e[1] - a.x0) < 1e-6 for e in edges)
-            high_x = any(not e[0] and abs(e[1] - a.x1) < 1e-6 for e in edges)
-            low_y = any(e[0] and abs(e[1] - a.y0) < 1e-6 for e in edges)
-            high_y = any(e[0] and abs(e[1] - a.y1) < 1e-6 for e in edges)
-            self._fill(
-                self.inside,
-                Rect(a.x0 + HALF_M * low_x, a.y0 + HALF_M * low_y, a.x1 - HALF_M * high_x, a.y1 - HALF_M * high_y),
-                1,
-            )
-        for a in outer:
-            for b in outer:
-                if a is not b:
-                    self._bridge(a, b)
-        del inner
+        for r in rects:
+            self._fill(self.inside, r.inset(HALF_M), 1)
+        for a, b in combinations(rects, 2):
+            self._bridge(a, b)
 
     def _bridge(self, a: Rect, b: Rect) -> None:
         """Fills the seam between two rectangles of the room."""
@@ -224,16 +203,9 @@ class _Raster:
             self._fill(self.inside, Rect(low_x - 0.15, low_y + HALF_M, low_x + 0.15, high_y - HALF_M), 1)
 
     def _cells(self, r: Rect) -> tuple[slice, slice]:
-        return (
-            slice(
-                max(0, math.floor((r.y0 - self.y0) / _CELL_M + 0.5)),
-                max(0, math.floor((r.y1 - self.y0) / _CELL_M + 0.5)),
-            ),
-            slice(
-                max(0, math.floor((r.x0 - self.x0) / _CELL_M + 0.5)),
-                max(0, math.floor((r.x1 - self.x0) / _CELL_M + 0.5)),
-            ),
-        )
+        rows = [max(0, math.floor((y - self.y0) / _CELL_M + 0.5)) for y in (r.y0, r.y1)]
+        cols = [max(0, math.floor((x - self.x0) / _CELL_M + 0.5)) for x in (r.x0, r.x1)]
+        return slice(*rows), slice(*cols)
 
     def _fill(self, mask: NDArray[np.uint8], r: Rect, value: int) -> None:
         mask[self._cells(r)] = value

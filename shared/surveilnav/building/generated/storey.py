@@ -67,26 +67,36 @@ class Storey:
     ) -> bool:  # fmt: skip
         """A door somewhere in the wall between two rooms (of ``sides`` of the first, if given).
 
-        False where there is no wall long enough.
+        False where there is no wall long enough that has no door yet.
         """
         first = sides or (self.ways if a == 0 else self.spaces[a].rects)
         edges = [e for p in first for q in self.spaces[b].rects if (e := shared_edge(p, q)) is not None]
         edges = [e for e in edges if e[3] - e[2] >= width_m + 2 * _CORNER_M]
         if not edges:
             return False
-        along_x, at, low, high = edges[int(rng.integers(len(edges)))]
-        # Mostly near a corner, as architects do: the rest of the wall is good for furniture.
-        reach = high - low - width_m - 2 * _CORNER_M
-        offset = reach * float(rng.choice([0.0, 0.0, 1.0, 1.0, rng.random()]))
-        middle = low + _CORNER_M + width_m / 2 + offset
-        x, y = (middle, at) if along_x else (at, middle)
-        self.holes.append(Hole(what, (a, b), round(x, 3), round(y, 3), width_m, 0 if along_x else 1))
-        return True
+        for _ in range(6):
+            along_x, at, low, high = edges[int(rng.integers(len(edges)))]
+            # Mostly near a corner, as architects do: the rest of the wall is good for furniture.
+            reach = high - low - width_m - 2 * _CORNER_M
+            offset = reach * float(rng.choice([0.0, 0.0, 1.0, 1.0, rng.random()]))
+            middle = low + _CORNER_M + width_m / 2 + offset
+            x, y = (middle, at) if along_x else (at, middle)
+            hole = Hole(what, (a, b), round(x, 3), round(y, 3), width_m, 0 if along_x else 1)
+            if not any(_overlap(hole, other) for other in self.holes):
+                self.holes.append(hole)
+                return True
+        return False
 
     def facade(self, space: int) -> list[tuple[bool, float, float, float]]:
         """The parts of a room's walls with nothing behind them, as (along x, where, from, to)."""
         others = [r for s in self.spaces for r in s.rects]
         return [edge for rect in self.spaces[space].rects for edge in free_edges(rect, others)]
+
+
+def _overlap(a: Hole, b: Hole) -> bool:
+    """Whether two doors come nearer to each other than their frames allow."""
+    apart = (a.width_m + b.width_m) / 2 + 0.1
+    return abs(a.x - b.x) < (apart if a.along_x else 0.1) and abs(a.y - b.y) < (0.1 if a.along_x else apart)
 
 
 def shared_edge(a: Rect, b: Rect) -> tuple[bool, float, float, float] | None:

@@ -28,7 +28,7 @@ def find_stairs(scene: Scene, spots: Spots, storeys: tuple[Storey, ...]) -> tupl
         return ()
     on_floor = np.logical_or.reduce([s.on for s in storeys])
     free = {s.floor.id: _free(scene, spots, s) for s in storeys}
-    flight = _parts_within(spots, spots.wide & ~on_floor)
+    flight = _parts_within(spots, spots.passable & ~on_floor)
     found: list[Stair] = []
     for number in range(1, int(flight.max(initial=0)) + 1):
         mine = flight == number

@@ -221,7 +221,8 @@ def _placed(path: Path, loaded: dict[str, Any], materials: list[_Surface]) -> tu
 
 
 def _mesh(part: dict[str, Any], T: NDArray[np.float64], materials: list[_Surface]) -> tuple[Mesh, int]:
-    vertices = np.asarray(part["vertices"], dtype=np.float64).reshape(-1, 3)
+    with np.errstate(all="ignore"):
+        vertices = np.asarray(part["vertices"], dtype=np.float64).reshape(-1, 3)
     faces = np.asarray(part["faces"], dtype=np.int64).reshape(-1, 3)
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise ValueError(f"a triangle names vertex {faces.max()} of {len(vertices)}")

@@ -107,7 +107,7 @@ def _clusters(spots: Spots, chosen: NDArray[np.bool_]) -> list[tuple[float, floa
     found = []
     for label in range(int(labels.max(initial=-1)) + 1):
         mine = of_spot == label
-        found.append((round(float(np.median(z[mine])), 3), float(mine.sum() * spots.cell_m2), set(np.unique(part[mine]).tolist())))
+        found.append((round(float(np.median(z[mine])), 3) + 0.0, float(mine.sum() * spots.cell_m2), set(np.unique(part[mine]).tolist())))
     return found
 
 

@@ -19,14 +19,18 @@ from surveilnav.building.raycast import NOTHING, RayCaster
 from surveilnav.building.scene import Scene
 from surveilnav.geometry import Grid
 
-#: What one steps up at once: stairs have treads of up to 0.22 m.
-STEP_M = 0.25
+#: What one steps up at once: stairs have risers of up to 0.22 m, and scans are off by some centimetres.
+STEP_M = 0.28
 HEADROOM_M = 1.5
 RESOLUTION_M = 0.05
 #: A robot's radius around a spot must be walkable, or it isn't wide enough to count.
 WIDTH_M = 0.2
+#: On stairs a little less will do: in scans their edges fray.
+PASSABLE_M = 0.15
 _MAX_COLUMNS = 1_000_000
 _MAX_SURFACES = 64
+#: If less than this share of the ground indoors looks up, nobody cared which side is which.
+_TRUSTED = 0.1
 _LEVEL = math.cos(math.radians(40.0))
 
 
@@ -39,7 +43,7 @@ class Spots:
         column: (N,) int64, flat index into the grid; z_m: (N,) float64; clear_m: (N,) height above it, inf outdoors.
         neighbour: (4, N) int64, the spot that one steps onto in +col, -col, +row, -row; -1 for none.
         part: (N,) int32, connected part by number.
-        wide: (N,) bool, there is ``WIDTH_M`` of walkable ground on all sides.
+        wide: (N,) bool, there is ``WIDTH_M`` of walkable ground on all sides; passable: ``PASSABLE_M`` of it.
     """
 
     grid: Grid
@@ -49,6 +53,7 @@ class Spots:
     neighbour: NDArray[np.int64]
     part: NDArray[np.int32]
     wide: NDArray[np.bool_]
+    passable: NDArray[np.bool_]
 
     @property
     def cell_m2(self) -> float:
@@ -61,7 +66,7 @@ class Spots:
 
 
 def find_spots(scene: Scene, caster: RayCaster) -> Spots:
-    """The spots of a scene; surfaces that look down count too if none looks up (sloppy models)."""
+    """The spots of a scene. Surfaces that look down count too where next to none look up: a model inside out."""
     low, high = (scene.vertices[:, :2].min(axis=0), scene.vertices[:, :2].max(axis=0))
     area = float(np.prod(high - low + 4 * RESOLUTION_M))
     resolution = RESOLUTION_M * max(1, math.ceil(math.sqrt(area / RESOLUTION_M**2 / _MAX_COLUMNS)))
@@ -69,17 +74,20 @@ def find_spots(scene: Scene, caster: RayCaster) -> Spots:
     col1, row1 = (math.floor(float(v) / resolution) + 2 for v in high)
     grid = Grid(col0 * resolution, row0 * resolution, resolution, row1 - row0, col1 - col0)
     column, z, clear, upward = _surfaces(scene, caster, grid)
-    standing = clear >= HEADROOM_M
-    chosen = standing & upward if (standing & upward).any() else standing
+    chosen = clear >= HEADROOM_M
+    indoors = chosen & np.isfinite(clear)
+    if upward[indoors].sum() >= _TRUSTED * indoors.sum():
+        chosen &= upward
     column, z, clear = column[chosen], z[chosen], clear[chosen]
     order = np.lexsort((z, column))
     column, z, clear = column[order], z[order], clear[order]
     neighbour = _neighbours(grid, column, z)
     part = _parts(neighbour)
-    wide = np.ones(len(z), dtype=np.bool_)
-    for _ in range(math.ceil(WIDTH_M / resolution)):
-        wide = np.logical_and.reduce([(n >= 0) & wide[n] for n in neighbour]) if len(z) else wide
-    return Spots(grid, column, z, clear, neighbour, part, wide)
+    rounds, fewer = (math.ceil(round(width / resolution, 6)) for width in (WIDTH_M, PASSABLE_M))
+    eroded = [np.ones(len(z), dtype=np.bool_)]
+    for _ in range(rounds):
+        eroded.append(np.logical_and.reduce([(n >= 0) & eroded[-1][n] for n in neighbour]) if len(z) else eroded[-1])
+    return Spots(grid, column, z, clear, neighbour, part, eroded[rounds], eroded[fewer])
 
 
 def _surfaces(

@@ -1,0 +1,1 @@
+"""The tables: which runs each compares, the page and the plots that come of them."""

@@ -1,0 +1,152 @@
+"""Every table as the runs that it compares. The first arm of a table is what the others are compared with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from benchmark.runner.settings import RunSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """One line of a table. ``paper``: what the paper has for it (SR, SPL), None: nothing."""
+
+    label: str
+    settings: RunSettings
+    paper: tuple[float, float] | None = None
+
+    @property
+    def slug(self) -> str:
+        """The run's folder: arms of several tables with the same settings share one."""
+        default = msgspec.to_builtins(RunSettings())
+        said = {k: v for k, v in msgspec.to_builtins(self.settings).items() if v != default[k] and k != "split"}
+        words = [f"{k}={v}" for k, v in sorted(_flat(said).items())]
+        return "-".join([self.settings.split, *words]).replace("/", "_") or self.settings.split
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """``x``: the name of the axis where the arms are points of a curve, "" where they are bars."""
+
+    name: str
+    title: str
+    about: str
+    arms: tuple[Arm, ...]
+    x: str = ""
+
+
+def _flat(said: dict[str, Any], above: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in said.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{above}{key}.")
+        else:
+            flat[above + key] = value
+    return flat
+
+
+def _run(split: str = "val_mini", **settings: Any) -> RunSettings:
+    return RunSettings(split=split, **settings)
+
+
+def _main() -> Table:
+    others = [
+        ("random walk", "random-walk", (0.0, 0.0)), ("random samples", "random-samples", (30.0, 14.3)),
+        ("nearest frontier", "frontier", (23.7, 12.3)), ("VLFM's rule", "vlfm", (64.0, 32.7)),
+        ("L3MVN's rule", "l3mvn", (50.4, 23.1)), ("ApexNav's rule", "apexnav", None),
+    ]  # fmt: skip
+    ours = [
+        Arm("ours, with surveillance, FMM", _run("val"), (67.4, 34.5)),
+        Arm("ours, without surveillance, FMM", _run("val", surveillance=False), (62.7, 26.1)),
+        Arm("ours, with surveillance, SP", _run("val", planner="sp"), (71.1, 36.4)),
+        Arm("ours, without surveillance, SP", _run("val", planner="sp", surveillance=False), (68.7, 28.0)),
+        Arm("the paper to the letter, with surveillance, FMM", _run("val", policy="surveilnav-paper"), (67.4, 34.5)),
+    ]
+    bounds = [Arm("oracle: shortest path, same actions", _run("val", policy="oracle", surveillance=False))]
+    baselines = [Arm(label, _run("val", policy=p, surveillance=False), paper) for label, p, paper in others]
+    return Table(
+        "main", "Main comparison", "Baselines search without cameras, on the same maps and with the same perception.",
+        (*ours, *baselines, *bounds),
+    )  # fmt: skip
+
+
+def _objects() -> Table:
+    arms = [Arm("overlap, average, region (default)", _run())]
+    for geometry, tau in (("box_iou", 1.1), ("voxel_iou", 1.1)):
+        arms.append(Arm(f"{geometry}, average, region", _run(fusion={"objects": {"geometry": geometry, "tau": tau}})))
+    for value in ("confidence", "latest"):
+        arms.append(Arm(f"overlap, {value}, region", _run(fusion={"value": {"fusion": value}})))
+    for strategy in ("greedy", "object"):
+        arms.append(Arm(f"overlap, average, {strategy}", _run(planning={"strategy": strategy})))
+    return Table(
+        "components", "Association x value fusion x strategy", "One setting is changed at a time.", tuple(arms)
+    )
+
+
+TABLES: dict[str, Table] = {
+    t.name: t
+    for t in (
+        _main(),
+        _objects(),
+        Table(
+            "range", "Perception range of the cameras", "Half: six neighbouring azimuths, where most is to be seen.",
+            (
+                Arm("360 degrees", _run(), (67.4, 34.5)), Arm("180 degrees", _run(views="half"), (66.8, 32.1)),
+                Arm("no cameras", _run(surveillance=False), (62.7, 26.1)),
+            ),
+        ),
+        Table(
+            "density", "Density of the cameras", "One camera per so much floor.",
+            (
+                Arm("100 m2", _run(), (67.4, 34.5)), Arm("200 m2", _run(density_m2=200), (66.5, 33.0)),
+                Arm("no cameras", _run(surveillance=False), (62.7, 26.1)),
+            ),
+        ),
+        Table(
+            "strategy", "What the value map is made of", "The paper's three, with the planner SP as there.",
+            (
+                Arm("region", _run(planner="sp"), (71.1, 36.4)),
+                Arm("object", _run(planner="sp", planning={"strategy": "object"}), (70.5, 35.8)),
+                Arm("greedy", _run(planner="sp", planning={"strategy": "greedy"}), (69.0, 35.6)),
+            ),
+        ),
+        Table(
+            "detector", "Perception", "Real detectors on rendered pixels, the calibrated error model, the truth.",
+            (
+                Arm("simulated", _run()), Arm("onnx-coco: YOLOX-nano + PicoDet-S", _run(perception="onnx-coco")),
+                Arm("onnx-coco: DEIMv2 femto alone", _run(perception="onnx-coco", detectors=["deimv2-femto"])),
+                Arm("oracle: the truth", _run(perception="oracle")),
+            ),
+        ),
+        Table(
+            "tiers", "Bytes against success", "Counted by the real encoders on rendered pixels; bytes an episode.",
+            (
+                Arm("frames (JPEG + depth)", _run(perception="onnx-coco")),
+                Arm("frames, half the views", _run(perception="onnx-coco", views="half")),
+                Arm("frames, half the cameras", _run(perception="onnx-coco", density_m2=200)),
+                Arm("none", _run(perception="onnx-coco", surveillance=False)),
+            ),
+        ),
+        Table(
+            "delay", "Late cameras", "Actions between a camera's invocation and the arrival of its views.",
+            tuple(Arm(f"{n} steps", _run(delay_steps=n)) for n in (0, 1, 5, 10)), "steps",
+        ),
+        Table(
+            "errors", "Worse perception", "The error model's misses, confusions and false positives, so many times.",
+            tuple(
+                Arm(f"{k:g} x, {'with' if on else 'without'} cameras", _run(perception_errors=k, surveillance=on))
+                for on in (True, False) for k in (1.0, 0.0, 0.5, 1.5, 2.0)
+            ), "times the measured errors",
+        ),
+        Table(
+            "poses", "Badly surveyed cameras", "Each camera's pose is wrong by this much in a direction drawn for it.",
+            tuple(
+                Arm(f"{cm} cm, {deg:g} degrees", _run(camera_error_m=cm / 100, camera_error_deg=deg))
+                for cm, deg in ((0, 0.0), (2, 0.5), (5, 1.0), (10, 3.0))
+            ), "pose error",
+        ),
+    )
+}  # fmt: skip

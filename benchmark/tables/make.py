@@ -1,0 +1,46 @@
+"""Making a table: its runs, then its page; whatever is there already isn't played again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmark.runner.run import Progress, run
+from benchmark.tables.arms import Table
+from benchmark.tables.page import page, plot
+
+
+def make(
+    table: Table,
+    root: Path,
+    out: Path,
+    *,
+    workers: int,
+    on_progress: Callable[[int, int, str], None] = lambda done, total, arm: None,
+) -> Path:
+    """Writes ``<out>/<table>.md`` and ``.png``, anew after every arm; runs are kept in ``<out>/runs``.
+
+    Raises:
+        ConfigError: settings, dataset or records that can't be used.
+    """
+    played, faults, total = [], [], 0
+    path = out / f"{table.name}.md"
+    for number, arm in enumerate(table.arms, start=1):
+
+        def report(p: Progress, before: int = number - 1, label: str = arm.label) -> None:
+            on_progress(before * p.total + p.done, len(table.arms) * p.total, f"{table.name}: {label}")
+
+        finished = run(root, out / "runs" / arm.slug, arm.settings, workers=workers, on_progress=report)
+        total = finished.total
+        faults += [f"{arm.label}: {scene} could not be played: {why}" for scene, why in finished.unopened.items()]
+        faults += [
+            f"{arm.label}: {b.scene} episode {b.episode_id} broke: {b.error.strip().splitlines()[-1]}"
+            for b in finished.broken
+        ]
+        if finished.records:
+            played.append((arm, finished.records))
+            text = page(table, played, total)
+            text += "\n## Not counted\n\n" + "\n".join(f"- {f}" for f in faults) + "\n" if faults else ""
+            path.write_text(text)
+            plot(table, played, path.with_suffix(".png"))
+    return path
