@@ -131,7 +131,8 @@ def table(records: Sequence[dict[str, Any]], command: str) -> str:
     lines = [
         "# Nine example homes, with and without surveillance",
         "",
-        f"Made by `{command}`. Perception: {', '.join(sorted({r['perception'] for r in played}))} on rendered pixels; no "
+        f"Made by `{command}`; seeds {', '.join(str(s) for s in sorted({r['seed'] for r in played}))}. "
+        f"Perception: {', '.join(sorted({r['perception'] for r in played}))} on rendered pixels; no "
         "ground truth in the loop. Success: `stop` within 0.1 m (geodesic) of a viewpoint (Habitat's rule). Starts: the "
         "target out of sight and at least 5 m of way off where the home allows it (`*` marks relaxed starts). The "
         "detectors' thresholds were chosen on six of these floor plans with other furniture (seeds 7 and 8). Robot and "
