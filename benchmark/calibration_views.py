@@ -11,17 +11,19 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.recordings import Recording, SeenView, instance_of
+from benchmark.recordings import Recording, SeenView
 from surveilnav.building.simulation import SimulatedBuilding
 from surveilnav.building.stored import read_parts, write_parts
 from surveilnav.categories import COCO
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.perception.boxes import overlaps
-from surveilnav.perception.error_model import Floats
-from surveilnav.perception.visible import SURFACES, Candidates, Place, VisibleThing, candidates, world_points
+from surveilnav.perception.error_model import ErrorModel, Floats
+from surveilnav.perception.truth import Simulated
+from surveilnav.perception.visible import Candidates, Place, VisibleThing, candidates, world_points
 from surveilnav.sensing.views import Detected, TrueInstances, box_cells
 
 MIN_SIZE_RAD = 0.02
+_NO_PICTURE = np.zeros((0, 0, 3), np.uint8)
 _FORMAT = b"surveilnav looks 1"
 _SCALE = 2  # views are kept at this fraction of their resolution: that at which ``simulated`` sees them
 
@@ -101,28 +103,28 @@ def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
     depth_m = np.nan_to_num(view.depth_m[_SCALE // 2 :: _SCALE, _SCALE // 2 :: _SCALE])
     assert seen.perception is not None
     image = seen.perception.image_embedding
-    inside = {i: None for i, label in building.scene.labels_by_id.items() if label not in SURFACES}
-    found = [_found(d, view.depth_m, shown.instance_ids, inside) for d in seen.perception.detections]
+    large = shown.instance_ids.repeat(_SCALE, axis=0).repeat(_SCALE, axis=1)
+    found = [_found(d, view.depth_m, large, _SCALE) for d in seen.perception.detections]
     return Look(
         view.source, view.view, view.seq, Pose.from_matrix(view.T_world_camera), small,
         zlib.compress(shown.instance_ids.tobytes(), 1),
         zlib.compress((depth_m * 1000).round().astype(np.uint16).tobytes(), 1),
-        found, [round(float(p), 4) for p in image[:-1] / image[-1] * 0.3],
+        found, [round(float(p), 4) for p in _presence(image)],
     )  # fmt: skip
 
 
-def _found(d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], inside: dict[int, None]) -> Found:
-    height, width = depth_m.shape
-    x0, y0, x1, y1 = box_cells(d.box_px, width, height)
-    large = np.repeat(np.repeat(ids, _SCALE, axis=0), _SCALE, axis=1)
-    id_, share = instance_of(d, large, inside)  # type: ignore[arg-type]
+def _found(d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1) -> Found:
+    x0, y0, x1, y1 = box_cells(d.box_px, depth_m.shape[1], depth_m.shape[0])
+    under_ids = ids[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)].ravel()
+    counts = np.bincount(under_ids) if under_ids.size else np.zeros(1, np.int64)
+    id_ = int(counts.argmax())
     under = depth_m[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)]
     under = under[under > 0]
-    box = tuple(float(v) / _SCALE for v in d.box_px)
+    box = tuple(float(v) / scale for v in d.box_px)
     shares = d.embedding[: len(COCO)] ** 2
     first, second = (int(i) for i in np.argsort(-shares, kind="stable")[:2])
     return Found(
-        d.label, d.score, box, id_, share, float(np.median(under)) if under.size else 0.0,  # type: ignore[arg-type]
+        d.label, d.score, box, id_, float(counts[id_] / max(1, under_ids.size)), float(np.median(under)) if under.size else 0.0,  # type: ignore[arg-type]
         round(float(shares[first] / shares.sum()), 3), COCO[second] if shares[second] > 0 else "",
     )  # fmt: skip
 
@@ -139,6 +141,22 @@ def load(path: Path) -> Looks | None:
         return None
     home = msgspec.msgpack.decode(parts[0], type=_Home)
     return Looks(home.name, home.labels, [msgspec.msgpack.decode(p, type=Look) for p in parts[1:]])
+
+
+def simulated(looks: Looks, model: ErrorModel, seed: int = 0) -> tuple[list[list[Found]], NDArray[np.float32]]:
+    """What the backend ``simulated`` finds in the same views, and its presence of classes (views, 80)."""
+    backend, found, presence = Simulated(seed=seed, model=model), [], []
+    for look in looks.looks:
+        truth, depth_m = look.truth(looks.labels)
+        seen = backend.perceive(_NO_PICTURE, depth_m, look.camera, truth=truth, key=look.key)
+        found.append([_found(d, depth_m, truth.ids) for d in seen.detections])
+        presence.append(_presence(seen.image_embedding))
+    return found, np.array(presence, np.float32)
+
+
+def _presence(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(80,) of an image's embedding: the probability that something of a class is there (``closed_set``)."""
+    return np.asarray(0.3 * image[:-1] / image[-1], np.float32)
 
 
 # --- rows ---------------------------------------------------------------------------------------------------------
@@ -162,6 +180,7 @@ class Rows:
     home: NDArray[np.int64]
     name: NDArray[np.str_]
     score: Floats
+    certainty: Floats
     box: Floats
 
     @property
@@ -188,17 +207,17 @@ def rows_of(homes: Sequence[Looks], found: Sequence[Sequence[Sequence[Found]]] |
             shown = candidates(truth, depth_m, look.camera, look.is_camera, MIN_SIZE_RAD)
             for c, outcomes in zip(shown, _assigned(shown, said, look), strict=True):
                 n = len(c.ids)
-                names, scores, boxes = zip(*outcomes, strict=True)
+                names, scores, certainties, boxes = zip(*outcomes, strict=True)
                 parts.setdefault(c.kind, []).append((
                     c.labels, c.ids, c.x, c.direction, c.range_m, np.full(n, number), np.full(n, h), names, scores,
-                    boxes,
+                    certainties, boxes,
                 ))  # fmt: skip
             number += 1
     return {kind: Rows(kind, *(np.concatenate(column) for column in zip(*p, strict=True))) for kind, p in parts.items()}
 
 
-_Outcome = tuple[str, float, tuple[float, float, float, float]]
-_MISSED: _Outcome = ("", 0.0, (0.0, 0.0, 0.0, 0.0))
+_Outcome = tuple[str, float, float, tuple[float, ...]]
+_MISSED: _Outcome = ("", 0.0, 1.0, (0.0, 0.0, 0.0, 0.0))
 
 
 def _assigned(shown: Sequence[Candidates], found: Sequence[Found], look: Look) -> Iterator[list[_Outcome]]:
@@ -214,17 +233,15 @@ def _assigned(shown: Sequence[Candidates], found: Sequence[Found], look: Look) -
     for d, owner in sorted(zip(found, owners, strict=True), key=lambda pair: pair[0].score):
         if owner is not None:
             x0, y0, x1, y1 = owner.box_px
-            size = np.array([x1 - x0, y1 - y0] * 2)
-            box = (np.array(d.box_px) - np.array([x0, y0, x0, y0])) / size
-            if owner.number not in outcomes or outcomes[owner.number][0] != owner.label:
-                outcomes[owner.number] = (d.label, d.score, tuple(float(b) for b in box))  # type: ignore[arg-type]
-            if d.label == owner.label:
-                outcomes[owner.number] = (d.label, d.score, tuple(float(b) for b in box))  # type: ignore[arg-type]
+            loose = (np.array(d.box_px) - np.array([x0, y0, x0, y0])) / np.array([x1 - x0, y1 - y0] * 2)
+            known = outcomes.get(owner.number)
+            if known is None or d.label == owner.label or known[0] != owner.label:
+                outcomes[owner.number] = d.label, d.score, d.certainty, tuple(loose.tolist())
         elif at and d.depth_m > 0:
-            place = _nearest(at[0], d, look)
-            width, height = ((d.box_px[2] - d.box_px[0]), (d.box_px[3] - d.box_px[1]))
-            f = look.camera.fx_px / d.depth_m
-            outcomes[place.number] = (d.label, d.score, (width / f, height / f, 0.0, 0.0))
+            x0, y0, x1, y1 = d.box_px
+            px_per_m = look.camera.fx_px / d.depth_m
+            size = ((x1 - x0) / px_per_m, (y1 - y0) / px_per_m, 0.0, 0.0)
+            outcomes[_nearest(at[0], d, look).number] = d.label, d.score, d.certainty, size
     for c in shown:
         yield [outcomes.get(t.number, _MISSED) for t in c.shown]
 

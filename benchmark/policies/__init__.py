@@ -4,16 +4,29 @@ from __future__ import annotations
 
 from benchmark.policies.apexnav import APEXNAV
 from benchmark.policies.frontier import FRONTIER
-from benchmark.policies.l3mvn import L3MVN
+from benchmark.policies.l3mvn import L3MVN, L3MVN_VERIFIED
 from benchmark.policies.oracle import ORACLE
 from benchmark.policies.policy import Policy, Searcher, Task, Truth
 from benchmark.policies.random_places import RANDOM_SAMPLES, RANDOM_WALK
 from benchmark.policies.surveilnav import OURS, PAPER
-from benchmark.policies.vlfm import VLFM
+from benchmark.policies.vlfm import VLFM, VLFM_VERIFIED
 from surveilnav.errors import ConfigError
 
 POLICIES: dict[str, Policy] = {
-    policy.name: policy for policy in (OURS, PAPER, RANDOM_WALK, RANDOM_SAMPLES, FRONTIER, VLFM, L3MVN, APEXNAV, ORACLE)
+    policy.name: policy
+    for policy in (
+        OURS,
+        PAPER,
+        RANDOM_WALK,
+        RANDOM_SAMPLES,
+        FRONTIER,
+        VLFM,
+        VLFM_VERIFIED,
+        L3MVN,
+        L3MVN_VERIFIED,
+        APEXNAV,
+        ORACLE,
+    )
 }
 
 

@@ -88,3 +88,10 @@ L3MVN = Policy(
     lambda task: Mission(task, CONFIG, Rule(of_train())),
     first_sight(FusionConfig()),
 )
+#: Its rule alone, as for VLFM.
+L3MVN_VERIFIED = Policy(
+    "l3mvn-verified",
+    "L3MVN's choice of frontiers (https://arxiv.org/abs/2304.05501) with our verification",
+    lambda task: Mission(task, PlannerConfig(), Rule(of_train())),
+    FusionConfig(),
+)

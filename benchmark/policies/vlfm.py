@@ -66,3 +66,10 @@ VLFM = Policy(
     lambda task: Mission(task, CONFIG, Rule()),
     FUSION,
 )
+#: Its rule alone, so that a weak belief in detectors isn't mistaken for a weak rule.
+VLFM_VERIFIED = Policy(
+    "vlfm-verified",
+    "VLFM's choice of frontiers (https://arxiv.org/abs/2312.03275) with our verification",
+    lambda task: Mission(task, PlannerConfig(value_radius_m=CONFIG.value_radius_m), Rule()),
+    FusionConfig(map=FUSION.map, value=FUSION.value),
+)

@@ -110,7 +110,7 @@ def open_building(name_or_path: str, *, seed: int = 0, models: Models = "all", c
     near = get_close_matches(name, valid, n=1)
     raise BuildingError(
         f"there is no building {name_or_path!r}{f'; did you mean {near[0]!r}?' if near else ''} "
-        f"Expected one of {', '.join(valid)}, or the path of a .sh3d file or a Home.xml."
+        f"Expected one of {', '.join(valid)}, or the path of a .sh3d file, a Home.xml, a .glb, an .obj or a folder of HM3D."
     )
 
 
@@ -140,7 +140,8 @@ def _open_file(path: Path, seed: int, cache: Path, models: Models) -> Scene:
     """A user's own plan, with whatever furniture can be had."""
     if not path.is_file():
         raise BuildingError(
-            f"there is no file {path}; expected a .sh3d file, a Home.xml, or one of {', '.join(EXAMPLE_HOMES)}"
+            f"there is no file {path}; expected a .sh3d file, a Home.xml, a .glb, an .obj, a folder of HM3D, or one of "
+            f"{', '.join(EXAMPLE_HOMES)}"
         )
     archive: Archive | None = None
     furniture: Furniture | None = None

@@ -14,13 +14,15 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
+
+from surveilnav.categories import COCO
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +32,9 @@ _WAVES = 12  # Fourier features of a field
 _ROUND = {"splitmix": (0xBF58476D1CE4E5B9, 0x94D049BB133111EB), "step": (0x9E3779B97F4A7C15,)}
 
 
-def features(size_rad: Floats, range_m: Floats, hidden: Floats, cut: Floats, elevation_rad: Floats, camera: bool) -> Floats:
+def features(
+    size_rad: Floats, range_m: Floats, hidden: Floats, cut: Floats, elevation_rad: Floats, camera: bool
+) -> Floats:
     """(N, len(FEATURES)) of N things: square root of the solid angle that shows, distance, share of the outline behind
     which it goes on, sides at the picture's edge, angle of sight below the horizon; ``camera``: not a robot's view."""
     size = np.clip(np.log(size_rad / 0.15), -2.5, 2.0)
@@ -50,13 +54,14 @@ class Luck(msgspec.Struct, frozen=True):
     range_ratio: float
 
 
-class Kind(msgspec.Struct, frozen=True, dict=True):
+class Kind(msgspec.Struct, frozen=True):
     """One kind of thing. ``weights``: of ``FEATURES`` by class, "" for all others; ``luck``: of finding.
 
-    ``names``: by class, what it is called and how often; ``name_luck``: share of the luck of names that the instance
-    keeps. ``own``: weights by which the thing's own name is the one, for things that have one. ``scores``: (ease,
-    score) of right and of wrong names. ``boxes``: measured ones: right and wrong; corners relative to the visible
-    thing's box, or for places (width, height) in radians of a thing 1 m away.
+    ``own``, ``own_luck``: the same for being called by its own name, for things that have one. ``names``: what things of
+    a class are called else, and how often; ``name_luck``: share of the luck of names that the instance keeps.
+    ``scores``: (ease, score); ``certainty``: quantiles of the name's share in the scores of all classes; ``boxes``:
+    measured ones, by size: corners relative to the visible thing's box, or (width, height) [m] for places. These three
+    for "right" and "wrong" names.
     """
 
     weights: dict[str, list[float]]
@@ -64,12 +69,10 @@ class Kind(msgspec.Struct, frozen=True, dict=True):
     names: dict[str, dict[str, float]]
     name_luck: float
     scores: dict[str, list[tuple[float, float]]]
+    certainty: dict[str, list[float]]
     boxes: dict[str, list[list[float]]]
     own: dict[str, list[float]] = {}
-
-    @cached_property
-    def rows(self) -> dict[str, Floats]:
-        return {label: np.array(row) for label, row in self.weights.items()}
+    own_luck: Luck = Luck(0.0, 0.0, 1.0, 2.0)
 
     def ease(self, x: Floats, labels: Sequence[str]) -> Floats:
         """(N,) expected ease of things with features (N, F)."""
@@ -79,10 +82,19 @@ class Kind(msgspec.Struct, frozen=True, dict=True):
         """(N,) the same for being called by its own name."""
         return _weighted(x, labels, self.own)
 
-    def score(self, ease: float, right: bool) -> float:
-        """The detector's score at some ease; below the lowest score that it reports where ease < 0."""
-        knots = self.scores["right" if right else "wrong"]
-        return float(np.interp(ease, [k[0] for k in knots], [k[1] for k in knots]))
+    def score(self, ease: Floats, right: bool) -> Floats:
+        """(N,) the detector's scores at some ease; below the lowest one that it reports where ease < 0."""
+        knots = np.array(self.scores["right" if right else "wrong"])
+        return np.interp(ease, knots[:, 0], knots[:, 1])
+
+    def rest(self, label: str) -> Floats:
+        """(80,) what classes share the scores that a thing's name leaves: those that it is mistaken for, and its own."""
+        rest = np.zeros(len(COCO))
+        for name, share in (self.names.get(label) or self.names[""]).items():
+            rest[COCO.index(name)] += share
+        if label in COCO:
+            rest[COCO.index(label)] += rest.sum()
+        return rest
 
     def name(self, label: str, luck: float, but: str = "") -> str:
         """What a thing is called, with a standard normal luck; never ``but``."""
@@ -94,7 +106,7 @@ class Kind(msgspec.Struct, frozen=True, dict=True):
                 left -= share
                 if left <= 0:
                     return name
-        return next(reversed(shares))
+        return next(name for name in reversed(shares) if name != but)
 
 
 def _weighted(x: Floats, labels: Sequence[str], weights: dict[str, list[float]]) -> Floats:

@@ -19,7 +19,7 @@ from surveilnav.sensing.views import TrueInstances, box_cells
 SURFACES = frozenset({"wall", "floor", "ceiling"})
 #: Side of the cells [m] that places are told apart by.
 PLACE_M = 0.75
-_SURFACE_M = 1.2  # nameless things of which a view shows more than a square of this side are surfaces, too
+_SURFACE_M = 1.2  # nameless things that look larger than a square of this side are surfaces, too
 _SAMPLES = 32  # places are looked for at so many pixels of a row
 _NEARER = 0.03  # what is nearer by this share of the range hides what is behind it
 _FAR_M = {True: 12.0, False: 6.5}  # where things without depth are thought to be
@@ -34,28 +34,31 @@ class VisibleThing:
     """What can be seen of one instance.
 
     Attributes:
+        id: of the instance.
         label: canonical class.
         box_px: (x0, y0, x1, y1) of its pixels.
-        mask: its pixels inside the box's cells.
+        ids: instance ids in the box.
+        area_px: its pixels.
         n_pixels: those with depth.
-        range_m: their median depth; NaN if none has any.
-        id: of the instance.
+        range_m: their median depth, by a sample of them; NaN if none has any.
         hidden: share of its outline, 0-1, behind which it goes on: something nearer or the picture's edge ends it.
         cut: sides of its box, 0-4, that lie on the picture's edge.
     """
 
+    id: int
     label: str
     box_px: Box
-    mask: NDArray[np.bool_]
+    ids: NDArray[np.uint16]
+    area_px: int
     n_pixels: int
     range_m: float
-    id: int = 0
     hidden: float = 0.0
     cut: int = 0
 
     @property
-    def area_px(self) -> int:
-        return int(np.count_nonzero(self.mask))
+    def mask(self) -> NDArray[np.bool_]:
+        """Its pixels inside the box."""
+        return self.ids == self.id
 
     @property
     def number(self) -> int:
@@ -65,36 +68,53 @@ class VisibleThing:
 
 def visible_things(truth: TrueInstances, depth_m: NDArray[np.float32], min_pixels: int) -> list[VisibleThing]:
     """The instances of COCO's classes that show at least ``min_pixels`` pixels with depth, by id."""
-    things = all_things(truth, depth_m)
+    things, _ = things_and_surfaces(truth, depth_m)
     return [thing for thing in things if thing.label in COCO and thing.n_pixels >= min_pixels]
 
 
-def all_things(truth: TrueInstances, depth_m: NDArray[np.float32], min_area_px: float = 1.0) -> list[VisibleThing]:
-    """Every instance but the building's surfaces that shows ``min_area_px`` pixels, with depth or without, by id."""
-    things = []
-    edges, ends = _outlines(truth.ids, depth_m)
+def things_and_surfaces(
+    truth: TrueInstances, depth_m: NDArray[np.float32], min_area_px: float = 1.0, f_px: float = 1.0
+) -> tuple[list[VisibleThing], set[int]]:
+    """The instances that show ``min_area_px`` pixels, with depth or without, by id, and the ids of surfaces: things
+    without a name that look larger than ``_SURFACE_M`` at a focal length of ``f_px`` are thought to be some."""
+    things, surfaces = [], {i for i, label in truth.labels.items() if canonical(label) in SURFACES}
+    area_px = np.bincount(truth.ids.ravel())
+    with_depth = np.bincount(truth.ids[depth_m > 0], minlength=len(area_px))
+    edges, ends = _outlines(truth.ids, depth_m, len(area_px))
     height, width = depth_m.shape
     for id_, place in enumerate(ndimage.find_objects(truth.ids), start=1):
-        label = canonical(truth.labels.get(id_, ""))
-        if place is None or label in SURFACES:
+        if place is None or id_ in surfaces or area_px[id_] < min_area_px:
             continue
-        rows, cols = place
-        mask = truth.ids[place] == id_
-        if mask.sum() < min_area_px:
+        label, (rows, cols) = canonical(truth.labels.get(id_, "")), place
+        ids = truth.ids[place]
+        range_m = _range_m(ids, id_, depth_m[place]) if with_depth[id_] else math.nan
+        if label not in COCO and math.sqrt(area_px[id_]) / f_px * range_m > _SURFACE_M:
+            surfaces.add(id_)
             continue
-        depths = depth_m[place][mask]
-        depths = depths[depths > 0]
         box = (float(cols.start), float(rows.start), float(cols.stop), float(rows.stop))
         cut = (cols.start <= 0) + (rows.start <= 0) + (cols.stop >= width) + (rows.stop >= height)
-        range_m = float(np.median(depths)) if len(depths) else float("nan")
-        hidden = float(ends[id_] / max(1.0, edges[id_]))
-        things.append(VisibleThing(label, box, mask, len(depths), range_m, id_, hidden, cut))
-    return things
+        hidden = float(ends[id_] / max(1, edges[id_]))
+        area, n = int(area_px[id_]), int(with_depth[id_])
+        things.append(VisibleThing(id_, label, box, ids, area, n, range_m, hidden, cut))
+    return things, surfaces
 
 
-def _outlines(ids: NDArray[np.uint16], depth_m: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pixels of every instance's outline, and of those the ones beyond which it goes on unseen; both by id."""
-    n = int(ids.max()) + 1
+def _range_m(ids: NDArray[np.uint16], id_: int, depth_m: NDArray[np.float32]) -> float:
+    """The median depth [m] of an instance's pixels that have any, by a sample of them if they are many."""
+    step = 1 + round(math.sqrt(ids.size) / 40)
+    for every in (step, 1):
+        depths = depth_m[::every, ::every][ids[::every, ::every] == id_]
+        depths = np.sort(depths[depths > 0])
+        if len(depths):
+            return float(depths[len(depths) // 2])
+    return math.nan
+
+
+def _outlines(
+    ids: NDArray[np.uint16], depth_m: NDArray[np.float32], n: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pixels of every instance's outline, and of those the ones beyond which it goes on unseen; both by id
+    (0 to n - 1)."""
     edges, ends = np.zeros(n, np.int64), np.zeros(n, np.int64)
     near = np.where(depth_m > 0, depth_m, np.float32(np.inf))
     for a, b in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1, :], np.s_[1:, :])):
@@ -150,9 +170,7 @@ def places(
     ]
 
 
-def world_points(
-    u_px: Floats, v_px: Floats, z_m: Floats, camera: Pinhole, T_world_camera: Matrix4
-) -> Floats:
+def world_points(u_px: Floats, v_px: Floats, z_m: Floats, camera: Pinhole, T_world_camera: Matrix4) -> Floats:
     """(N, 3) in the world of pixels at a depth along the optical axis."""
     T = T_world_camera
     p = np.stack([(u_px - camera.cx_px) / camera.fx_px * z_m, (v_px - camera.cy_px) / camera.fy_px * z_m, z_m], axis=-1)
@@ -181,15 +199,11 @@ def candidates(
 ) -> list[Candidates]:
     """What a view shows, by kind. ``is_camera``: a surveillance camera's view; things that look smaller are left out."""
     min_area_px = min_size_rad**2 * camera.fx_px * camera.fy_px
-    things = all_things(truth, depth_m, min_area_px)
-    surfaces = {i for i, label in truth.labels.items() if label in SURFACES}
-    for thing in things:  # walls and floors often have no label of their own
-        if thing.label not in COCO and math.sqrt(thing.area_px) / camera.fx_px * thing.range_m > _SURFACE_M:
-            surfaces.add(thing.id)
+    things, surfaces = things_and_surfaces(truth, depth_m, min_area_px, camera.fx_px)
     T = _LEVEL if truth.T_world_camera is None else truth.T_world_camera
     seen: dict[str, Sequence[VisibleThing | Place]] = {
         "thing": [t for t in things if t.label in COCO],
-        "other": [t for t in things if t.label not in COCO and t.id not in surfaces],
+        "other": [t for t in things if t.label not in COCO],
         "place": places(truth.ids, surfaces, depth_m, camera, T),
     }
     return [_measured(kind, shown, camera, T, is_camera) for kind, shown in seen.items() if shown]
@@ -222,9 +236,10 @@ def mask_within(thing: VisibleThing, box: Box, shape: tuple[int, ...]) -> NDArra
     """The thing's pixels inside another box."""
     x0, y0, x1, y1 = box_cells(box, shape[1], shape[0])
     left, top = int(thing.box_px[0]), int(thing.box_px[1])
+    whole = thing.mask
     mask = np.zeros((y1 - y0, x1 - x0), bool)
     a0, b0 = max(x0, left), max(y0, top)
-    a1, b1 = min(x1, left + thing.mask.shape[1]), min(y1, top + thing.mask.shape[0])
+    a1, b1 = min(x1, left + whole.shape[1]), min(y1, top + whole.shape[0])
     if a0 < a1 and b0 < b1:
-        mask[b0 - y0 : b1 - y0, a0 - x0 : a1 - x0] = thing.mask[b0 - top : b1 - top, a0 - left : a1 - left]
+        mask[b0 - y0 : b1 - y0, a0 - x0 : a1 - x0] = whole[b0 - top : b1 - top, a0 - left : a1 - left]
     return mask

@@ -52,6 +52,16 @@ def test_it_never_bumps_and_counts_its_steps(house, search):
     assert (run.last.error, run.searcher.steps) == ("out_of_steps", 4)
 
 
+def test_it_gets_out_of_corners(flat, search):
+    """From many places, some where the step that comes nearest leads nowhere."""
+    goals = flat.goals("toilet")
+    for seed in range(12):
+        start = flat.start(goals, seed=seed)
+        verdict = search(flat, ORACLE, goals, start).run()
+        assert verdict.success
+        assert verdict.spl >= 0.8
+
+
 def test_unreachable_goals_are_said_to_be(house, search):
     goals = house.goals("bed")
     start = house.start(goals)

@@ -189,8 +189,9 @@ def _plain(
     *, opening: bool = False, cut: str = "",
 ) -> Piece:  # fmt: skip
     return Piece(
-        name=title, level=level, catalog_id=catalog, model="", x_m=x, y_m=y, z_m=z, size_m=size, yaw_rad=yaw, pitch_rad=0.0,
-        roll_rad=0.0, mirrored=False, rotation=None, color=None, picture=None, is_opening=opening, stair_cut=cut,
+        name=title, level=level, catalog_id=catalog, model="", x_m=x, y_m=y, z_m=z, size_m=size, yaw_rad=yaw,
+        pitch_rad=0.0, roll_rad=0.0, mirrored=False, rotation=None, color=None, picture=None, is_opening=opening,
+        stair_cut=cut,
     )  # fmt: skip
 
 

@@ -9,9 +9,9 @@ from surveilnav.building.generated.statistics import Size, Wanted
 
 #: Ground before a piece that stays free of others [m]; 0.4 for what isn't named.
 _FRONT_M = {
-    "double bed": 0.45, "single bed": 0.3, "bunk bed": 0.4, "sofa": 0.9, "toilet": 0.45, "washbasin": 0.5, "vanity": 0.5,
-    "wardrobe": 0.6, "bath": 0.35, "plant": 0.0, "floor lamp": 0.0, "bedside table": 0.0, "chair": 0.15, "stool": 0.0,
-    "armchair": 0.4, "tv on a stand": 0.8, "piano": 0.7, "upper cabinet": 0.0, "low table": 0.0,
+    "double bed": 0.45, "single bed": 0.3, "bunk bed": 0.4, "sofa": 0.9, "toilet": 0.45, "washbasin": 0.5,
+    "vanity": 0.5, "wardrobe": 0.6, "bath": 0.35, "plant": 0.0, "floor lamp": 0.0, "bedside table": 0.0, "chair": 0.15,
+    "stool": 0.0, "armchair": 0.4, "tv on a stand": 0.8, "piano": 0.7, "upper cabinet": 0.0, "low table": 0.0,
 }  # fmt: skip
 _IN_CORNERS = ("plant", "floor lamp", "shower", "single bed", "bunk bed", "wardrobe", "toilet")
 #: What a small thing may stand on, the best first.

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from surveilnav.building.meshes.buildings import open_mesh
 from surveilnav.building.meshes.export import export_glb, export_hm3d
-from surveilnav.building.meshes.hm3d import is_hm3d, open_hm3d
+from surveilnav.building.meshes.layout import is_hm3d
 from surveilnav.building.scene import Scene
 
-__all__ = ["export_glb", "export_hm3d", "is_mesh", "open_mesh", "open_scan"]
+__all__ = ["export_glb", "export_hm3d", "is_mesh", "open_scan"]
 
 
 def is_mesh(path: Path) -> bool:
-    """Whether ``open_scan`` is for this path: a .glb or .obj file, or a folder."""
-    return path.suffix.lower() in (".glb", ".obj", ".gltf") or path.is_dir()
+    """Whether ``open_scan`` is for this path: a .glb or .obj file, or a folder of HM3D."""
+    return path.suffix.lower() in (".glb", ".obj", ".gltf") or is_hm3d(path)
 
 
 def open_scan(path: Path) -> Scene:
@@ -23,6 +22,8 @@ def open_scan(path: Path) -> Scene:
     Raises:
         BuildingError: it isn't there, can't be read or has nowhere to stand.
     """
-    if path.is_dir() or is_hm3d(path):
-        return open_hm3d(path)
-    return open_mesh(path)
+    # Readers load Open3D and scikit-learn: who opens a plan shouldn't wait for them.
+    from surveilnav.building.meshes.buildings import open_mesh
+    from surveilnav.building.meshes.hm3d import open_hm3d
+
+    return open_hm3d(path) if is_hm3d(path) else open_mesh(path)

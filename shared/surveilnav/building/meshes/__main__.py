@@ -6,7 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from surveilnav.building.meshes import export_glb, export_hm3d, open_mesh
+from surveilnav.building.meshes import export_glb, export_hm3d
+from surveilnav.building.meshes.buildings import open_mesh
 from surveilnav.building.sources import open_building
 from surveilnav.errors import SurveilNavError
 
@@ -16,7 +17,9 @@ def main() -> int:
     parser.add_argument("building", help="a building's name, or a file that open_building takes")
     parser.add_argument("out", type=Path, help="NAME.glb, or a folder like 00800-NAME for HM3D's layout")
     parser.add_argument("--up", choices=("y", "z"), default="y", help="the axis that points up in a GLB or OBJ")
-    parser.add_argument("--scale", type=float, default=1.0, help="metres per unit of a GLB or OBJ: 0.001 for millimetres")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="metres per unit of a GLB or OBJ: 0.001 for millimetres"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of a named building")
     args = parser.parse_args()
     try:

@@ -70,7 +70,9 @@ def _colors(count: int) -> NDArray[np.uint8]:
     picked: dict[tuple[int, int, int], None] = {}
     number = 0
     while len(picked) < count:
-        r, g, b = colorsys.hsv_to_rgb(number * step % 1.0, 0.45 + 0.5 * (number * 0.37 % 1.0), 0.5 + 0.5 * (number * 0.73 % 1.0))
+        r, g, b = colorsys.hsv_to_rgb(
+            number * step % 1.0, 0.45 + 0.5 * (number * 0.37 % 1.0), 0.5 + 0.5 * (number * 0.73 % 1.0)
+        )
         picked.setdefault((round(r * 255), round(g * 255), round(b * 255)))
         number += 1
     return np.array(list(picked), np.uint8).reshape(-1, 3)
@@ -123,7 +125,14 @@ def _write(
     path: Path, nodes: Iterator[tuple[str, dict[str, str], list[_Primitive]]], materials: tuple[Material, ...]
 ) -> None:
     """The GLB itself (glTF 2.0, section 4.4): header, JSON chunk, binary chunk."""
-    tree: dict[str, list] = {"accessors": [], "bufferViews": [], "meshes": [], "nodes": [], "images": [], "textures": []}
+    tree: dict[str, list] = {
+        "accessors": [],
+        "bufferViews": [],
+        "meshes": [],
+        "nodes": [],
+        "images": [],
+        "textures": [],
+    }
     parts: list[bytes] = []
     written = 0
 
@@ -146,7 +155,7 @@ def _write(
     for name, extras, primitives in nodes:
         listed = []
         for corners, uv, material in primitives:
-            flipped = uv.reshape(-1, 2) * np.float32([1, -1]) + np.float32([0, 1])
+            flipped = np.stack([uv[..., 0], 1.0 - uv[..., 1]], axis=-1).reshape(-1, 2)
             attributes = {
                 "POSITION": accessor(np.ascontiguousarray(corners.reshape(-1, 3), np.float32), "VEC3"),
                 "TEXCOORD_0": accessor(np.ascontiguousarray(flipped, np.float32), "VEC2"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -36,7 +38,7 @@ def find_stairs(scene: Scene, spots: Spots, storeys: tuple[Storey, ...]) -> tupl
         touched = np.zeros(len(mine), np.bool_)
         touched[beside[beside >= 0]] = True
         joined = [s for s in storeys if (touched & s.on).any()]
-        for lower, upper in zip(joined[:-1], joined[1:], strict=True):
+        for lower, upper in pairwise(joined):
             stair = _way(spots, mine, lower, upper, free)
             if stair is not None:
                 found.append(stair)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.building.assembly import Mesh
+from surveilnav.building.assembly import Mesh, MeshBuilder
 from surveilnav.building.meshes.materials import materials_of, painted, uv_map_of
 from surveilnav.building.scene import Material
 from surveilnav.errors import BuildingError
@@ -36,6 +36,8 @@ _KNOWN = {
     "KHR_materials_specular", "KHR_materials_ior", "KHR_materials_transmission", "KHR_materials_emissive_strength",
     "EXT_texture_webp",
 }  # fmt: skip
+_NODE: tuple[str, ...] = ("children", "matrix", "translation", "rotation", "scale", "mesh")
+_PRIMITIVE: tuple[str, ...] = ("indices", "mode")
 _ADVICE = {
     "KHR_texture_basisu": "its pictures are KTX2 (Basis), which isn't read: take the plain GLB (HM3D: the *-glb-v0.2 tars)",
     "KHR_draco_mesh_compression": "it is compressed by Draco: export it again without compression",
@@ -157,13 +159,15 @@ def _load(path: Path, header: dict[str, Any], blob: bytes, materials: int) -> di
         raise BuildingError(f"{path}: reading GLB files needs trimesh: pip install 'surveilnav[mesh]'") from error
 
     def plain(node: dict[str, Any], number: int) -> dict[str, Any]:
-        kept = {key: node[key] for key in ("children", "matrix", "translation", "rotation", "scale", "mesh") if key in node}
-        return {**kept, "name": str(number)}
+        return {**{key: node[key] for key in _NODE if key in node}, "name": str(number)}
 
     def primitive(p: dict[str, Any]) -> dict[str, Any]:
         attributes = {k: v for k, v in p["attributes"].items() if k in ("POSITION", "TEXCOORD_0", "COLOR_0")}
-        kept = {key: p[key] for key in ("indices", "mode") if key in p}
-        return {**kept, "attributes": attributes, "material": p.get("material", materials - 1)}
+        return {
+            **{key: p[key] for key in _PRIMITIVE if key in p},
+            "attributes": attributes,
+            "material": p.get("material", materials - 1),
+        }
 
     numbered = {
         "asset": {"version": "2.0"},
@@ -217,7 +221,7 @@ def _placed(path: Path, loaded: dict[str, Any], materials: list[_Surface]) -> tu
         skipped += bad
         if len(mesh.triangles):
             found.append(NodeMesh(here, mesh))
-    return tuple(found), skipped
+    return tuple(sorted(found, key=lambda node: node.way[-1])), skipped
 
 
 def _mesh(part: dict[str, Any], T: NDArray[np.float64], materials: list[_Surface]) -> tuple[Mesh, int]:
@@ -226,16 +230,13 @@ def _mesh(part: dict[str, Any], T: NDArray[np.float64], materials: list[_Surface
     faces = np.asarray(part["faces"], dtype=np.int64).reshape(-1, 3)
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise ValueError(f"a triangle names vertex {faces.max()} of {len(vertices)}")
-    placed = Mesh(
-        np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3, 2), np.float32),
-        np.zeros(0, np.int32), (),
-    )  # fmt: skip
     with np.errstate(all="ignore"):
         moved = vertices @ T[:3, :3].T + T[:3, 3]
-    good = (np.abs(moved) < 1e6).all(axis=1)[faces].all(axis=1)  # false for NaN as well
+    inside = np.asarray((np.abs(moved) < 1e6).all(axis=1))  # false for NaN as well
+    good = inside[faces].all(axis=1)
     bad = int((~good).sum())
     if not good.any():
-        return placed, bad
+        return MeshBuilder().mesh(), bad
     if math.copysign(1.0, float(np.linalg.det(T[:3, :3]))) < 0:
         faces = faces[:, ::-1]
     faces = faces[good]

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 from surveilnav.building.assembly import Mesh
 from surveilnav.building.meshes.buildings import Piece, building_of, scene_name
 from surveilnav.building.meshes.gltf import read_glb
+from surveilnav.building.meshes.layout import stem_of
 from surveilnav.building.meshes.names import label_of_hm3d
 from surveilnav.building.scene import Scene
 from surveilnav.errors import BuildingError
@@ -43,23 +44,6 @@ class Annotation:
     region: int
 
 
-def is_hm3d(path: Path) -> bool:
-    """Whether a folder is a scene of HM3D, or a file belongs to one."""
-    folder = path if path.is_dir() else path.parent
-    return _stem(folder) is not None and (path.is_dir() or path.suffix.lower() == ".glb")
-
-
-def _stem(folder: Path) -> str | None:
-    """XXXX, if the folder has an XXXX.semantic.txt or is named 00800-XXXX and has an XXXX GLB."""
-    texts = sorted(p.name.removesuffix(".semantic.txt") for p in folder.glob("*.semantic.txt"))
-    if texts:
-        return texts[0]
-    match = re.fullmatch(r"\d{5}-(.+)", folder.name)
-    if match and any((folder / f"{match[1]}{end}").exists() for end in (".glb", ".basis.glb", ".semantic.glb")):
-        return match[1]
-    return None
-
-
 def open_hm3d(path: Path) -> Scene:
     """The building of an HM3D folder (or of a GLB in it): things are named as HM3D's annotators did ("chair 12").
 
@@ -69,7 +53,7 @@ def open_hm3d(path: Path) -> Scene:
         BuildingError: no plain GLB there, or a file can't be read.
     """
     folder = path if path.is_dir() else path.parent
-    stem = _stem(folder)
+    stem = stem_of(folder)
     if stem is None:
         raise BuildingError(f"{folder} is no scene of HM3D: expected 00800-XXXX with XXXX.glb and XXXX.semantic.txt")
     plain = folder / f"{stem}.glb"
@@ -89,7 +73,9 @@ def open_hm3d(path: Path) -> Scene:
     else:
         missing = " and ".join(p.name for p in (painted, text) if not p.exists())
         pieces = [Piece("building", "", tuple(meshes))]
-        notes.append(f"{missing} isn't there: nothing in the building has a name (HM3D: the *-semantic-annots-v0.2 tar)")
+        notes.append(
+            f"{missing} isn't there: nothing in the building has a name (HM3D: the *-semantic-annots-v0.2 tar)"
+        )
     return building_of(pieces, scene_name(folder.name), f"HM3D scene {folder.name}", notes)
 
 
@@ -120,9 +106,11 @@ def read_annotations(path: Path) -> tuple[list[Annotation], list[str]]:
     if not rows:
         raise BuildingError(
             f"{path} has no row that can be read: expected 'HM3D Semantic Annotations', then lines like "
-            '\'1,A8FFC4,"chair",3\' (number, colour, name, region)'
+            "'1,A8FFC4,\"chair\",3' (number, colour, name, region)"
         )
-    notes = [f"{path.name}: {len(bad)} rows can't be read or name a colour twice, the first {bad[0][:60]!r}"] if bad else []
+    notes = (
+        [f"{path.name}: {len(bad)} rows can't be read or name a colour twice, the first {bad[0][:60]!r}"] if bad else []
+    )
     return list(rows.values()), notes
 
 
@@ -202,9 +190,7 @@ def _colors_of(meshes: list[Mesh], painted: Path) -> tuple[list[NDArray[np.int64
     return found, notes
 
 
-def _sampled(
-    meshes: list[Mesh], triangle: NDArray[np.int64], weights: NDArray[np.float64]
-) -> NDArray[np.int64]:
+def _sampled(meshes: list[Mesh], triangle: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.int64]:
     """0xRRGGBB (N,) of the picture at points of triangles, counted over all meshes; nearest texel, no filter."""
     first = np.cumsum([0, *(len(m.triangles) for m in meshes)])
     owner = np.searchsorted(first, triangle, side="right") - 1

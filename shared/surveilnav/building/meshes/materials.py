@@ -124,6 +124,4 @@ def painted(mesh: Mesh, colors: NDArray | None) -> Mesh:
     middle = np.stack([(col + 0.5) / size, 1.0 - (row + 0.5) / size], axis=1).astype(np.float32)
     # One texel per colour: the renderer's coarser picture levels would mix neighbours, so each texel becomes a block.
     picture = np.repeat(np.repeat(texture.reshape(size, size, 3), 8, axis=0), 8, axis=1)
-    return replace(
-        mesh, uvs=np.repeat(middle[:, None], 3, axis=1), materials=(replace(material, texture=picture),)
-    )
+    return replace(mesh, uvs=np.repeat(middle[:, None], 3, axis=1), materials=(replace(material, texture=picture),))

@@ -49,7 +49,9 @@ def find_storeys(spots: Spots) -> tuple[tuple[Storey, ...], tuple[str, ...]]:
             continue
         near = [k for k in kept if abs(k[0] - z) < _STOREY_M]
         if any(abs(k[0] - z) < _SPLIT_M or not parts & k[2] for k in near):
-            notes.append(f"a level of {area:.0f} m2 at {z:.2f} m isn't a floor: too near to the one at {near[0][0]:.2f} m")
+            notes.append(
+                f"a level of {area:.0f} m2 at {z:.2f} m isn't a floor: too near to the one at {near[0][0]:.2f} m"
+            )
             continue
         kept.append((z, area, parts))
     kept.sort(key=lambda k: k[0])
@@ -65,7 +67,9 @@ def find_storeys(spots: Spots) -> tuple[tuple[Storey, ...], tuple[str, ...]]:
         storeys.append(Storey(floor, area, on))
         spread = np.percentile(spots.z_m[chosen & (np.abs(spots.z_m - z) < 3 * _EPS_M)], (5, 95))
         if spread[1] - spread[0] > 2 * _EPS_M:
-            notes.append(f"floor {number} isn't level ({spread[0]:.2f} to {spread[1]:.2f} m): its ends can't be driven on")
+            notes.append(
+                f"floor {number} isn't level ({spread[0]:.2f} to {spread[1]:.2f} m): its ends can't be driven on"
+            )
     return tuple(storeys), tuple(notes)
 
 
@@ -107,7 +111,13 @@ def _clusters(spots: Spots, chosen: NDArray[np.bool_]) -> list[tuple[float, floa
     found = []
     for label in range(int(labels.max(initial=-1)) + 1):
         mine = of_spot == label
-        found.append((round(float(np.median(z[mine])), 3) + 0.0, float(mine.sum() * spots.cell_m2), set(np.unique(part[mine]).tolist())))
+        found.append(
+            (
+                round(float(np.median(z[mine])), 3) + 0.0,
+                float(mine.sum() * spots.cell_m2),
+                set(np.unique(part[mine]).tolist()),
+            )
+        )
     return found
 
 
@@ -118,7 +128,7 @@ def outlines(spots: Spots, storey: Storey) -> list[Room]:
     ground[spots.column[storey.on]] = 1
     closed = cv2.morphologyEx(ground.reshape(grid.shape), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    rooms = []
+    rooms: list[Room] = []
     for contour in sorted(contours, key=lambda c: -cv2.contourArea(c)):
         simple = cv2.approxPolyDP(contour, 2.0, True)[:, 0]
         if len(simple) < 3 or cv2.contourArea(simple) * spots.cell_m2 < MIN_FLOOR_M2:

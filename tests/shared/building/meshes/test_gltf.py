@@ -153,7 +153,9 @@ def test_nodes_in_a_circle_end(hall: Hall) -> None:
     assert size_of(open_building(str(hall(circle)))) == SIZE_M
 
 
-def test_too_many_triangles_are_refused_before_they_fill_the_memory(hall: Hall, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_triangles_are_refused_before_they_fill_the_memory(
+    hall: Hall, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(gltf, "MAX_TRIANGLES", 100)
     path = hall(lambda h: (h["nodes"].extend([{"mesh": 0}] * 20), h["scenes"][0]["nodes"].extend(range(1, 21))))
     with pytest.raises(BuildingError, match="more than 100 triangles"):
@@ -191,7 +193,7 @@ def test_damage_anywhere_is_met(tmp_path: Path) -> None:
     (length,) = struct.unpack_from("<I", whole, 12)
     rng = np.random.default_rng(7)
     refused = 0
-    for number in range(120):
+    for number in range(60):
         data = bytearray(whole)
         if number % 4 == 0:
             data = data[: rng.integers(len(data))]
@@ -201,14 +203,16 @@ def test_damage_anywhere_is_met(tmp_path: Path) -> None:
             text = json.dumps(header).encode()
             text += b" " * (-len(text) % 4)
             data = bytearray(
-                struct.pack("<4sIII4s", b"glTF", 2, len(text) + len(whole) - length, len(text), b"JSON") + text + whole[20 + length :]
+                struct.pack("<4sIII4s", b"glTF", 2, len(text) + len(whole) - length, len(text), b"JSON")
+                + text
+                + whole[20 + length :]
             )
         path.write_bytes(data)
         try:
             read_glb(path)
         except BuildingError:
             refused += 1
-    assert 30 < refused < 120
+    assert 15 < refused < 60
 
 
 def _mutate(value: Any, rng: np.random.Generator) -> None:

@@ -74,6 +74,14 @@ def test_things_keep_class_floor_and_place(pair: Pair) -> None:
         assert len(after.labelled(label)) == len(before.labelled(label))
 
 
+def test_materials_keep_colour_glass_and_gloss(pair: Pair) -> None:
+    def used(scene: Scene) -> set[tuple]:
+        materials = (scene.materials[i] for i in np.unique(scene.material_of_triangle))
+        return {(m.name, *np.round([*m.color, m.alpha, m.shininess], 4).tolist()) for m in materials}
+
+    assert used(pair[1]) == used(pair[0])
+
+
 def test_pictures_are_the_same(pair: Pair) -> None:
     before, after = pair
     rng = np.random.default_rng(4)
@@ -86,7 +94,9 @@ def test_pictures_are_the_same(pair: Pair) -> None:
         a, b = first.render(T, CAMERA), second.render(T, CAMERA)
         assert (np.abs(a.depth_m - b.depth_m) < 0.01).mean() > 0.99
         assert (np.abs(a.rgb.astype(int) - b.rgb.astype(int)).max(axis=-1) <= 8).mean() > 0.99
-        labels = [np.vectorize(lambda n, s=s: s.labels_by_id.get(n, ""))(r.instance_ids) for s, r in ((before, a), (after, b))]
+        labels = [
+            np.vectorize(lambda n, s=s: s.labels_by_id.get(n, ""))(r.instance_ids) for s, r in ((before, a), (after, b))
+        ]
         same_label += float((labels[0] == labels[1]).mean()) / len(eyes)
     assert same_label > 0.99
 

@@ -78,6 +78,18 @@ def test_roofs_and_gardens_on_a_slope_are_no_floors() -> None:
     assert levels(build(shell(8, 6, 0.0), roof, garden.moved(tilt))) == [0.0]
 
 
+def test_a_wide_ramp_is_a_way_and_no_floor() -> None:
+    halls = boxes(((0, 0, -0.2), (8, 6, 0)), ((20, 0, -0.2), (28, 6, 2.4)), ((0, 0, 6), (28, 6, 6.2)))
+    slope = np.eye(4)
+    slope[2, 0] = 0.2
+    ramp = boxes(((0, 0, -0.2), (12, 6, 0))).moved(slope)
+    ramp.vertices[:, 0] += 8.0
+    scene = build(halls, ramp)
+    assert levels(scene) == [0.0, 2.4]
+    (stair,) = scene.stairs
+    assert stair.length_m == pytest.approx(np.hypot(12.0, 2.4), rel=0.1)
+
+
 def test_stairs_join_floors() -> None:
     scene = build(*two_storeys())
     assert levels(scene) == [0.0, 2.6]

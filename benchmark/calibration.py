@@ -1,0 +1,115 @@
+"""Measures a real detector on rendered views of the train homes and fits the backend ``simulated`` to it.
+
+    python -m benchmark.calibration [--homes 2_bedroom ...] [--views 240] [--models train] [--seed 11]
+
+Every home is seen by its cameras and by a robot on a tour, pixels with baked light; what ``onnx-coco`` finds of what
+each view truly shows goes to runs/calibration, home by home, and isn't measured again. Then the error model is fitted
+to four homes and compared with the detector on the other two (docs/results/calibration), and fitted to all of them
+(data/simulated_errors.json). ``--dry`` leaves the committed model as it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from benchmark import calibration_views as views
+from benchmark.calibration_fit import fit
+from benchmark.calibration_page import Side, compare, plots
+from benchmark.recordings import Tour, record
+from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.errors import SurveilNavError
+from surveilnav.perception import error_model
+from surveilnav.perception.choose import choose_backend
+from surveilnav.perception.error_model import ErrorModel
+
+HOMES = (
+    "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
+)  # fmt: skip
+HELD_OUT = ("3_bedroom", "2_bedroom_bow_window")
+CAMERAS = 4
+OUT = Path("docs/results/calibration")
+DATA = Path("runs/calibration")
+
+
+def measured(name: str, args: argparse.Namespace) -> views.Looks:
+    """The looks of one home: kept ones, or new ones."""
+    path = DATA / f"{name}-s{args.seed}-{args.models}-{args.views}.looks"
+    kept = views.load(path)
+    if kept is not None:
+        return kept
+    began_s = time.monotonic()
+
+    def progress(done: int, of: int) -> None:
+        left_s = (time.monotonic() - began_s) / done * (of - done)
+        print(f"\r{name}: {done} of {of} views, about {left_s:.0f} s left ", end="", file=sys.stderr, flush=True)
+
+    settings = SimulationSettings(building=name, seed=args.seed, models=args.models, cameras=CAMERAS)
+    building = SimulatedBuilding(settings)
+    recording = record(building, choose_backend("onnx-coco"), Tour(args.views, math.radians(30.0), 0.5), progress)
+    looks = views.looks_of(name, recording, building)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    views.save(looks, path)
+    print(file=sys.stderr)
+    return looks
+
+
+def fitted(homes: Sequence[views.Looks], args: argparse.Namespace) -> ErrorModel:
+    """The model of some homes."""
+    rows = views.rows_of(homes)
+    n_camera = sum(look.is_camera for home in homes for look in home.looks)
+    n = sum(len(home.looks) for home in homes)
+    counts = ", ".join(f"{len(r.ids)} {kind}s, {int(r.found.sum())} found" for kind, r in rows.items())
+    source = (
+        f"python -m benchmark.calibration --seed {args.seed} --models {args.models} --views {args.views}: onnx-coco on "
+        f"{n - n_camera} robot views and {n_camera} camera views of {', '.join(home.name for home in homes)}; {counts}"
+    )
+    return fit(rows, presence_of(homes), source)
+
+
+def presence_of(homes: Sequence[views.Looks]) -> np.ndarray:
+    return np.array([look.presence for home in homes for look in home.looks], np.float32)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="benchmark.calibration", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--homes", nargs="+", default=list(HOMES))
+    parser.add_argument("--held-out", nargs="+", default=list(HELD_OUT))
+    parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every home")
+    parser.add_argument("--models", choices=("all", "train", "val"), default="train")
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--out", type=Path, default=OUT)
+    parser.add_argument("--dry", action="store_true", help="don't replace the committed model")
+    args = parser.parse_args(argv)
+    try:
+        homes = [measured(name, args) for name in args.homes]
+    except SurveilNavError as error:
+        print(f"calibration: {error}", file=sys.stderr)
+        return 2
+    test = [home for home in homes if home.name in args.held_out]
+    train = [home for home in homes if home.name not in args.held_out]
+    if not test or not train:
+        print("calibration: --held-out names homes out of --homes, and some of them must be left", file=sys.stderr)
+        return 2
+    model = fitted(train, args)
+    sides = [Side.real(test), *(Side.simulated(test, model, seed) for seed in range(4))]
+    args.out.mkdir(parents=True, exist_ok=True)
+    page = compare(sides[0], sides[1:], model, [h.name for h in train], [h.name for h in test])
+    (args.out / "README.md").write_text(page, encoding="utf-8")
+    plots(sides[0], sides[1:], model, args.out)
+    print(page)
+    if not args.dry:
+        path = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(fitted(homes, args)), indent=1) + b"\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

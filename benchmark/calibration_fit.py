@@ -1,0 +1,243 @@
+"""From what was found to the error model of the backend ``simulated``: probit regressions, shrunk where data are few."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import log_ndtr, ndtr
+
+from benchmark.calibration_views import MIN_SIZE_RAD, Rows
+from surveilnav.categories import COCO
+from surveilnav.perception.error_model import FEATURES, ErrorModel, Floats, Kind, Luck
+
+MIN_SCORE = 0.25
+#: Standard deviations of the priors of all weights, and of a class's own part of them.
+_POOLED_SD = 2.0
+_CLASS_SD = {"one": 0.8, "size": 0.4, "size_squared": 0.2, "range": 0.4, "camera": 0.4}
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_QUANTILES = np.array([0.0, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 1.0])
+_BOXES = 48
+_PAIRS = 40_000
+_DRAWS = 16
+
+
+def fit_probit(x: Floats, labels: NDArray[np.str_], y: NDArray[np.bool_]) -> dict[str, list[float]]:
+    """Weights of P(y) = Phi(x w) by class, "" for all classes that have none: pooled weights plus a class's own part.
+
+    The maximum a posteriori under normal priors, so that a class with few data stays near all others.
+    """
+    classes = sorted(set(labels) - {""})
+    columns = [FEATURES.index(name) for name in _CLASS_SD]
+    owner = np.array([classes.index(label) if label else -1 for label in labels])
+    n = x.shape[1]
+    sd = np.concatenate([np.full(n, _POOLED_SD), np.tile(list(_CLASS_SD.values()), len(classes))])
+    parts = x[:, columns]
+
+    def loss(w: Floats) -> tuple[float, Floats]:
+        own = np.vstack([w[n:].reshape(len(classes), len(columns)), np.zeros(len(columns))])
+        eta = x @ w[:n] + (parts * own[owner]).sum(axis=1)
+        sign = np.where(y, 1.0, -1.0)
+        log_p = log_ndtr(sign * eta)
+        slope = -sign * np.exp(-0.5 * eta**2 - log_p) / np.sqrt(2 * np.pi)
+        grad = np.zeros((len(classes) + 1, len(columns)))
+        np.add.at(grad, owner, slope[:, None] * parts)
+        gradient = np.concatenate([slope @ x, grad[: len(classes)].ravel()])
+        return float(-log_p.sum() + 0.5 * ((w / sd) ** 2).sum()), gradient + w / sd**2
+
+    w = minimize(loss, np.zeros(len(sd)), jac=True, method="L-BFGS-B", options={"maxiter": 500}).x
+    rows = {"": w[:n]}
+    for i, label in enumerate(classes):
+        row = w[:n].copy()
+        row[columns] += w[n:].reshape(len(classes), len(columns))[i]
+        rows[label] = row
+    return {label: [round(float(v), 3) for v in row] for label, row in rows.items()}
+
+
+def both_above(a: Floats, b: Floats, r: Floats) -> Floats:
+    """P(A < a, B < b) of standard normals with correlation r (Drezner and Wesolowsky 1990, by Gauss-Legendre)."""
+    t = 0.5 * r[:, None] * (_NODES + 1)
+    s = 1 - t**2
+    density = np.exp(-(a[:, None] ** 2 - 2 * t * a[:, None] * b[:, None] + b[:, None] ** 2) / (2 * s)) / np.sqrt(s)
+    return np.asarray(ndtr(a) * ndtr(b) + 0.5 * r * (density * _WEIGHTS).sum(axis=1) / (2 * np.pi))
+
+
+def pairs_of(rows: Rows, rng: np.random.Generator, most: int = _PAIRS) -> NDArray[np.int64]:
+    """(N, 2) rows that show the same instance in two views, about as many of each instance, near ones as often as far."""
+    groups: dict[tuple[int, int], list[int]] = {}
+    for i, key in enumerate(zip(rows.home.tolist(), rows.ids.tolist(), strict=True)):
+        groups.setdefault(key, []).append(i)
+    members = [np.array(g) for g in groups.values() if len(g) > 1]
+    if not members:
+        return np.zeros((0, 2), np.int64)
+    pairs = []
+    each = max(8, 2 * most // len(members))
+    for g in members:
+        a, b = np.triu_indices(len(g), 1)
+        chosen = rng.permutation(len(a))[:each]
+        pairs.append(np.stack([g[a[chosen]], g[b[chosen]]], axis=1))
+    joined = np.concatenate(pairs)
+    return joined[rng.permutation(len(joined))[:most]]
+
+
+def apart(rows: Rows, pairs: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Of pairs: chord between the directions of sight, and difference of the logarithms of range."""
+    a, b = pairs.T
+    return (
+        np.linalg.norm(rows.direction[a] - rows.direction[b], axis=1),
+        np.abs(np.log(rows.range_m[a] / rows.range_m[b])),
+    )
+
+
+def fit_luck(rows: Rows, eta: Floats, y: NDArray[np.bool_], rng: np.random.Generator) -> Luck:
+    """How alike luck is, by the likelihood of pairs of views of the same instance (Kuk and Nott 2000)."""
+    pairs = pairs_of(rows, rng)
+    if len(pairs) < 50:
+        return Luck(0.3, 0.3, 0.6, 2.0)
+    chord, ratio = apart(rows, pairs)
+    a, b = eta[pairs[:, 0]], eta[pairs[:, 1]]
+    sign_a, sign_b = (np.where(y[pairs[:, i]], 1.0, -1.0) for i in (0, 1))
+
+    def loss(w: Floats) -> float:
+        luck = _luck_of(w)
+        r = luck.instance + luck.field * np.exp(
+            -0.5 * ((chord / luck.angle_rad) ** 2 + (ratio / np.log(luck.range_ratio)) ** 2)
+        )
+        p = both_above(sign_a * a, sign_b * b, sign_a * sign_b * r)
+        prior = ((np.log(luck.angle_rad) - np.log(0.5)) / 0.5) ** 2 + (
+            (np.log(np.log(luck.range_ratio)) + 0.7) / 0.5
+        ) ** 2
+        return float(-np.log(np.maximum(p, 1e-9)).sum() + prior)
+
+    best = minimize(
+        loss, np.array([-0.7, 0.0, np.log(0.5), np.log(0.5)]), method="Nelder-Mead", options={"maxfev": 160}
+    )
+    return _luck_of(best.x)
+
+
+def _luck_of(w: Floats) -> Luck:
+    shares = np.exp(np.clip([w[0], w[1], 0.0], -6, 6))
+    shares = shares / shares.sum() * 0.98
+    angle, ratio = np.exp(np.clip(w[2:], -2.5, 1.0))
+    return Luck(*(round(float(v), 3) for v in (shares[0], shares[1], angle, np.exp(ratio))))
+
+
+def fit_kind(rows: Rows, presence: NDArray[np.float32], seed: int = 0) -> Kind:
+    """One kind's model. ``presence``: (views, 80) what the detector's scores make of each class in each view."""
+    rng = np.random.default_rng(seed)
+    weights = fit_probit(rows.x, rows.labels, rows.found)
+    kind = Kind(weights, Luck(0, 0, 1, 2), {"": {"chair": 1.0}}, 0.0, {}, {}, {})
+    eta = kind.ease(rows.x, rows.labels)
+    luck = fit_luck(rows, eta, rows.found, rng)
+    found = rows.where(rows.found)
+    own: dict[str, list[float]] = {}
+    own_luck = Luck(0.0, 0.0, 1.0, 2.0)
+    p_own = np.zeros(len(eta))
+    if found.right.any():
+        own = fit_probit(found.x, found.labels, found.right)
+        kind = Kind(weights, luck, kind.names, 0.0, {}, {}, {}, own)
+        own_luck = fit_luck(found, kind.own_ease(found.x, found.labels), found.right, rng)
+        p_own = ndtr(kind.own_ease(rows.x, rows.labels))
+    wrong = found.where(~found.right)
+    names = _names(wrong)
+    ease = np.tile(eta, _DRAWS) + rng.standard_normal(len(eta) * _DRAWS)
+    is_own = np.tile(p_own, _DRAWS) > rng.random(len(ease))
+    certain = {"right": found.right, "wrong": ~found.right}
+    return Kind(
+        weights, luck, names, _name_luck(wrong, names, rng),
+        {of: _score_knots(ease[is_own == (of == "right")], found.score[m], _missed(rows, presence, of == "right"))
+         for of, m in certain.items()},
+        {of: _rounded(np.quantile(found.certainty[m], _QUANTILES)) if m.any() else [1.0] for of, m in certain.items()},
+        {of: _boxes(found.box[m]) for of, m in certain.items()},
+        own, own_luck,
+    )  # fmt: skip
+
+
+def _names(wrong: Rows) -> dict[str, dict[str, float]]:
+    """By class, shares of what it is mistaken for, drawn to those of all classes by as much as three sightings are."""
+    everything = Counter(wrong.name.tolist())
+    total = sum(everything.values()) + 1e-9
+    names = {}
+    for label in ["", *sorted(set(wrong.labels) - {""})]:
+        counts = Counter(wrong.name[wrong.labels == label].tolist()) if label else everything
+        prior = 3.0 if label else 0.0
+        n = sum(counts.values()) + prior
+        shares = {s: (counts[s] + prior * everything[s] / total) / n for s in everything if s != label}
+        kept = {s: round(p, 4) for s, p in sorted(shares.items(), key=lambda pair: (-pair[1], pair[0])) if p >= 0.005}
+        names[label] = kept
+    return names if names[""] else {"": {"chair": 1.0}}
+
+
+def _name_luck(wrong: Rows, names: dict[str, dict[str, float]], rng: np.random.Generator) -> float:
+    """The share of the luck of names that lets two views of an instance agree as often as they did."""
+    pairs = pairs_of(wrong, rng)
+    if len(pairs) < 20:
+        return 0.7
+    agreed = float((wrong.name[pairs[:, 0]] == wrong.name[pairs[:, 1]]).mean())
+    labels = wrong.labels[pairs[:, 0]]
+    kind = Kind({}, Luck(0, 0, 1, 2), names, 0.0, {}, {}, {})
+    few = rng.permutation(len(pairs))[:1000]
+    a, b, c = rng.standard_normal((3, len(few)))
+
+    def share(keep: float) -> float:
+        same = [
+            kind.name(label, np.sqrt(keep) * a[i] + np.sqrt(1 - keep) * b[i], label)
+            == kind.name(label, np.sqrt(keep) * a[i] + np.sqrt(1 - keep) * c[i], label)
+            for i, label in enumerate(labels[few])
+        ]
+        return float(np.mean(same))
+
+    tried = np.linspace(0.0, 0.95, 12)
+    return round(float(tried[np.argmin([abs(share(k) - agreed) for k in tried])]), 3)
+
+
+def _missed(rows: Rows, presence: NDArray[np.float32], right: bool) -> Floats:
+    """What is left in the view's scores of things that were missed, where no other one of their class shows."""
+    if not right or not set(rows.labels) <= set(COCO):
+        return np.zeros(0)
+    of_view = Counter(zip(rows.view.tolist(), rows.labels.tolist(), strict=True))
+    alone = [of_view[v, label] == 1 for v, label in zip(rows.view.tolist(), rows.labels.tolist(), strict=True)]
+    left = rows.where(~rows.found & np.array(alone))
+    column = [COCO.index(label) for label in left.labels]
+    return presence[left.view, column].astype(np.float64)
+
+
+def _score_knots(ease: Floats, scores: Floats, weak: Floats) -> list[tuple[float, float]]:
+    """(ease, score) so that the quantiles of what is found fall on each other; below 0, of what is missed."""
+    if not len(scores):
+        return [(0.0, MIN_SCORE), (3.0, 0.6)]
+    knots = []
+    if len(weak) > 20:
+        below = np.quantile(ease[ease < 0], _QUANTILES[2:-1])
+        knots = list(zip(below.tolist(), np.quantile(weak, _QUANTILES[2:-1]).tolist(), strict=True))
+    above = np.quantile(ease[ease > 0], _QUANTILES)
+    knots += [(float(e), float(s)) for e, s in zip(above, np.quantile(scores, _QUANTILES), strict=True)]
+    if not len(weak):
+        knots.insert(0, (-1e-3, 0.0))
+    return [(round(e, 3), round(s, 3)) for e, s in knots]
+
+
+def _boxes(boxes: Floats) -> list[list[float]]:
+    """Some of the measured boxes, smallest first."""
+    if not len(boxes):
+        return [[0.0, 0.0, 1.0, 1.0]]
+    size = np.where(
+        boxes[:, 2:].any(axis=1), (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]), boxes[:, 0] * boxes[:, 1]
+    )
+    order = np.argsort(size, kind="stable")
+    chosen = order[np.linspace(0, len(order) - 1, min(_BOXES, len(order))).round().astype(int)]
+    return [_rounded(boxes[i]) for i in chosen]
+
+
+def _rounded(values: Sequence[float] | Floats) -> list[float]:
+    return [round(float(v), 3) for v in values]
+
+
+def fit(rows: dict[str, Rows], presence: NDArray[np.float32], source: str) -> ErrorModel:
+    """The whole model. ``rows`` by kind; ``source`` says where they come from."""
+    what = "Error model of the backend 'simulated' (surveilnav.perception.error_model): how a real detector errs."
+    kinds = {kind: fit_kind(r, presence) for kind, r in rows.items()}
+    return ErrorModel(what, source, MIN_SCORE, MIN_SIZE_RAD, kinds)
