@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 import time
 from collections.abc import Sequence
@@ -37,6 +38,7 @@ HELD_OUT = ("3_bedroom", "2_bedroom_bow_window")
 CAMERAS = 4
 OUT = Path("docs/results/calibration")
 DATA = Path("runs/calibration")
+_ROW = re.compile(r"\[[^\[\]{}]*\]")  # of numbers: kept on one line
 
 
 def measured(name: str, args: argparse.Namespace) -> views.Looks:
@@ -107,7 +109,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(page)
     if not args.dry:
         path = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(fitted(homes, args)), indent=1) + b"\n")
+        text = msgspec.json.format(msgspec.json.encode(fitted(homes, args)), indent=1).decode()
+        path.write_text(_ROW.sub(lambda row: re.sub(r"\s+", " ", row[0]), text) + "\n", encoding="utf-8")
     return 0
 
 

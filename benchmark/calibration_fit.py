@@ -126,7 +126,7 @@ def _luck_of(w: Floats) -> Luck:
 
 
 def fit_kind(rows: Rows, presence: NDArray[np.float32], seed: int = 0) -> Kind:
-    """One kind's model. ``presence``: (views, 80) what the detector's scores make of each class in each view."""
+    """One kind's model. ``presence``: (views, 80) what too weak scores make of each class in a view; NaN: not weak."""
     rng = np.random.default_rng(seed)
     weights = fit_probit(rows.x, rows.labels, rows.found)
     kind = Kind(weights, Luck(0, 0, 1, 2), {"": {"chair": 1.0}}, 0.0, {}, {}, {})
@@ -195,14 +195,14 @@ def _name_luck(wrong: Rows, names: dict[str, dict[str, float]], rng: np.random.G
 
 
 def _missed(rows: Rows, presence: NDArray[np.float32], right: bool) -> Floats:
-    """What is left in the view's scores of things that were missed, where no other one of their class shows."""
+    """What is left in the view's scores of things that were missed, where nothing else bears or shows their class."""
     if not right or not set(rows.labels) <= set(COCO):
         return np.zeros(0)
     of_view = Counter(zip(rows.view.tolist(), rows.labels.tolist(), strict=True))
     alone = [of_view[v, label] == 1 for v, label in zip(rows.view.tolist(), rows.labels.tolist(), strict=True)]
     left = rows.where(~rows.found & np.array(alone))
-    column = [COCO.index(label) for label in left.labels]
-    return presence[left.view, column].astype(np.float64)
+    weak = presence[left.view, [COCO.index(label) for label in left.labels]].astype(np.float64)
+    return np.asarray(weak[np.isfinite(weak)])
 
 
 def _score_knots(ease: Floats, scores: Floats, weak: Floats) -> list[tuple[float, float]]:
@@ -239,5 +239,11 @@ def _rounded(values: Sequence[float] | Floats) -> list[float]:
 def fit(rows: dict[str, Rows], presence: NDArray[np.float32], source: str) -> ErrorModel:
     """The whole model. ``rows`` by kind; ``source`` says where they come from."""
     what = "Error model of the backend 'simulated' (surveilnav.perception.error_model): how a real detector errs."
-    kinds = {kind: fit_kind(r, presence) for kind, r in rows.items()}
+    said = {
+        pair for r in rows.values() for pair in zip(r.view[r.found].tolist(), r.name[r.found].tolist(), strict=True)
+    }
+    unsaid = presence.copy()
+    for view, name in said:
+        unsaid[view, COCO.index(name)] = np.nan
+    kinds = {kind: fit_kind(r, unsaid) for kind, r in rows.items()}
     return ErrorModel(what, source, MIN_SCORE, MIN_SIZE_RAD, kinds)

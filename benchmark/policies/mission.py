@@ -7,6 +7,7 @@ being stuck are ours for all of them. A paper that says nothing of these gets th
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from benchmark.policies.policy import Task
 from services.fusion.core import FusionConfig, ObjectConfig
@@ -30,7 +31,8 @@ class Mission:
     def __init__(
         self, task: Task, config: PlannerConfig, rule: FrontierRule = choose_frontier, *, summaries: bool = False
     ) -> None:
-        self._task, self._config, self._rule, self._summaries = task, config, rule, summaries
+        self._task, self._rule, self._summaries = task, rule, summaries
+        self._config = replace(config, **task.planning)
         self._state = MissionState(task.target, max_steps=task.max_steps)
 
     @property

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 from services.fusion.core import FusionConfig
 from services.planner.core import Decision, MapView, RobotView
@@ -26,7 +26,7 @@ class Task:
     """What a searcher is told when an episode begins.
 
     ``seed``: this episode's, the only source of chance. ``driver``: drives to goal cells (fmm or sp). ``truth``: None
-    unless the policy ``needs_truth``.
+    unless the policy ``needs_truth``. ``planning``: settings of the planner's core to change, for policies made of it.
     """
 
     target: str
@@ -34,6 +34,7 @@ class Task:
     max_steps: int
     driver: LocalPlanner
     truth: Truth | None = None
+    planning: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Searcher(Protocol):

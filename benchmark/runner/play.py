@@ -63,7 +63,7 @@ class ScenePlayer:
         truth = Truth(goals, building.navigation) if self._policy.needs_truth else None
         outcome = run_episode(
             self._sight, goals, start_of(episode, building.scene),
-            self._policy.begin(Task(label, seed, s.max_steps, driver, truth)),
+            self._policy.begin(Task(label, seed, s.max_steps, driver, truth, s.planning)),
             surveillance=s.surveillance, fusion=self._fusion, fused=self._fused, delay_steps=s.delay_steps, seed=seed,
         )  # fmt: skip
         return self._record(episode, outcome)

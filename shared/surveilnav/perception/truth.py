@@ -5,51 +5,21 @@ Both exist for simulation only; they get instance ids through a channel of their
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from surveilnav.categories import COCO, canonical
+from surveilnav.categories import COCO
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import closed_set
+from surveilnav.perception.error_model import Draws, ErrorModel, error_model, hashed, uniforms
+from surveilnav.perception.visible import Box, Candidates, Place, VisibleThing, candidates, mask_within, visible_things
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception, box_cells
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class VisibleThing:
-    """What can be seen of one instance: class, box, its pixels inside the box's cells, and their median depth [m]."""
-
-    label: str
-    box_px: tuple[float, float, float, float]
-    mask: NDArray[np.bool_]
-    n_pixels: int
-    range_m: float
-
-
-def visible_things(truth: TrueInstances, depth_m: NDArray[np.float32], min_pixels: int) -> list[VisibleThing]:
-    """The instances of COCO's classes that show at least ``min_pixels`` pixels with depth, by id."""
-    things = []
-    for id_, place in enumerate(ndimage.find_objects(truth.ids.astype(np.int32)), start=1):
-        label = canonical(truth.labels.get(id_, ""))
-        if place is None or label not in COCO:
-            continue
-        rows, cols = place
-        mask = truth.ids[place] == id_
-        seen = mask & (depth_m[place] > 0)
-        n = int(seen.sum())
-        if n < min_pixels:
-            continue
-        box = (float(cols.start), float(rows.start), float(cols.stop), float(rows.stop))
-        things.append(VisibleThing(label, box, mask, n, float(np.median(depth_m[place][seen]))))
-    return things
+_WEAKEST = 0.05  # weaker scores are noise, which real detectors leave out of a view's embedding too
+_SAME_SURFACE_M = 0.3
 
 
 class Oracle:
@@ -87,16 +57,16 @@ class Oracle:
 class Simulated:
     """The renderer's instance ids through an error model: misses, confusions, loose boxes, false positives.
 
-    The tables stand in data/simulated_errors.json, which says where they come from. What is drawn depends on
-    ``seed`` and ``key`` alone.
+    What it errs depends on ``seed``, the view's ``key``, and where the view was taken from (``error_model``).
     """
 
     name = "simulated"
     embedding_dim = closed_set.DIM
     needs_truth = True
 
-    def __init__(self, why: str = "asked for by name", seed: int = 0) -> None:
-        self.why, self._seed = why, seed
+    def __init__(self, why: str = "asked for by name", seed: int = 0, model: ErrorModel | None = None) -> None:
+        self.why, self._seed, self._model = why, seed, model or error_model()
+        self._scene: tuple[dict[int, str], int] = ({}, 0)
 
     def perceive(
         self,
@@ -109,93 +79,89 @@ class Simulated:
         key: tuple[object, ...] = (),
     ) -> ViewPerception:
         told = _told(truth, depth_m, self.name)
-        errors = error_model()
-        rng = np.random.default_rng(_seed_of(self._seed, key))
-        found = [self._draw(thing, rng, errors, depth_m.shape) for thing in visible_things(told, depth_m, 100)]
-        found += self._false_positives(rng, errors, depth_m, camera)
-        seen = [f for f in found if f is not None]
-        detections = tuple(d for d, _ in seen if d.score >= errors["min_score"])
-        return ViewPerception(self.name, detections, closed_set.embed_image([s for _, s in seen]))
+        is_camera = any(isinstance(part, str) and part.startswith("camera/") for part in key)
+        scene, view = self._scene_seed(told.labels), hashed(self._seed, key)
+        detections, weak = [], []
+        for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
+            for detected, scores in self._found(c, scene, view, depth_m, camera):
+                weak.append(scores)
+                if detected is not None:
+                    detections.append(detected)
+        detections.sort(key=lambda d: -d.score)
+        return ViewPerception(self.name, tuple(detections), closed_set.embed_image(weak))
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return closed_set.embed_texts(texts)
 
-    def _draw(
-        self, thing: VisibleThing, rng: np.random.Generator, errors: dict, shape: tuple[int, ...]
-    ) -> tuple[Detected, NDArray[np.float32]] | None:
-        """The detection of a visible thing, or None if it is missed. Draws the same number of times either way."""
-        luck, confused, jitter = rng.random(), rng.random(), rng.normal(size=4)
-        low, high = errors["true_scores"]
-        score = float(low + (high - low) * rng.beta(2.0, 2.0))
-        row = int(np.searchsorted(errors["range_edges_m"], thing.range_m))
-        col = int(np.searchsorted(errors["side_edges_px"], np.sqrt(thing.n_pixels)))
-        if luck >= errors["recall"][row][col]:
-            return None
-        label, scores = thing.label, _one_hot(thing.label, score)
-        cumulative = 0.0
-        for other, share in errors["confusions"].get(thing.label, {}).items():
-            cumulative += share
-            if confused < cumulative:
-                scores = _one_hot(other, 0.8 * score) + _one_hot(label, 0.5 * score)
-                label, score = other, 0.8 * score
-                break
-        x0, y0, x1, y1 = thing.box_px
-        size = np.array([x1 - x0, y1 - y0, x1 - x0, y1 - y0])
-        box = np.array(thing.box_px) + np.clip(jitter, -2, 2) * errors["box_jitter"] * size
-        box = np.clip(box, 0, [shape[1], shape[0], shape[1], shape[0]])
-        if min(box[2] - box[0], box[3] - box[1]) < 3:
-            box = np.array(thing.box_px)
-        new_box = (float(box[0]), float(box[1]), float(box[2]), float(box[3]))
-        mask = mask_within(thing, new_box, shape)
-        return Detected(label, score, new_box, mask, closed_set.embed_object(scores)), scores
+    def _scene_seed(self, labels: dict[int, str]) -> int:
+        """Sets the luck of one building's instances apart from another's."""
+        if self._scene[0] is not labels:
+            self._scene = labels, hashed(self._seed, sorted(labels.items()))
+        return self._scene[1]
 
-    def _false_positives(
-        self, rng: np.random.Generator, errors: dict, depth_m: NDArray[np.float32], camera: Pinhole
-    ) -> list[tuple[Detected, NDArray[np.float32]]]:
-        out = []
-        labels = list(errors["false_positives"]["labels"])
-        shares = np.array(list(errors["false_positives"]["labels"].values()), dtype=float)
-        low, high = errors["false_positives"]["scores"]
-        for _ in range(int(rng.poisson(errors["false_positives"]["per_view"]))):
-            label = labels[int(rng.choice(len(labels), p=shares / shares.sum()))]
-            score = float(low + (high - low) * rng.beta(1.0, 2.5))
-            side = np.exp(rng.uniform(np.log(0.06), np.log(0.35), 2)) * camera.height_px
-            corner = rng.random(2) * np.array([camera.width_px - side[0], camera.height_px - side[1]])
-            box = (float(corner[0]), float(corner[1]), float(corner[0] + side[0]), float(corner[1] + side[1]))
-            scores = _one_hot(label, score)
-            out.append((Detected(label, score, box, None, closed_set.embed_object(scores)), scores))
-        return out
+    def _found(
+        self, c: Candidates, scene: int, view: int, depth_m: NDArray[np.float32], camera: Pinhole
+    ) -> Iterator[tuple[Detected | None, NDArray[np.float32]]]:
+        """Detection (None: too weak to be reported) and class scores of what is found among candidates of one kind."""
+        kind = self._model.kinds[c.kind]
+        draws = Draws(scene, view, c.ids, c.direction, c.range_m)
+        ease = kind.ease(c.x, c.labels) + draws.luck(kind.luck, 0)
+        right = np.zeros(len(ease), bool)
+        if kind.own:
+            right = kind.own_ease(c.x, c.labels) + draws.luck(kind.own_luck, 1) > 0
+        scores = np.where(right, kind.score(ease, True), kind.score(ease, False))
+        names = draws.name_luck(kind.name_luck, 2)
+        once, always = uniforms(view, c.ids, 4, 2), uniforms(scene, c.ids, 40)
+        for i in np.flatnonzero(scores >= _WEAKEST):
+            label, of = c.labels[i], "right" if right[i] else "wrong"
+            said = label if right[i] else kind.name(label, names[i], but=label)
+            score = float(scores[i])
+            all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label))
+            detected = None
+            if ease[i] > 0 and score >= self._model.min_score:
+                loose = kind.boxes[of][int((once[i, 1] if right[i] else always[i, 0]) * len(kind.boxes[of]))]
+                box, mask = _boxed(c.shown[i], loose, depth_m, camera)
+                if min(box[2] - box[0], box[3] - box[1]) >= 2:
+                    detected = Detected(said, score, box, mask, closed_set.embed_object(all_scores))
+            yield detected, all_scores
 
 
-@lru_cache(maxsize=1)
-def error_model() -> dict:
-    """data/simulated_errors.json."""
-    model: dict = json.loads((Path(__file__).parent / "data" / "simulated_errors.json").read_text(encoding="utf-8"))
-    return model
+def _quantile(values: Sequence[float], share: float) -> float:
+    return float(np.interp(share, np.linspace(0, 1, len(values)), values))
 
 
-def _seed_of(seed: int, key: tuple[object, ...]) -> int:
-    return int.from_bytes(hashlib.sha256(repr((seed, key)).encode()).digest()[:8], "little")
+def _all_scores(said: str, score: float, certainty: float, rest: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(80,) class scores of which one has a share of ``certainty``, the others what ``rest`` says."""
+    rest[COCO.index(said)] = 0.0
+    out = rest * (score * (1 / certainty - 1) / max(rest.sum(), 1e-9))
+    out = np.minimum(out, score)
+    out[COCO.index(said)] = score
+    return out.astype(np.float32)
+
+
+def _boxed(
+    shown: VisibleThing | Place, loose: Sequence[float], depth_m: NDArray[np.float32], camera: Pinhole
+) -> tuple[Box, NDArray[np.bool_]]:
+    """The box and mask of a detection that is as loose as a measured one."""
+    height, width = depth_m.shape
+    if isinstance(shown, Place):
+        half = np.array([loose[0], loose[1]]) * camera.fx_px / shown.range_m / 2
+        corners = np.array([*(shown.center_px - half), *(shown.center_px + half)])
+    else:
+        x0, y0, x1, y1 = shown.box_px
+        corners = np.array([x0, y0, x0, y0]) + np.array(loose) * np.array([x1 - x0, y1 - y0, x1 - x0, y1 - y0])
+    x0, y0, x1, y1 = (float(v) for v in np.clip(corners, 0, [width, height, width, height]))
+    box = (x0, y0, x1, y1)
+    if isinstance(shown, VisibleThing):
+        return box, mask_within(shown, box, depth_m.shape)
+    left, top, right, bottom = box_cells(box, width, height)
+    return box, np.abs(depth_m[top:bottom, left:right] - shown.range_m) < _SAME_SURFACE_M
 
 
 def _one_hot(label: str, score: float) -> NDArray[np.float32]:
     scores = np.zeros(len(COCO), np.float32)
     scores[COCO.index(label)] = score
     return scores
-
-
-def mask_within(
-    thing: VisibleThing, box: tuple[float, float, float, float], shape: tuple[int, ...]
-) -> NDArray[np.bool_]:
-    """The thing's pixels inside another box."""
-    x0, y0, x1, y1 = box_cells(box, shape[1], shape[0])
-    left, top = int(thing.box_px[0]), int(thing.box_px[1])
-    mask = np.zeros((y1 - y0, x1 - x0), bool)
-    a0, b0 = max(x0, left), max(y0, top)
-    a1, b1 = min(x1, left + thing.mask.shape[1]), min(y1, top + thing.mask.shape[0])
-    if a0 < a1 and b0 < b1:
-        mask[b0 - y0 : b1 - y0, a0 - x0 : a1 - x0] = thing.mask[b0 - top : b1 - top, a0 - left : a1 - left]
-    return mask
 
 
 def _told(truth: TrueInstances | None, depth_m: NDArray[np.float32], name: str) -> TrueInstances:

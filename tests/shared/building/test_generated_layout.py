@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from surveilnav.building.furniture import seeded
 from surveilnav.building.generated.buildings import KINDS, flight_rect, furnished, generated_home, plan
 from surveilnav.building.generated.layout import Body, Rect
+from surveilnav.building.generated.space import Placed, RoomSpace
 from surveilnav.building.generated.statistics import draw, room_statistics
 from surveilnav.building.generated.storey import OUTSIDE, Hole, Storey, shared_edge
 from surveilnav.building.generated.walls import HALF_M, INNER_M, inset, raster_of
@@ -119,6 +120,14 @@ def test_furniture_stands_in_its_room_clear_of_doors_and_of_each_other(kind: str
             assert apart or not a.footprint.overlaps(b.footprint, 2e-3), (a, b)
         for hole in (h for h in storey.holes if storey.spaces.index(room) in h.rooms and "window" not in h.what):
             assert not any(way(hole, 0.7).overlaps(p.footprint) for p in space.pieces if p.z_m < 1.0)
+
+
+def test_a_piece_that_would_part_the_room_is_refused() -> None:
+    door = Hole("door", (0, 1), 0.6, 0.0, 0.95, 0)
+    space = RoomSpace([Rect(0.0, 0.0, 3.0, 6.0)], [door])
+    assert not space.add(Placed("wardrobe", 1.5, 3.0, 0, (2.8, 0.5, 2.0)))
+    assert not space.add(Placed("wardrobe", 1.5, 1.2, 0, (2.8, 0.3, 2.0)))
+    assert space.add(Placed("wardrobe", 1.5, 5.6, 0, (2.8, 0.5, 2.0)))
 
 
 @given(st.sampled_from(["living", "bedroom", "kitchen", "bath", "office", "meeting", "lounge"]), numbers)

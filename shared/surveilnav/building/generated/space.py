@@ -23,6 +23,8 @@ _SILL_M = 0.95
 _WAY_M = 0.28
 #: How near to a piece the way must lead [m].
 _ACCESS_M = 0.55
+#: So much of a room's free ground stays connected with its doors.
+_REACHED = 0.85
 _CELL_M = 0.1
 _GAP_M = 0.02
 #: The front of a piece by quarter turn: -y, +x, +y, -x.
@@ -211,7 +213,7 @@ class _Raster:
         mask[self._cells(r)] = value
 
     def component(self, footprints: Sequence[Rect], doors: Sequence[tuple[float, float]]) -> NDArray[np.bool_] | None:
-        """The cells that a robot can reach from all doors; None where pieces part them."""
+        """The cells that a robot can reach from all doors; None where pieces part them, or cut off much of the room."""
         free = self.inside.copy()
         for f in footprints:
             self._fill(free, f, 0)
@@ -220,7 +222,8 @@ class _Raster:
         numbers = {int(labels[int((y - self.y0) / _CELL_M), int((x - self.x0) / _CELL_M)]) for x, y in doors}
         if len(numbers) != 1 or 0 in numbers:
             return None
-        return np.asarray(labels == numbers.pop())
+        component = np.asarray(labels == numbers.pop())
+        return component if component.sum() >= _REACHED * wide.sum() else None
 
     def touches(self, component: NDArray[np.bool_], footprint: Rect) -> bool:
         return bool(component[self._cells(footprint.inset(-_ACCESS_M))].any())
