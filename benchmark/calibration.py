@@ -4,8 +4,8 @@
 
 Every home is seen by its cameras and by a robot on a tour, pixels with baked light; what ``onnx-coco`` finds of what
 each view truly shows goes to runs/calibration, home by home, and isn't measured again. Then the error model is fitted
-to four homes and compared with the detector on the other two (docs/results/calibration), and fitted to all of them
-(data/simulated_errors.json). ``--dry`` leaves the committed model as it is.
+to all homes but two, and compared with the detector on these, until every home was left out once
+(docs/results/calibration); and fitted to all of them (data/simulated_errors.json; not with ``--dry``).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from surveilnav.perception.error_model import ErrorModel
 HOMES = (
     "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
 )  # fmt: skip
-HELD_OUT = ("3_bedroom", "2_bedroom_bow_window")
+FOLDS = 3
 CAMERAS = 4
 OUT = Path("docs/results/calibration")
 DATA = Path("runs/calibration")
@@ -83,7 +83,6 @@ def presence_of(homes: Sequence[views.Looks]) -> np.ndarray:
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="benchmark.calibration", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--homes", nargs="+", default=list(HOMES))
-    parser.add_argument("--held-out", nargs="+", default=list(HELD_OUT))
     parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every home")
     parser.add_argument("--models", choices=("all", "train", "val"), default="train")
     parser.add_argument("--seed", type=int, default=11)
@@ -95,21 +94,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SurveilNavError as error:
         print(f"calibration: {error}", file=sys.stderr)
         return 2
-    test = [home for home in homes if home.name in args.held_out]
-    train = [home for home in homes if home.name not in args.held_out]
-    if not test or not train:
-        print("calibration: --held-out names homes out of --homes, and some of them must be left", file=sys.stderr)
+    if len(homes) < FOLDS:
+        print(f"calibration: give at least {FOLDS} homes: each is compared with a model of others", file=sys.stderr)
         return 2
-    model = fitted(train, args)
-    sides = [Side.real(test), *(Side.simulated(test, model, seed) for seed in range(4))]
+    unseen = {}
+    for fold in range(FOLDS):
+        model = fitted([home for i, home in enumerate(homes) if i % FOLDS != fold], args)
+        unseen.update({home.name: model for home in homes[fold::FOLDS]})
+    model = fitted(homes, args)
+    real, sims = Side.real(homes), [Side.simulated(homes, unseen, seed) for seed in range(4)]
     args.out.mkdir(parents=True, exist_ok=True)
-    page = compare(sides[0], sides[1:], model, [h.name for h in train], [h.name for h in test])
+    page = compare(real, sims, model)
     (args.out / "README.md").write_text(page, encoding="utf-8")
-    plots(sides[0], sides[1:], model, args.out)
+    plots(real, sims, model, args.out)
     print(page)
     if not args.dry:
         path = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
-        text = msgspec.json.format(msgspec.json.encode(fitted(homes, args)), indent=1).decode()
+        text = msgspec.json.format(msgspec.json.encode(model), indent=1).decode()
         path.write_text(_ROW.sub(lambda row: re.sub(r"\s+", " ", row[0]), text) + "\n", encoding="utf-8")
     return 0
 

@@ -192,7 +192,8 @@ class Sight:
         forward = view.T_world_camera[:3, 2]
         if math.asin(float(np.clip(forward[2], -1, 1))) < _NADIR_RAD:
             return None
-        truth = TrueInstances(rendered.instance_ids, self._labels) if self.backend.needs_truth else None
+        told = TrueInstances(rendered.instance_ids, self._labels, view.T_world_camera)
+        truth = told if self.backend.needs_truth else None
         return self.backend.perceive(view.rgb, view.depth_m, view.camera, truth=truth, key=key)
 
     def _depth(

@@ -117,13 +117,17 @@ def _weighted(x: Floats, labels: Sequence[str], weights: dict[str, list[float]])
 
 
 class ErrorModel(msgspec.Struct, frozen=True):
-    """All kinds: ``thing`` has a name that the detector knows, ``other`` has none, ``place`` is a piece of a surface."""
+    """All kinds: ``thing`` has a name that the detector knows, ``other`` has none, ``place`` is a piece of a surface.
+
+    ``haze``: by class, quantiles of the presence that weak scores lend it in a view that doesn't show it.
+    """
 
     what: str
     source: str
     min_score: float
     min_size_rad: float
     kinds: dict[str, Kind]
+    haze: dict[str, list[float]] = {}
 
 
 @lru_cache(maxsize=1)

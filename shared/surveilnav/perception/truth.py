@@ -9,17 +9,20 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from surveilnav.categories import COCO
 from surveilnav.errors import PerceptionError
-from surveilnav.geometry import Pinhole
+from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.perception import closed_set
-from surveilnav.perception.error_model import Draws, ErrorModel, error_model, hashed, uniforms
+from surveilnav.perception.error_model import Draws, ErrorModel, Luck, error_model, hashed, uniforms
 from surveilnav.perception.visible import Box, Candidates, Place, VisibleThing, candidates, mask_within, visible_things
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception, box_cells
 
 _WEAKEST = 0.05  # weaker scores are noise, which real detectors leave out of a view's embedding too
 _SAME_SURFACE_M = 0.3
+_HAZE_M = 1.5
+_HAZE = Luck(0.2, 0.5, 0.6, 2.0)
 
 
 class Oracle:
@@ -88,10 +91,23 @@ class Simulated:
                 if detected is not None:
                     detections.append(detected)
         detections.sort(key=lambda d: -d.score)
-        return ViewPerception(self.name, tuple(detections), closed_set.embed_image(weak))
+        clear = 1.0 - np.prod([1.0 - scores for scores in weak], axis=0) if weak else np.zeros(len(COCO), np.float32)
+        presence = np.maximum(clear, self._haze(scene, view, told.T_world_camera))
+        return ViewPerception(self.name, tuple(detections), closed_set.embed_image([presence]))
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return closed_set.embed_texts(texts)
+
+    def _haze(self, scene: int, view: int, T_world_camera: Matrix4 | None) -> NDArray[np.float32]:
+        """(80,) what weak scores seem to show of each class: much the same in like views from about the same place."""
+        T = np.eye(4) if T_world_camera is None else T_world_camera
+        scene = hashed(scene, np.floor(T[:3, 3] / _HAZE_M).astype(int).tolist())
+        n = len(self._model.haze)
+        draws = Draws(scene, view, np.arange(n, dtype=np.uint64), np.tile(T[:3, 2], (n, 1)), np.ones(n))
+        haze = np.zeros(len(COCO), np.float32)
+        for (label, quantiles), share in zip(self._model.haze.items(), ndtr(draws.luck(_HAZE, 5)), strict=True):
+            haze[COCO.index(label)] = _quantile(quantiles, share)
+        return haze
 
     def _scene_seed(self, labels: dict[int, str]) -> int:
         """Sets the luck of one building's instances apart from another's."""
