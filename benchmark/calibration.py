@@ -23,7 +23,8 @@ import numpy as np
 
 from benchmark import calibration_views as views
 from benchmark.calibration_fit import fit
-from benchmark.calibration_page import Side, compare, plots
+from benchmark.calibration_page import Side, compare
+from benchmark.calibration_plots import plots
 from benchmark.recordings import Tour, record
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.errors import SurveilNavError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,7 +150,7 @@ def fit_kind(rows: Rows, presence: NDArray[np.float32], seed: int = 0) -> Kind:
     is_own = np.tile(p_own, _DRAWS) > rng.random(len(ease))
     certain = {"right": found.right, "wrong": ~found.right}
     return Kind(
-        weights, luck, names, _name_luck(wrong, names, rng),
+        weights, luck, names, _name_kept(wrong, names, rng),
         {of: _score_knots(ease[is_own == (of == "right")], found.score[m], _missed(rows, presence, of == "right"))
          for of, m in certain.items()},
         {of: _rounded(np.quantile(found.certainty[m], _QUANTILES)) if m.any() else [1.0] for of, m in certain.items()},
@@ -174,27 +174,17 @@ def _names(wrong: Rows) -> dict[str, dict[str, float]]:
     return names if names[""] else {"": {"chair": 1.0}}
 
 
-def _name_luck(wrong: Rows, names: dict[str, dict[str, float]], rng: np.random.Generator) -> float:
-    """The share of the luck of names that lets two views of an instance agree as often as they did."""
+def _name_kept(wrong: Rows, names: dict[str, dict[str, float]], rng: np.random.Generator) -> float:
+    """How often an instance's own draw of a name is taken: near views agree by kept^2 + (1 - kept^2) sum of shares^2."""
     pairs = pairs_of(wrong, rng)
+    chord, ratio = apart(wrong, pairs)
+    pairs = pairs[(chord < 0.5) & (ratio < 0.35)]
     if len(pairs) < 20:
-        return 0.7
+        return 0.8
     agreed = float((wrong.name[pairs[:, 0]] == wrong.name[pairs[:, 1]]).mean())
-    labels = wrong.labels[pairs[:, 0]]
-    kind = Kind({}, Luck(0, 0, 1, 2), names, 0.0, {}, {}, {})
-    few = rng.permutation(len(pairs))[:1000]
-    a, b, c = rng.standard_normal((3, len(few)))
-
-    def share(keep: float) -> float:
-        same = [
-            kind.name(label, np.sqrt(keep) * a[i] + np.sqrt(1 - keep) * b[i], label)
-            == kind.name(label, np.sqrt(keep) * a[i] + np.sqrt(1 - keep) * c[i], label)
-            for i, label in enumerate(labels[few])
-        ]
-        return float(np.mean(same))
-
-    tried = np.append(np.linspace(0.0, 0.9, 10), [0.95, 0.98, 0.995])
-    return round(float(tried[np.argmin([abs(share(k) - agreed) for k in tried])]), 3)
+    chance = {label: sum(p * p for p in shares.values()) for label, shares in names.items()}
+    by_chance = float(np.mean([chance[label] for label in wrong.labels[pairs[:, 0]].tolist()]))
+    return round(float(np.sqrt(np.clip((agreed - by_chance) / (1 - by_chance), 0.0, 1.0))), 3)
 
 
 def _missed(rows: Rows, presence: NDArray[np.float32], right: bool) -> Floats:
@@ -235,7 +225,7 @@ def _boxes(boxes: Floats) -> list[list[float]]:
     return [_rounded(boxes[i]) for i in chosen]
 
 
-def _rounded(values: Sequence[float] | Floats) -> list[float]:
+def _rounded(values: Iterable[float]) -> list[float]:
     return [round(float(v), 3) for v in values]
 
 

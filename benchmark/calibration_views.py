@@ -185,11 +185,11 @@ class Rows:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        return self.name != ""
+        return np.asarray(self.name != "")
 
     @property
     def right(self) -> NDArray[np.bool_]:
-        return self.name == self.labels
+        return np.asarray(self.name == self.labels)
 
     def where(self, keep: NDArray) -> Rows:
         values = (getattr(self, name)[keep] for name in self.__dataclass_fields__ if name != "kind")
@@ -261,9 +261,10 @@ def owners_of(things: Sequence[VisibleThing], found: Sequence[Found]) -> list[Vi
 
 
 def _nearest(at: Sequence[VisibleThing | Place], d: Found, look: Look) -> Place:
-    middle = np.array([[(d.box_px[0] + d.box_px[2]) / 2], [(d.box_px[1] + d.box_px[3]) / 2], [d.depth_m]])
+    """The place nearest to the middle of a detection."""
     shown = [p for p in at if isinstance(p, Place)]
-    u, v, z = np.array([(*p.center_px, p.range_m) for p in shown]).T
-    T = look.T_world_camera.matrix()
-    away = world_points(u, v, z, look.camera, T) - world_points(*middle, look.camera, T)
-    return shown[int(np.linalg.norm(away, axis=1).argmin())]
+    x0, y0, x1, y1 = d.box_px
+    middle = ((x0 + x1) / 2, (y0 + y1) / 2, d.depth_m)
+    u, v, z = np.array([middle, *((*p.center_px, p.range_m) for p in shown)]).T
+    p_world = world_points(u, v, z, look.camera, look.T_world_camera.matrix())
+    return shown[int(np.linalg.norm(p_world[1:] - p_world[0], axis=1).argmin())]

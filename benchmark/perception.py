@@ -1,25 +1,22 @@
 """What a detector sees in rendered buildings: recall and precision by class, distance and size.
 
     python -m benchmark.perception --buildings parametric_flat parametric_house --seeds 2 3 --robot-views 30 \\
-        [--camera-views 12] [--detectors yolox-nano picodet-s] [--write-errors]
+        [--camera-views 12] [--detectors yolox-nano picodet-s]
 
 Robot views: 640 x 480, 79 degrees, 0.88 m above places where the robot can stand, level and 30 degrees down; camera
 views: 1280 x 1280, 100 degrees, 1.8 m, -30 degrees, of the building's own camera plan. An object counts if it is of
 one of the six usual targets and shows at least ``--min-pixels`` pixels; a detection is right if its class is the
-object's and the boxes overlap by IoU 0.5. ``--write-errors`` turns the figures of the robot's views into the error
-model of the backend ``simulated``.
+object's and the boxes overlap by IoU 0.5. The error model of ``simulated`` comes from ``benchmark.calibration``.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +29,9 @@ from surveilnav.building.sources import open_building
 from surveilnav.categories import TARGETS
 from surveilnav.config import cache_dir
 from surveilnav.geometry import Pinhole, camera_pose
-from surveilnav.perception import truth as truth_core
 from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS, choose_backend
+from surveilnav.perception.visible import VisibleThing, mask_within, visible_things
 from surveilnav.sensing.views import Detected, TrueInstances
 
 ROBOT = Pinhole.from_hfov(640, 480, math.radians(79))
@@ -83,7 +80,7 @@ def views_of(name: str, seed: int, n_robot: int, n_camera: int) -> Iterator[Rend
         yield RenderedView(f"{name}-s{seed}-{i}", kind, seen.rgb, seen.depth_m, camera, truth)
 
 
-def matches(things: Sequence[truth_core.VisibleThing], found: Sequence[Detected]) -> list[int]:
+def matches(things: Sequence[VisibleThing], found: Sequence[Detected]) -> list[int]:
     """For every detection, best score first, the index of the thing whose box it fits best (IoU >= 0.5), or -1.
 
     A thing is given once, first to detections of its own class.
@@ -120,7 +117,7 @@ class Tally:
 
     def add(self, view: RenderedView, found: Sequence[Detected]) -> None:
         self.views += 1
-        everything = truth_core.visible_things(view.truth, view.depth_m, 30)
+        everything = visible_things(view.truth, view.depth_m, 30)
         found = [d for d in found if d.score >= self.min_score and d.label in TARGETS]
         owner = matches(everything, found)
         hit = set()
@@ -142,10 +139,10 @@ class Tally:
                 col = int(np.searchsorted(SIDE_EDGES_PX, math.sqrt(thing.n_pixels)))
                 self.cells[row, col].append(int(j in owner))
 
-    def _add_mask(self, view: RenderedView, thing: truth_core.VisibleThing, d: Detected) -> None:
+    def _add_mask(self, view: RenderedView, thing: VisibleThing, d: Detected) -> None:
         if d.mask is None:
             return
-        mask = truth_core.mask_within(thing, d.box_px, view.depth_m.shape)
+        mask = mask_within(thing, d.box_px, view.depth_m.shape)
         both = float((mask & d.mask).sum())
         self.mask_precision.append(both / max(1.0, float(d.mask.sum())))
         self.mask_recall.append(both / max(1.0, float(mask.sum())))
@@ -175,39 +172,6 @@ class Tally:
             out.append(f"masks: precision {np.mean(self.mask_precision):.2f}, recall {np.mean(self.mask_recall):.2f}")
         return out
 
-    def error_model(self, source: str) -> dict[str, object]:
-        """What ``simulated`` needs, from these counts; cells with few objects lean on their distance."""
-        recall = []
-        for row in range(len(RANGE_EDGES_M) + 1):
-            whole = [x for col in range(len(SIDE_EDGES_PX) + 1) for x in self.cells[row, col]]
-            mean = float(np.mean(whole)) if whole else 0.2  # beyond the robot's 5 m nothing is measured here
-            cells = [self.cells[row, col] for col in range(len(SIDE_EDGES_PX) + 1)]
-            recall.append([round((sum(c) + 5 * mean) / (len(c) + 5), 3) for c in cells])
-        confusions: dict[str, dict[str, float]] = defaultdict(dict)
-        for (was, said), n in sorted(self.confused.items()):
-            if was in TARGETS and was != said:
-                confusions[was][said] = round(n / (n + self.hits[was] + 1), 3)
-        background: Counter[str] = Counter()
-        for (was, said), n in sorted(self.confused.items()):
-            if was not in TARGETS:
-                background[said] += n
-        return {
-            "what": "Error model of the backend 'simulated': what a detector gets wrong, by distance and visible size.",
-            "source": source,
-            "min_score": round(self.min_score, 2),
-            "range_edges_m": list(RANGE_EDGES_M),
-            "side_edges_px": list(SIDE_EDGES_PX),
-            "recall": recall,
-            "true_scores": [round(float(np.quantile(self.true_scores, q)), 3) for q in (0.02, 0.98)],
-            "confusions": confusions,
-            "box_jitter": 0.04,
-            "false_positives": {
-                "per_view": round(sum(background.values()) / max(1, self.views), 3),
-                "scores": [round(float(np.quantile(self.false_scores, q)), 3) for q in (0.02, 0.98)],
-                "labels": background,
-            },
-        }
-
 
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="benchmark.perception", description=__doc__.partition("\n")[0])
@@ -218,7 +182,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--detectors", nargs="+", default=list(DEFAULT_DETECTORS))
     parser.add_argument("--large-detectors", nargs="+", default=list(DEFAULT_LARGE_DETECTORS))
     parser.add_argument("--min-pixels", type=int, default=400)
-    parser.add_argument("--write-errors", action="store_true")
     args = parser.parse_args(argv)
     backend = choose_backend("onnx-coco", detector_names=args.detectors, large_detector_names=args.large_detectors)
     print(backend.why)
@@ -235,16 +198,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         tally.min_score = min([*tally.true_scores, *tally.false_scores], default=0.0)
         print(f"## {kind}: {np.median(times[kind]):.0f} ms a view (one thread)")
         print("\n".join(tally.lines()), end="\n\n")
-    if args.write_errors:
-        source = (
-            f"measured by python -m benchmark.perception: {' + '.join(args.detectors)} on "
-            f"{tallies['robot'].views} rendered robot views of {', '.join(args.buildings)}, seeds {args.seeds}; "
-            "recall beyond 5 m (.2) and box_jitter are assumptions"
-        )
-        model = tallies["robot"].error_model(source)
-        path = Path(truth_core.__file__).parent / "data" / "simulated_errors.json"
-        path.write_text(json.dumps(model, indent=2) + "\n", encoding="utf-8")
-        print(f"wrote {path.name}")
 
 
 if __name__ == "__main__":

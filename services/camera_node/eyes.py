@@ -119,7 +119,9 @@ class Eyes:
         rendered = self._building.camera_view(self._camera, view)
         truth = None
         if backend.needs_truth:  # oracle and simulated; a real backend never gets it
-            truth = TrueInstances(rendered.instance_ids, self._building.scene.labels_by_id)
+            truth = TrueInstances(
+                rendered.instance_ids, self._building.scene.labels_by_id, self._camera.views[view].matrix()
+            )
         key = (f"camera/{self._camera.name}", view, version + 1)
         intrinsics = self._building.plan.intrinsics
         seen = backend.perceive(rendered.rgb, rendered.depth_m, intrinsics, truth=truth, key=key)

@@ -59,4 +59,5 @@ def unpack_truth(truth: Truth, packed: bytes) -> TrueInstances:
     labels: Mapping[int, str] = truth.labels
     if any(not 1 <= id_ <= 65535 or len(label) > 100 for id_, label in labels.items()):
         raise WireError("labels of instance ids go from 1 to 65535, with at most 100 characters each")
-    return TrueInstances(unpack_array(packed, np.uint16, (truth.height_px, truth.width_px)), dict(labels))
+    pose = truth.T_world_camera.matrix() if truth.T_world_camera is not None else None
+    return TrueInstances(unpack_array(packed, np.uint16, (truth.height_px, truth.width_px)), dict(labels), pose)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from surveilnav.geometry import Pose
 from surveilnav.messages.base import Message
 
 
 class Truth(Message, frozen=True, kw_only=True):
     """Instance ids of a view; the payload is a zstd-compressed uint16 image (height, width), 0: nothing.
 
-    ``labels`` maps instance ids to class names.
+    ``labels`` maps instance ids to class names; ``T_world_camera``: where the view was taken from.
     """
 
     source: str
@@ -17,3 +18,4 @@ class Truth(Message, frozen=True, kw_only=True):
     width_px: int
     height_px: int
     labels: dict[int, str]
+    T_world_camera: Pose | None = None

@@ -12,7 +12,7 @@ The figures stand in data/simulated_errors.json; ``python -m benchmark.calibrati
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +20,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtri
 
 from surveilnav.categories import COCO
 
@@ -58,7 +58,7 @@ class Kind(msgspec.Struct, frozen=True):
     """One kind of thing. ``weights``: of ``FEATURES`` by class, "" for all others; ``luck``: of finding.
 
     ``own``, ``own_luck``: the same for being called by its own name, for things that have one. ``names``: what things of
-    a class are called else, and how often; ``name_luck``: share of the luck of names that the instance keeps.
+    a class are called else, and how often; ``name_kept``: how often an instance's name is the same draw.
     ``scores``: (ease, score); ``certainty``: quantiles of the name's share in the scores of all classes; ``boxes``:
     measured ones, by size: corners relative to the visible thing's box, or (width, height) [m] for places. These three
     for "right" and "wrong" names.
@@ -67,25 +67,25 @@ class Kind(msgspec.Struct, frozen=True):
     weights: dict[str, list[float]]
     luck: Luck
     names: dict[str, dict[str, float]]
-    name_luck: float
+    name_kept: float
     scores: dict[str, list[tuple[float, float]]]
     certainty: dict[str, list[float]]
     boxes: dict[str, list[list[float]]]
     own: dict[str, list[float]] = {}
     own_luck: Luck = Luck(0.0, 0.0, 1.0, 2.0)
 
-    def ease(self, x: Floats, labels: Sequence[str]) -> Floats:
+    def ease(self, x: Floats, labels: Iterable[str]) -> Floats:
         """(N,) expected ease of things with features (N, F)."""
         return _weighted(x, labels, self.weights)
 
-    def own_ease(self, x: Floats, labels: Sequence[str]) -> Floats:
+    def own_ease(self, x: Floats, labels: Iterable[str]) -> Floats:
         """(N,) the same for being called by its own name."""
         return _weighted(x, labels, self.own)
 
     def score(self, ease: Floats, right: bool) -> Floats:
         """(N,) the detector's scores at some ease; below the lowest one that it reports where ease < 0."""
         knots = np.array(self.scores["right" if right else "wrong"])
-        return np.interp(ease, knots[:, 0], knots[:, 1])
+        return np.asarray(np.interp(ease, knots[:, 0], knots[:, 1]))
 
     def rest(self, label: str) -> Floats:
         """(80,) what classes share the scores that a thing's name leaves: those that it is mistaken for, and its own."""
@@ -97,10 +97,10 @@ class Kind(msgspec.Struct, frozen=True):
         return rest
 
     def name(self, label: str, luck: float, but: str = "") -> str:
-        """What a thing is called, with a standard normal luck; never ``but``."""
+        """What a thing is called, with a luck from 0 to 1; never ``but``."""
         shares = self.names.get(label) or self.names[""]
         total = sum(share for name, share in shares.items() if name != but)
-        left = float(ndtr(luck)) * total
+        left = luck * total
         for name, share in shares.items():
             if name != but:
                 left -= share
@@ -109,7 +109,7 @@ class Kind(msgspec.Struct, frozen=True):
         return next(name for name in reversed(shares) if name != but)
 
 
-def _weighted(x: Floats, labels: Sequence[str], weights: dict[str, list[float]]) -> Floats:
+def _weighted(x: Floats, labels: Iterable[str], weights: dict[str, list[float]]) -> Floats:
     if not len(x):
         return np.zeros(0)
     rows = np.array([weights.get(label) or weights[""] for label in labels])
@@ -187,9 +187,10 @@ class Draws:
             np.sqrt(luck.instance) * own + np.sqrt(luck.field) * self._field(luck, channel) + np.sqrt(rest) * view
         )
 
-    def name_luck(self, share: float, channel: int) -> Floats:
-        """(N,) standard normal lucks of which the instance keeps a share and each view draws the rest."""
-        return self.luck(Luck(share, 0.0, 1.0, 2.0), channel)
+    def mostly(self, kept: float, channel: int) -> Floats:
+        """(N,) numbers in (0, 1): the instance's own one in a share ``kept`` of the views, else the view's."""
+        own, view = uniforms(self.scene, self.ids, 3 * channel)[:, 0], uniforms(self.view, self.ids, channel, 2)
+        return np.asarray(np.where(view[:, 0] < kept, own, view[:, 1]))
 
     def _field(self, luck: Luck, channel: int) -> Floats:
         at = np.concatenate(

@@ -83,7 +83,8 @@ class Simulated:
     ) -> ViewPerception:
         told = _told(truth, depth_m, self.name)
         is_camera = any(isinstance(part, str) and part.startswith("camera/") for part in key)
-        scene, view = self._scene_seed(told.labels), hashed(self._seed, key)
+        scene = self._scene_seed(told.labels)
+        view = hashed(scene, key)
         detections, weak = [], []
         for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
             for detected, scores in self._found(c, scene, view, depth_m, camera):
@@ -105,7 +106,9 @@ class Simulated:
         n = len(self._model.haze)
         draws = Draws(scene, view, np.arange(n, dtype=np.uint64), np.tile(T[:3, 2], (n, 1)), np.ones(n))
         haze = np.zeros(len(COCO), np.float32)
-        for (label, quantiles), share in zip(self._model.haze.items(), ndtr(draws.luck(_HAZE, 5)), strict=True):
+        for (label, quantiles), share in zip(
+            self._model.haze.items(), ndtr(draws.luck(_HAZE, 5)).tolist(), strict=True
+        ):
             haze[COCO.index(label)] = _quantile(quantiles, share)
         return haze
 
@@ -126,9 +129,9 @@ class Simulated:
         if kind.own:
             right = kind.own_ease(c.x, c.labels) + draws.luck(kind.own_luck, 1) > 0
         scores = np.where(right, kind.score(ease, True), kind.score(ease, False))
-        names = draws.name_luck(kind.name_luck, 2)
+        names = draws.mostly(kind.name_kept, 2)
         once, always = uniforms(view, c.ids, 4, 2), uniforms(scene, c.ids, 40)
-        for i in np.flatnonzero(scores >= _WEAKEST):
+        for i in np.flatnonzero(scores >= _WEAKEST).tolist():
             label, of = c.labels[i], "right" if right[i] else "wrong"
             said = label if right[i] else kind.name(label, names[i], but=label)
             score = float(scores[i])
@@ -143,7 +146,9 @@ class Simulated:
 
 
 def _quantile(values: Sequence[float], share: float) -> float:
-    return float(np.interp(share, np.linspace(0, 1, len(values)), values))
+    at = share * (len(values) - 1)
+    low = min(int(at), len(values) - 2)
+    return values[low] + (at - low) * (values[low + 1] - values[low]) if len(values) > 1 else values[0]
 
 
 def _all_scores(said: str, score: float, certainty: float, rest: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -152,7 +157,7 @@ def _all_scores(said: str, score: float, certainty: float, rest: NDArray[np.floa
     out = rest * (score * (1 / certainty - 1) / max(rest.sum(), 1e-9))
     out = np.minimum(out, score)
     out[COCO.index(said)] = score
-    return out.astype(np.float32)
+    return np.asarray(out, np.float32)
 
 
 def _boxed(

@@ -58,7 +58,7 @@ class VisibleThing:
     @property
     def mask(self) -> NDArray[np.bool_]:
         """Its pixels inside the box."""
-        return self.ids == self.id
+        return np.asarray(self.ids == self.id)
 
     @property
     def number(self) -> int:
@@ -154,12 +154,12 @@ def places(
     xs = ((np.arange(_SAMPLES) + 0.5) * width / _SAMPLES).astype(int)
     n_rows = round(_SAMPLES * height / width)
     ys = ((np.arange(n_rows) + 0.5) * height / n_rows).astype(int)
-    z = depth_m[np.ix_(ys, xs)].ravel()
+    z = depth_m[np.ix_(ys, xs)].ravel().astype(np.float64)
     keep = np.flatnonzero((z > 0) & np.isin(ids[np.ix_(ys, xs)].ravel(), [0, *sorted(surfaces)]))
     if not len(keep):
         return []
     v, u = np.meshgrid(ys + 0.5, xs + 0.5, indexing="ij")
-    u, v, z = u.ravel()[keep], v.ravel()[keep], z[keep].astype(np.float64)
+    u, v, z = u.ravel()[keep], v.ravel()[keep], z[keep]
     p = world_points(u, v, z, camera, T_world_camera)
     cells, owner = np.unique(np.floor(p / PLACE_M).astype(np.int64), axis=0, return_inverse=True)
     owner, n = owner.ravel(), np.bincount(owner.ravel())

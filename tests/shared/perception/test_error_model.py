@@ -1,0 +1,62 @@
+"""Luck is standard normal, as alike from view to view as its shares say, and the same on every machine."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from surveilnav.perception.error_model import Draws, Kind, Luck, hashed, uniforms
+
+LUCK = Luck(instance=0.2, field=0.5, angle_rad=0.5, range_ratio=2.0)
+IDS = np.arange(1, 20_001, dtype=np.uint64)
+
+
+def luck(view: int = 1, turn_rad: float = 0.0, range_m: float = 2.0, scene: int = 5, channel: int = 0) -> np.ndarray:
+    direction = np.tile([np.cos(turn_rad), np.sin(turn_rad), 0.0], (len(IDS), 1))
+    return Draws(scene, view, IDS, direction, np.full(len(IDS), range_m)).luck(LUCK, channel)
+
+
+def test_luck_is_standard_normal() -> None:
+    drawn = luck()
+    assert drawn.mean() == pytest.approx(0.0, abs=0.03)
+    assert drawn.std() == pytest.approx(1.0, abs=0.03)
+    assert np.abs(np.quantile(drawn, [0.05, 0.95])) == pytest.approx(1.645, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("other", "alike"),
+    [
+        ({}, 1.0),
+        ({"view": 2}, 0.7),
+        ({"view": 2, "turn_rad": 0.5}, 0.2 + 0.5 * np.exp(-0.5 * (2 * np.sin(0.25) / 0.5) ** 2)),
+        ({"view": 2, "range_m": 4.0}, 0.2 + 0.5 * np.exp(-0.5)),
+        ({"view": 2, "turn_rad": np.pi}, 0.2),
+        ({"scene": 6}, 0.0),
+        ({"channel": 1}, 0.0),
+    ],
+)
+def test_views_share_luck_by_instance_direction_and_distance(other: dict, alike: float) -> None:
+    if "scene" in other:
+        other = {**other, "view": 2}
+    assert np.corrcoef(luck(), luck(**other))[0, 1] == pytest.approx(alike, abs=0.03)
+
+
+def test_draws_are_the_same_on_every_machine_and_in_any_company() -> None:
+    assert hashed(3, ("robot/r1", 0, 7)) == 14413063924098497299
+    few = uniforms(9, np.array([5, 7], np.uint64), 2, 3)
+    assert few[1].tolist() == uniforms(9, np.array([7], np.uint64), 2, 3)[0].tolist()
+    assert few[0].tolist() == pytest.approx([0.267844166451, 0.508923567766, 0.162234882688], abs=1e-9)
+
+
+def test_names_come_as_often_as_their_shares_and_never_the_excluded_one() -> None:
+    kind = Kind({}, LUCK, {"": {"bed": 0.5, "chair": 0.3, "tv": 0.2}}, 0.0, {}, {}, {})
+    names = [kind.name("couch", u, but="chair") for u in np.linspace(0.001, 0.999, 700)]
+    assert "chair" not in names
+    assert names.count("bed") / 700 == pytest.approx(5 / 7, abs=0.01)
+
+
+def test_an_instance_keeps_its_own_draw_in_that_share_of_views() -> None:
+    def drawn(view: int) -> np.ndarray:
+        return Draws(5, view, IDS, np.zeros((len(IDS), 3)), np.ones(len(IDS))).mostly(0.8, 2)
+
+    assert (drawn(1) == drawn(2)).mean() == pytest.approx(0.64, abs=0.02)
