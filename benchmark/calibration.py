@@ -90,13 +90,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--dry", action="store_true", help="don't replace the committed model")
     args = parser.parse_args(argv)
+    if len(args.homes) < FOLDS:
+        print(f"calibration: give at least {FOLDS} homes: each is compared with a model of others", file=sys.stderr)
+        return 2
     try:
         homes = [measured(name, args) for name in args.homes]
     except SurveilNavError as error:
         print(f"calibration: {error}", file=sys.stderr)
-        return 2
-    if len(homes) < FOLDS:
-        print(f"calibration: give at least {FOLDS} homes: each is compared with a model of others", file=sys.stderr)
         return 2
     unseen = {}
     for fold in range(FOLDS):

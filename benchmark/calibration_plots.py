@@ -38,7 +38,8 @@ def plots(real: Side, sims: Sequence[Side], model: ErrorModel, out: Path) -> Non
         for axis, label in zip(line, TARGETS, strict=True):
             _reliability(axis, label, edges, of, real, sims)
             axis.set_xlabel(name)
-            axis.set_title(label if line is axes[0] else "")
+    for axis, label in zip(axes[0], TARGETS, strict=True):
+        axis.set_title(label)
     axes[0, 0].legend(fontsize=8)
     axes[0, 0].set_ylim(0, 1.02)
     for line in axes:

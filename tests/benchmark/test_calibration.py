@@ -1,0 +1,121 @@
+"""The fit finds what it was made of; views are kept and read again; detections go to what they show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmark import calibration_views as views
+from benchmark.calibration import main
+from benchmark.calibration_fit import both_above, fit, fit_luck, fit_probit
+from benchmark.calibration_page import Side, compare
+from benchmark.calibration_views import Found, Rows
+from benchmark.recordings import Tour, record
+from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.perception.error_model import FEATURES, Draws, Luck
+from surveilnav.perception.truth import Simulated
+from surveilnav.perception.visible import VisibleThing
+
+
+@pytest.fixture(scope="module")
+def flat() -> tuple[views.Looks, SimulatedBuilding]:
+    """A parametric flat, seen by a detector that errs like the committed model."""
+    building = SimulatedBuilding(SimulationSettings(building="parametric_flat", seed=1, cameras=1, lighting="flat"))
+    recording = record(building, Simulated(seed=3), Tour(40, np.radians(60.0), 1.0))
+    return views.looks_of("flat", recording, building), building
+
+
+def test_looks_are_read_as_they_were_written(flat: tuple[views.Looks, SimulatedBuilding], tmp_path: Path) -> None:
+    looks, _ = flat
+    path = tmp_path / "flat.looks"
+    views.save(looks, path)
+    kept = views.load(path)
+    assert kept is not None
+    assert (kept.name, kept.labels, kept.looks) == (looks.name, looks.labels, looks.looks)
+    path.write_bytes(path.read_bytes()[:-50])
+    assert views.load(path) is None, "a damaged file is measured again"
+    truth, depth_m = looks.looks[0].truth(looks.labels)
+    assert truth.ids.shape == depth_m.shape == (640, 640), "camera views at half their resolution"
+
+
+def test_every_detection_of_a_thing_becomes_one_row(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+    looks, _ = flat
+    rows = views.rows_of([looks])
+    things = rows["thing"]
+    assert set(things.labels) <= set(looks.labels.values())
+    assert 0.15 < things.found.mean() < 0.9
+    assert (things.score[things.found] >= 0.25).all()
+    assert things.x.shape == (len(things.ids), len(FEATURES))
+    assert np.isfinite(things.x).all()
+    said = sum(len(look.found) for look in looks.looks)
+    assert 0.8 * said <= sum(r.found.sum() for r in rows.values()) <= said
+
+
+def test_a_model_fitted_to_the_simulated_detector_is_like_it(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+    looks, _ = flat
+    presence = np.array([look.presence for look in looks.looks], np.float32)
+    model = fit(views.rows_of([looks]), presence, "a test")
+    real, again = Side.real([looks]), Side.simulated([looks], {"flat": model}, 0)
+    keep = np.ones(len(real.rows["thing"].ids), bool)
+    assert again.named(keep) == pytest.approx(real.named(keep), abs=0.12)
+    page = compare(real, [again], model)
+    assert "a test" in page
+    assert page.count("\n| ") > 15
+
+
+def test_a_detection_goes_to_the_thing_that_it_fits_or_shows() -> None:
+    ids = np.zeros((1, 1), np.uint16)
+    bed = VisibleThing(1, "bed", (0.0, 0.0, 100.0, 100.0), ids, 9000, 9000, 2.0)
+    chair = VisibleThing(2, "chair", (200.0, 0.0, 240.0, 40.0), ids, 900, 900, 2.0)
+    fits = Found("couch", 0.5, (5.0, 0.0, 100.0, 95.0), 2, 0.9, 2.0)
+    shows = Found("chair", 0.5, (150.0, 0.0, 240.0, 90.0), 2, 0.6, 2.0)
+    neither = Found("chair", 0.5, (300.0, 0.0, 340.0, 90.0), 2, 0.3, 2.0)
+    assert views.owners_of([bed, chair], [fits, shows, neither]) == [bed, chair, None]
+    assert views.owners_of([], [fits]) == [None]
+
+
+def test_probit_finds_the_weights_and_shrinks_small_classes() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(6000, len(FEATURES)))
+    x[:, 0] = 1.0
+    labels = np.array(["bed"] * 5997 + ["tv"] * 3)
+    true = np.array([0.3, 0.8, -0.3, -0.5, 0.4, 0.0, 0.2, -0.2, 0.1])
+    weights = fit_probit(x, labels, x @ true + rng.normal(size=6000) > 0)
+    assert weights["bed"] == pytest.approx(true, abs=0.08)
+    assert weights["tv"] == pytest.approx(weights[""], abs=0.6)
+
+
+def test_shares_of_luck_are_found_from_pairs_of_views() -> None:
+    rng = np.random.default_rng(1)
+    n, each = 400, 14
+    ids = np.repeat(np.arange(n, dtype=np.uint64), each)
+    angle = rng.uniform(0, 2 * np.pi, n * each)
+    direction = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    range_m = np.exp(rng.uniform(0, 1.5, n * each))
+    true = Luck(0.25, 0.45, 0.5, 2.0)
+    lucks = np.zeros(n * each)
+    for view in range(each):  # the k-th row of every instance is seen in view k
+        at = slice(view, None, each)
+        lucks[at] = Draws(1, view + 2, ids[at], direction[at], range_m[at]).luck(true, 0)
+    text = np.array(["x"] * len(ids))
+    zero = np.zeros(len(ids))
+    rows = Rows("thing", text, ids, zero, direction, range_m, zero, zero.astype(int), text, zero, zero, zero)
+    fitted = fit_luck(rows, zero, lucks > 0, rng)
+    assert fitted.instance == pytest.approx(true.instance, abs=0.1)
+    assert fitted.instance + fitted.field == pytest.approx(0.7, abs=0.12)
+    assert fitted.angle_rad == pytest.approx(true.angle_rad, rel=0.4)
+
+
+def test_two_normals_at_once() -> None:
+    a, b = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -0.5])
+    r = np.array([0.0, 0.5, 0.8])
+    drawn = np.random.default_rng(0).multivariate_normal([0, 0], [[1, 0.8], [0.8, 1]], 200_000)
+    expected = [0.25, 1 / 3, float(((drawn[:, 0] < 1) & (drawn[:, 1] < -0.5)).mean())]
+    assert both_above(a, b, r) == pytest.approx(expected, abs=0.004)
+
+
+def test_too_few_homes_are_refused_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--homes", "studio"]) == 2
+    assert "at least 3 homes" in capsys.readouterr().err
