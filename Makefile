@@ -6,7 +6,7 @@ READY := .venv/.set-up
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test test-compose demo bench-core bench-render bench-homes bench-association docs clean
+.PHONY: help setup check test test-compose demo bench-core bench-render bench-homes bench-association bench-calibration docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -41,6 +41,9 @@ bench-render: $(READY) ## what a view costs, with baked light and without
 
 bench-homes: $(READY) ## nine homes x targets x seeds, with and without cameras; resumable; needs detector weights
 	$(BIN)/python -m benchmark.homes $(ARGS)
+
+bench-calibration: $(READY) ## the simulated detector fitted to the real one; resumable; needs detector weights
+	$(BIN)/python -m benchmark.calibration $(ARGS)
 
 bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
 	$(BIN)/python -m benchmark.association $(ARGS)
