@@ -15,8 +15,7 @@ from services.planner.core import PlannerConfig
 
 #: Values always decide unless they are all the same, and only they do.
 AS_WRITTEN = PlannerConfig(
-    verification="paper", exploit_min_std=1e-6, exploit_min_ratio=1.0, distance_weight_per_m=0.0, switch_margin_value=0.0,
-    look_on_the_way=False,
+    verification="paper", exploit_min_std=1e-6, exploit_min_ratio=1.0, distance_weight_per_m=0.0, switch_margin_value=0.0
 )  # fmt: skip
 
 OURS = Policy(

@@ -13,9 +13,6 @@ from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import MissionState
 from surveilnav.messages import Candidate, ObjectRecord
 
-#: However sure a detector is of an unconfirmed object: so often it is one.
-_SUREST = 0.7
-
 
 def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     """The object to go to: confirmed before promising, then relevance less a price per metre; the present one
@@ -43,8 +40,6 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     best = max(pool, key=score)
     kept = next((o for o in pool if _is_committed(state, o, config)), None)
     chosen = kept if kept is not None and score(best) <= score(kept) + config.switch_margin_value else best
-    if confirmed and config.look_on_the_way:
-        chosen = _on_the_way(now, chosen, [o for o in awake if o not in confirmed]) or chosen
     for o in awake:
         kind: Literal["target", "candidate"] = "target" if objects.is_confirmed(o, state.target) else "candidate"
         now.weighed.append(Candidate(kind, o.center_m[0], o.center_m[1], score(o), o is chosen, o.reason[:120], o.id))
@@ -92,25 +87,6 @@ def head_for(now: Now, frontiers: Sequence[Frontier], chosen: Frontier, why: str
         now.weighed.append(Candidate("frontier", f.x_m, f.y_m, f.score, f is chosen, f"{why}, {f.way_m:.1f} m"))
     now.commit(next(c for c in now.weighed if c.chosen))
     return chosen
-
-
-def _on_the_way(now: Now, target: ObjectRecord, candidates: Sequence[ObjectRecord]) -> ObjectRecord | None:
-    """A candidate that is worth a look before the robot sets out for a confirmed target far away.
-
-    With w metres to the target, d to a candidate that is one with probability p, looking first costs at most
-    d + (1 - p) (d + w) on average: it pays where p w > (2 - p) d. What the robot is on its way to may lose a little.
-    """
-    way_m = _way_to(now, target)
-    if not math.isfinite(way_m):
-        return None
-
-    def gain_m(o: ObjectRecord) -> float:
-        p = min(objects.relevance(o, now.state.target), _SUREST)
-        held_m = now.config.switch_margin_m if _is_committed(now.state, o, now.config) else 0.0
-        return p * way_m - (2.0 - p) * _way_to(now, o) + held_m
-
-    best = max(candidates, key=gain_m, default=None)
-    return best if best is not None and gain_m(best) > 0.0 else None
 
 
 def _is_committed(state: MissionState, record: ObjectRecord, config: PlannerConfig) -> bool:

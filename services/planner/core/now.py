@@ -73,8 +73,6 @@ class Now:
         route = self.planner.route(self.terrain, goals, self.robot, self.config)
         if route is not None and (held.best_m is None or route.remaining_m < held.best_m - 0.1):
             state.commitment = replace(held, best_m=route.remaining_m, best_step=state.step)
-        elif route is not None and self._is_detour(held, route.remaining_m):
-            state.commitment = replace(held, best_m=route.remaining_m, best_step=state.step, detours=held.detours + 1)
         elif route is None or state.step - held.best_step > self.config.patience_steps:
             if held.kind == "target":
                 place = f"({held.x_m:.1f}, {held.y_m:.1f})"
@@ -82,11 +80,6 @@ class Now:
             memory.give_up_waypoint(state, self.config)
             return None
         return route
-
-    def _is_detour(self, held: Commitment, remaining_m: float) -> bool:
-        """Whether a wall came into sight: the way is longer than it seemed, and the robot has only begun it."""
-        longer = held.best_m is not None and remaining_m > held.best_m + self.config.switch_margin_m
-        return longer and held.detours < self.config.max_detours
 
     def level(self) -> Decision | None:
         """Brings the camera back to the horizon after a look."""

@@ -15,8 +15,6 @@ class PlannerConfig:
             ``region`` (the value map): the paper's three.
         verification: ``two_level`` stops only at what the robot itself confirmed (or very strong surveillance
             evidence that it doesn't contradict); ``paper`` stops at whatever fusion calls confirmed.
-        look_on_the_way: a promising candidate near by is looked at before the robot sets out for a confirmed target far
-            away, where that is the shorter way on average.
         sweep_m: when all is explored and the target wasn't seen, the robot looks around again until every place it can
             get to lies this near to a full look around: a detector needs more than a glance from
             afar. 0: never.
@@ -25,8 +23,6 @@ class PlannerConfig:
         tight_m, tight_speed: nearer to a mapped obstacle than the robot's radius, down to ``tight_m``, it may go
             at this speed where there is no other way: maps are thicker than walls by a cell or so.
         unknown_speed: how fast the front runs through unknown space, relative to known free space; 0 forbids it.
-        patience_steps, max_detours: a waypoint is given up after so many steps without getting nearer; a way that became
-            longer by ``switch_margin_m`` or more, because the map knows more now, is measured anew so many times.
         hard_way_m: a waypoint that only tight places lead to, on a way that takes so much longer [m of free space] than
             twice its distance, is left for the end: such gaps are mostly the map's.
         stairs_known: which stairs the robot may head for: ``seen``, those whose end on its floor is explored in the joint
@@ -75,7 +71,6 @@ class PlannerConfig:
     same_place_m: float = 0.5
     dormant_steps: int = 60
     patience_steps: int = 20
-    max_detours: int = 4
     scan_turns: int = 12
     sweep_m: float = 2.0
 
@@ -90,7 +85,6 @@ class PlannerConfig:
     strong_detections: int = 3
     max_looks: int = 4
     settle_confidence: float = 0.30
-    look_on_the_way: bool = True
 
     # floors
     stairs_known: Literal["seen", "plan"] = "seen"

@@ -62,7 +62,7 @@ class Commitment:
     """The waypoint that the robot is on its way to, and how that goes.
 
     ``best_m`` is the shortest remaining way so far (None: not yet known), reached at ``best_step``: no progress for
-    long ends it. ``detours``: how often the way turned out longer and was measured anew.
+    long ends it.
     """
 
     kind: Literal["target", "candidate", "frontier", "stairs", "sweep"]
@@ -73,7 +73,6 @@ class Commitment:
     best_step: int
     object_id: int | None = None
     last_resort: bool = False
-    detours: int = 0
 
 
 @dataclass(frozen=True, slots=True)
