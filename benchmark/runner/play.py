@@ -8,6 +8,7 @@ import os
 import traceback
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.format import HabitatEpisode
@@ -32,8 +33,10 @@ class ScenePlayer:
         """ConfigError and what opening a building may raise."""
         self._settings, self._policy = settings, policy_of(settings.policy)
         self._data: SceneData = load_scene(root, settings.split, scene)
-        networks = {"detector_names": settings.detectors, "large_detector_names": settings.detectors}
-        backend = choose_backend(settings.perception, seed=settings.seed, **(networks if settings.detectors else {}))  # type: ignore[arg-type]
+        networks: dict[str, Any] = {}
+        if settings.detectors:
+            networks = {"detector_names": settings.detectors, "large_detector_names": settings.detectors}
+        backend = choose_backend(settings.perception, seed=settings.seed, harder=settings.harder, **networks)
         way = "depth" if backend.needs_truth else "pixels"
         self._building: SimulatedBuilding = open_scene(
             self._data.record, lighting="flat" if way == "depth" else "baked"

@@ -23,6 +23,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         views: ``panoramic`` or ``half``, the six neighbouring azimuths that see most.
         seed: sets the luck of perception and policies.
         resolution_divisor: of depth, where perception looks at no pixel.
+        harder: of ``simulated``: a worse detector than the measured one, in standard deviations of its luck.
         delay_steps: so many actions after its invocation a camera's views arrive.
         camera_error_m, camera_error_deg: how wrong each camera is about where it hangs and looks.
         detectors: the weights of ``onnx-coco``; empty: its own choice.
@@ -39,6 +40,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     max_steps: int = 500
     seed: int = 0
     resolution_divisor: int = 2
+    harder: float = 0.0
     delay_steps: int = 0
     camera_error_m: float = 0.0
     camera_error_deg: float = 0.0

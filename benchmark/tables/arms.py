@@ -135,11 +135,12 @@ TABLES: dict[str, Table] = {
             tuple(Arm(f"{n} steps", _run(delay_steps=n)) for n in (0, 1, 5, 10)), "steps",
         ),
         Table(
-            "errors", "Worse perception", "The error model's misses, confusions and false positives, so many times.",
+            "errors", "Worse and better perception",
+            "True things so many standard deviations of luck harder to find and name, false alarms as much easier to give.",
             tuple(
-                Arm(f"{k:g} x, {'with' if on else 'without'} cameras", _run(perception_errors=k, surveillance=on))
-                for on in (True, False) for k in (1.0, 0.0, 0.5, 1.5, 2.0)
-            ), "times the measured errors",
+                Arm(f"{k:+g}, {'with' if on else 'without'} cameras", _run(harder=k, surveillance=on))
+                for on in (True, False) for k in (0.0, -1.0, -0.5, 0.5, 1.0)
+            ), "standard deviations",
         ),
         Table(
             "poses", "Badly surveyed cameras", "Each camera's pose is wrong by this much in a direction drawn for it.",

@@ -23,6 +23,7 @@ def choose_backend(
     thresholds: Thresholds | None = None,
     threads: int = 1,
     seed: int = 0,
+    harder: float = 0.0,
     download: bool = True,
 ) -> Backend:
     """The backend of that name; "auto" takes the best that can run.
@@ -32,7 +33,7 @@ def choose_backend(
         large_detector_names: the same for larger ones.
         thresholds: of ``onnx-coco``.
         threads: of each network.
-        seed: of ``simulated``.
+        seed, harder: of ``simulated``.
         download: whether weights may be fetched.
 
     Raises:
@@ -41,7 +42,9 @@ def choose_backend(
     if name == "oracle":
         return Oracle()
     if name == "simulated":
-        return Simulated("asked for by name: the simulator's own instance ids through an error model", seed)
+        return Simulated(
+            "asked for by name: the simulator's own instance ids through an error model", seed, harder=harder
+        )
     names = (tuple(detector_names), tuple(large_detector_names))
     if name == "onnx-coco":
         return _onnx_coco(*names, thresholds, threads, download, "asked for by name")

@@ -61,14 +61,18 @@ class Simulated:
     """The renderer's instance ids through an error model: misses, confusions, loose boxes, false positives.
 
     What it errs depends on ``seed``, the view's ``key``, and where the view was taken from (``error_model``).
+    ``harder``: a worse detector than the measured one (negative: a better one), in standard deviations of luck by which
+    true things are harder to find and to name, and false alarms easier to give.
     """
 
     name = "simulated"
     embedding_dim = closed_set.DIM
     needs_truth = True
 
-    def __init__(self, why: str = "asked for by name", seed: int = 0, model: ErrorModel | None = None) -> None:
-        self.why, self._seed, self._model = why, seed, model or error_model()
+    def __init__(
+        self, why: str = "asked for by name", seed: int = 0, model: ErrorModel | None = None, harder: float = 0.0
+    ) -> None:
+        self.why, self._seed, self._model, self._harder = why, seed, model or error_model(), harder
         self._scene: tuple[dict[int, str], int] = ({}, 0)
 
     def perceive(
@@ -124,10 +128,11 @@ class Simulated:
         """Detection (None: too weak to be reported) and class scores of what is found among candidates of one kind."""
         kind = self._model.kinds[c.kind]
         draws = Draws(scene, view, c.ids, c.direction, c.range_m)
-        ease = kind.ease(c.x, c.labels) + draws.luck(kind.luck, 0)
+        easier = -self._harder if c.kind == "thing" else self._harder
+        ease = kind.ease(c.x, c.labels) + draws.luck(kind.luck, 0) + easier
         right = np.zeros(len(ease), bool)
         if kind.own:
-            right = kind.own_ease(c.x, c.labels) + draws.luck(kind.own_luck, 1) > 0
+            right = kind.own_ease(c.x, c.labels) + draws.luck(kind.own_luck, 1) + easier > 0
         scores = np.where(right, kind.score(ease, True), kind.score(ease, False))
         names = draws.mostly(kind.name_kept, 2)
         once, always = uniforms(view, c.ids, 4, 2), uniforms(scene, c.ids, 40)

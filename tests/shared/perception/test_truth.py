@@ -109,6 +109,18 @@ def test_near_large_plain_things_are_found_oftener_than_far_small_hidden_ones() 
         assert kind.score(np.array([0.5]), True) < kind.score(np.array([2.0]), True)
 
 
+def test_a_harder_world_hides_things_and_gives_false_alarms() -> None:
+    found = [hits(Simulated(harder=harder), "chair", 1).mean() for harder in (-1.0, 0.0, 1.0)]
+    assert found[0] > found[1] + 0.1 > found[2] + 0.2
+    depth, truth, camera = one("", 2)
+    alarms = []
+    for harder in (-1.0, 1.0):
+        told = [TrueInstances(truth.ids, {1000: f"building {b}"}, _LEVEL) for b in range(100)]
+        views = [Simulated(harder=harder).perceive(RGB, depth, camera, truth=t, key=("robot/r1", 0, 1)) for t in told]
+        alarms.append(sum(len(v.detections) for v in views))
+    assert alarms[1] > 3 * alarms[0] + 10
+
+
 def test_false_alarms_stay_with_the_thing_that_caused_them() -> None:
     alike = []
     for building in range(250):

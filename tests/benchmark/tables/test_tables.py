@@ -1,0 +1,75 @@
+"""Tables: every arm is a run that can be, pages say what the records say."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from benchmark.dataset.splits import SPLITS
+from benchmark.runner.settings import RunSettings
+from benchmark.tables.arms import TABLES, Arm, Table
+from benchmark.tables.page import page, plot
+from surveilnav.errors import ConfigError
+from tests.benchmark.runner.test_records import FAILED, RECORD
+
+ARMS = (Arm("with", RunSettings(), (67.4, 34.5)), Arm("without", RunSettings(surveillance=False)))
+TABLE = Table("range", "Range", "About it.", ARMS)
+
+
+def test_every_arm_can_be_run_and_has_a_folder_of_its_own():
+    for table in TABLES.values():
+        for arm in table.arms:
+            arm.settings.check()
+            assert arm.settings.split in SPLITS
+        slugs = [arm.slug for arm in table.arms]
+        assert len(set(slugs)) == len(slugs), table.name
+        assert all("/" not in s and len(s) < 200 for s in slugs)
+
+
+def test_arms_with_the_same_settings_share_a_run():
+    assert TABLES["range"].arms[0].slug == TABLES["density"].arms[0].slug
+
+
+def test_a_page_says_what_the_records_say():
+    without = [msgspec.structs.replace(RECORD, success=False, spl=0.0, reason="out_of_steps"), FAILED]
+    text = page(TABLE, [(ARMS[0], [RECORD, FAILED]), (ARMS[1], without)], total=2)
+    assert "| with | 2 | 50.0 [0.0, 100.0] | 25.0 [0.0, 50.0] | 60.0 | " in text
+    assert (
+        "| without | 2 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 | -50.0 [-100.0, +0.0] | -25.0 [-50.0, +0.0] |" in text
+    )
+    assert "67.4 / 34.5" in text
+    assert "| with | 1 | 0 |" in text  # reasons
+    assert "within 0.1 m (geodesic)" in text
+    assert "| tv | 50 / 25 (2) | 0 / 0 (2) |" in text
+
+
+def test_an_unfinished_arm_says_so():
+    assert "| with | 1 (unfinished) |" in page(TABLE, [(ARMS[0], [RECORD])], total=2)
+
+
+def test_the_plot_is_the_same_twice(tmp_path):
+    for name in ("a.png", "b.png"):
+        plot(TABLE, [(ARMS[0], [RECORD, FAILED]), (ARMS[1], [FAILED])], tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (RunSettings(fusion={"objects": {"geometry": "sphere"}}), "geometry"),
+        (RunSettings(fusion={"clouds": {}}), "clouds"),
+        (RunSettings(planning={"speed": 3}), "no setting 'speed'"),
+        (RunSettings(delay_steps=-1), "0 or more"),
+    ],
+)
+def test_settings_that_cant_be_are_named(settings, said):
+    with pytest.raises(ConfigError, match=said):
+        settings.check()
+
+
+def test_one_setting_is_changed_and_the_others_stay():
+    changed = RunSettings(fusion={"objects": {"geometry": "box_iou"}}).fusion_config()
+    plain = RunSettings().fusion_config()
+    assert changed.objects.geometry == "box_iou"
+    assert changed.objects.model_copy(update={"geometry": plain.objects.geometry}) == plain.objects
+    assert changed.map == plain.map

@@ -1,0 +1,67 @@
+"""``surveilnav dataset`` and ``surveilnav bench`` as a user types them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from benchmark.dataset.make import make
+from benchmark.dataset.splits import SceneSpec, SplitSpec
+
+
+def surveilnav(*arguments, timeout_s=240):
+    command = [sys.executable, "-m", "cli.main", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = tmp_path_factory.mktemp("dataset")
+    make(root, [SplitSpec("val_mini", (SceneSpec("parametric_flat", 0, "all"),), 2)], workers=1)
+    return root
+
+
+def test_a_run_says_its_numbers_as_one_object(root, tmp_path):
+    out = ("--root", root, "--out", tmp_path / "run", "--perception", "oracle", "--max-steps", 25, "--workers", 1)
+    first = surveilnav("bench", "run", *out, "--json")
+    assert first.returncode == 0, first.stderr
+    said = json.loads(first.stdout)
+    assert {"sr", "spl", "soft_spl", "episodes", "seconds", "traffic"} <= set(said)
+    assert said["episodes"] == 2
+    assert 0.0 <= said["spl"] <= said["sr"] <= 100.0
+    again = json.loads(surveilnav("bench", "run", *out, "--json").stdout)  # nothing is missing: nothing is played
+    assert {k: v for k, v in again.items() if k != "seconds"} == {k: v for k, v in said.items() if k != "seconds"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("bench", "run", "--policy", "best"), "there is no policy 'best'"),
+        (("bench", "run", "--surveillance", "maybe"), "on or off"),
+        (("bench", "run", "--planner", "warp"), "warp"),
+        (("bench", "run", "--root", "/nowhere"), "surveilnav dataset build"),
+        (("bench", "table", "best"), "there is no table 'best'"),
+        (("dataset", "check", "--root", "/nowhere"), "surveilnav dataset build"),
+        (("dataset", "build", "--split", "vla"), "there is no split 'vla'"),
+    ],
+)
+def test_a_mistake_is_one_line(arguments, said):
+    done = surveilnav(*arguments)
+    assert done.returncode != 0
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_check_names_faults_and_says_so_by_its_exit(root, tmp_path):
+    assert surveilnav("dataset", "check", "--root", root).returncode == 0
+    import shutil
+
+    copy = tmp_path / "copy"
+    shutil.copytree(root, copy)
+    (copy / "val_mini" / "cameras" / "parametric_flat-s0.json.gz").unlink()
+    done = surveilnav("dataset", "check", "--root", copy, "--json")
+    assert done.returncode == 1
+    assert any("parametric_flat-s0" in f["where"] for f in json.loads(done.stdout))
