@@ -140,19 +140,19 @@ def test_a_full_queue_and_a_passed_deadline_are_refused(bus: BusSettings, client
         asked, payload = request()
         hasty, _ = request(deadline_ms=1)
 
-        def ask(message: InferRequest) -> object:
+        def infer(message: InferRequest) -> object:
             return ask(client, PERCEPTION_INFER, message, payload=payload, worker="w5", timeout_s=20)
 
         with ThreadPoolExecutor() as pool:
-            first = pool.submit(ask, asked)
+            first = pool.submit(infer, asked)
             assert backend.started.wait(10)
-            second = pool.submit(ask, hasty)
+            second = pool.submit(infer, hasty)
             deadline = time.monotonic() + 10
             while service.load().queued < 2 and time.monotonic() < deadline:
                 time.sleep(0.01)
             assert service.load().queued == 2
             with pytest.raises(Refused) as busy:
-                ask(asked)
+                infer(asked)
             backend.let.set()
             first.result(timeout=10)
             with pytest.raises(Refused) as late:
