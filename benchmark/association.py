@@ -28,9 +28,9 @@ from benchmark.association_page import Results, page, plot
 from benchmark.recordings import TOURS, Recording, load, record, save
 from benchmark.replays import SEED, Player, code_hash, good_detections, score, variants
 from services.fusion.core import ObjectConfig
+from surveilnav.building.sources import TRAIN_HOMES
 from surveilnav.errors import SurveilNavError
 
-HOMES = ("2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom")
 RECORDS = "replays.jsonl"
 
 
@@ -127,7 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmark.association", description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("docs/results/association"), help="where the page goes")
     parser.add_argument("--recordings", type=Path, default=Path("runs/association"), help="views and replays, kept")
-    parser.add_argument("--homes", nargs="*", default=list(HOMES))
+    parser.add_argument("--homes", nargs="*", default=list(TRAIN_HOMES))
     parser.add_argument("--perception", default="onnx-coco", choices=["onnx-coco", "oracle", "simulated"])
     parser.add_argument("--tours", nargs="*", default=list(TOURS), choices=list(TOURS))
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
@@ -147,7 +147,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for r in homes.load(options.recordings, RECORDS)
         if r["perception"] == options.perception and r["home"] in options.homes and r["tour"] in options.tours
     ]
-    defaults: dict[str, Any] = {"perception": "onnx-coco", "tours": list(TOURS), "homes": list(HOMES)}
+    defaults: dict[str, Any] = {"perception": "onnx-coco", "tours": list(TOURS), "homes": list(TRAIN_HOMES)}
     given = [(name, getattr(options, name), default) for name, default in defaults.items()]
     more = [f"--{n} {' '.join(v) if isinstance(v, list) else v}" for n, v, default in given if v != default]
     results = {tour: Results(tour, records) for tour in options.tours}

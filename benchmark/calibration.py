@@ -27,14 +27,12 @@ from benchmark.calibration_page import Side, compare
 from benchmark.calibration_plots import plots
 from benchmark.recordings import Tour, record
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.building.sources import TRAIN_HOMES
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception import error_model
 from surveilnav.perception.choose import choose_backend
 from surveilnav.perception.error_model import ErrorModel
 
-HOMES = (
-    "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
-)  # fmt: skip
 FOLDS = 3
 CAMERAS = 4
 OUT = Path("docs/results/calibration")
@@ -83,7 +81,7 @@ def presence_of(homes: Sequence[views.Looks]) -> np.ndarray:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="benchmark.calibration", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--homes", nargs="+", default=list(HOMES))
+    parser.add_argument("--homes", nargs="+", default=list(TRAIN_HOMES))
     parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every home")
     parser.add_argument("--models", choices=("all", "train", "val"), default="train")
     parser.add_argument("--seed", type=int, default=11)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -59,7 +58,7 @@ def check(
 def _files(root: Path, manifest: files.Manifest) -> Iterator[Fault]:
     for name, expected in manifest.sha256.items():
         try:
-            found = hashlib.sha256(files.raw(root / name)).hexdigest()
+            found = files.sha256_of(root / name)
         except ConfigError as error:
             yield Fault("error", name, str(error))
             continue
@@ -90,7 +89,7 @@ def _shared(root: Path, manifest: files.Manifest) -> Fault | None:
 def _episodes(split: str, data: SceneData) -> Iterator[Fault]:
     """What the files say by themselves."""
     where = f"{split}/{data.record.scene}"
-    present = {name.rpartition(".glb_")[2] for name in data.content.goals_by_category}
+    present = {files.category_of(key) for key in data.content.goals_by_category}
     if missing := [ours for theirs, ours in files.CATEGORIES.items() if theirs not in present]:
         yield Fault("note", where, f"has no {', '.join(missing)} that a robot can get to")
     for m2, cameras in data.cameras.cameras.items():
@@ -120,7 +119,7 @@ def _building(split: str, data: SceneData) -> Iterator[Fault]:
         building = open_scene(data.record, lighting="flat")
         data.check_scene(building.scene)
         scene, navigation = building.scene, building.navigation
-        present = {files.CATEGORIES[key.rpartition(".glb_")[2]] for key in data.content.goals_by_category}
+        present = {files.CATEGORIES[files.category_of(key)] for key in data.content.goals_by_category}
         goals = {label: data.goals(label, scene, navigation) for label in sorted(present)}
     except SurveilNavError as error:
         yield Fault("error", where, str(error))

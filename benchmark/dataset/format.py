@@ -102,6 +102,11 @@ def goals_key(scene: str, category: str) -> str:
     return f"{scene}.glb_{category}"
 
 
+def category_of(key: str) -> str:
+    """The category in a ``goals_key``."""
+    return key.rpartition(".glb_")[2]
+
+
 # --- ours ---------------------------------------------------------------------------------------------------------
 
 
@@ -183,6 +188,11 @@ def raw(path: Path) -> bytes:
         raise ConfigError(f"{path} is missing; build the dataset with `surveilnav dataset build`") from None
     except (OSError, EOFError, ValueError) as error:
         raise ConfigError(f"{path} can't be read ({error}); build the dataset anew") from error
+
+
+def sha256_of(path: Path) -> str:
+    """The hash of a file's JSON, uncompressed. ConfigError: as ``raw``."""
+    return hashlib.sha256(raw(path)).hexdigest()
 
 
 def read(path: Path, kind: type[_T]) -> _T:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import multiprocessing
-import signal
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,6 +9,7 @@ from benchmark.dataset import format as files
 from benchmark.dataset.build import MADE_BY, RULES, build_scene
 from benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCounts
 from benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
+from benchmark.workers import worker_pool
 from surveilnav.errors import ConfigError, SurveilNavError
 
 
@@ -35,7 +33,7 @@ def make(
     ]
     failed: dict[str, str] = {}
     if jobs:
-        with multiprocessing.get_context("spawn").Pool(min(workers, len(jobs)), _quiet, maxtasksperchild=1) as pool:
+        with worker_pool(min(workers, len(jobs))) as pool:
             for done, (scene, error) in enumerate(pool.imap_unordered(_work, jobs), start=1):
                 if error:
                     failed[scene] = error
@@ -66,7 +64,7 @@ def write_manifest(root: Path) -> Manifest:
     manifest = Manifest(
         version=files.VERSION, made_by=MADE_BY, rules=RULES,
         splits={name: counts(root, name) for name in sorted({n.partition("/")[0] for n in names})},
-        sha256={name: hashlib.sha256(files.raw(root / name)).hexdigest() for name in names},
+        sha256={name: files.sha256_of(root / name) for name in names},
     )  # fmt: skip
     files.write(root / "dataset.json", manifest)
     return manifest
@@ -88,10 +86,6 @@ def _check_counts(root: Path, split: SplitSpec) -> None:
             f"{split.name} should have {floors} floors, {cameras} cameras and {split.episodes} episodes, it came out with "
             f"{made.floors}, {made.cameras} and {made.episodes}"
         )
-
-
-def _quiet() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which ends its workers
 
 
 def _work(job: tuple[Path, str, SceneSpec, int]) -> tuple[str, str]:

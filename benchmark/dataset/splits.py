@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from surveilnav.building.sources import EXAMPLE_HOMES, TRAIN_HOMES
 from surveilnav.errors import ConfigError
 
 Models = Literal["all", "train", "val"]
 
-TRAIN_HOMES = (
-    "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
-)  # fmt: skip
-VAL_HOMES = ("studio", "1_bedroom", "3_bedroom_attic")
+VAL_HOMES = tuple(home for home in EXAMPLE_HOMES if home not in TRAIN_HOMES)
 #: Each val home is furnished twice.
 VAL_SEEDS = (0, 1)
 

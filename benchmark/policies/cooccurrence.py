@@ -17,11 +17,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from surveilnav.building.sources import TRAIN_HOMES
 from surveilnav.categories import TARGETS
-
-TRAIN_HOMES = (
-    "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
-)  # fmt: skip
 
 _PATH = Path(__file__).with_name("cooccurrence.json")
 

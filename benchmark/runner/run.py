@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import os
-import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from benchmark.dataset.load import load_scene, scenes_of
 from benchmark.runner.play import parent_lives, play_scene
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
+from benchmark.workers import worker_pool
 from surveilnav.errors import SurveilNavError
 
 _POLL_S = 2.0
@@ -45,8 +46,6 @@ class Finished:
 
 def dataset_hash(root: Path, split: str) -> str:
     """What tells a split from every other: the hash of its files' hashes."""
-    import hashlib
-
     manifest = files.manifest_of(root)
     mine = sorted((k, v) for k, v in manifest.sha256.items() if k.startswith(f"{split}/"))
     return hashlib.sha256(repr(mine).encode()).hexdigest()
@@ -80,9 +79,7 @@ def run(
     began_s, before = time.monotonic(), len(done)
     unopened: dict[str, str] = {}
     if jobs:
-        with multiprocessing.get_context("spawn").Pool(
-            min(workers, len(jobs)), _ignore_interrupts, maxtasksperchild=1
-        ) as pool:
+        with worker_pool(min(workers, len(jobs))) as pool:
             results = pool.imap_unordered(_work, jobs)
             left = len(jobs)
             while left:
@@ -97,10 +94,6 @@ def run(
                 each_s = (time.monotonic() - began_s) / (n - before) if n > before else None
                 on_progress(Progress(n, total, each_s and each_s * (total - n)))
     return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), total)
-
-
-def _ignore_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which ends its workers
 
 
 def _work(job: tuple[Path, Path, str, RunSettings, str, frozenset[str]]) -> tuple[str, str]:

@@ -29,13 +29,12 @@ class Arm:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """``x``: the name of the axis where the arms are points of a curve, "" where they are bars."""
+    """``about``: what is compared, for the page."""
 
     name: str
     title: str
     about: str
     arms: tuple[Arm, ...]
-    x: str = ""
 
 
 def _flat(said: dict[str, Any], above: str = "") -> dict[str, Any]:
@@ -132,7 +131,7 @@ TABLES: dict[str, Table] = {
         ),
         Table(
             "delay", "Late cameras", "Actions between a camera's invocation and the arrival of its views.",
-            tuple(Arm(f"{n} steps", _run(delay_steps=n)) for n in (0, 1, 5, 10)), "steps",
+            tuple(Arm(f"{n} steps", _run(delay_steps=n)) for n in (0, 1, 5, 10)),
         ),
         Table(
             "errors", "Worse and better perception",
@@ -140,14 +139,14 @@ TABLES: dict[str, Table] = {
             tuple(
                 Arm(f"{k:+g}, {'with' if on else 'without'} cameras", _run(harder=k, surveillance=on))
                 for on in (True, False) for k in (0.0, -1.0, -0.5, 0.5, 1.0)
-            ), "standard deviations",
+            ),
         ),
         Table(
             "poses", "Badly surveyed cameras", "Each camera's pose is wrong by this much in a direction drawn for it.",
             tuple(
                 Arm(f"{cm} cm, {deg:g} degrees", _run(camera_error_m=cm / 100, camera_error_deg=deg))
                 for cm, deg in ((0, 0.0), (2, 0.5), (5, 1.0), (10, 3.0))
-            ), "pose error",
+            ),
         ),
     )
 }  # fmt: skip

@@ -36,6 +36,10 @@ _HOMES: dict[str, tuple[str, str]] = {
 }
 
 EXAMPLE_HOMES: tuple[str, ...] = tuple(_HOMES)
+#: Those on which thresholds, room statistics and error models may be made; the others are for tests.
+TRAIN_HOMES: tuple[str, ...] = (
+    "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
+)  # fmt: skip
 PARAMETRIC_HOME = "parametric_flat"
 #: Patterns of names: n is any number from 0, and the plan's seed.
 GENERATED: tuple[str, ...] = tuple(f"{kind}_<n>" for kind in KINDS)

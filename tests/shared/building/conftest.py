@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from surveilnav.building.scene import Floor, Instance, Material, Scene, Stair
+from surveilnav.errors import AssetError
 
 Box = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
 _FACES = ((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3))  # fmt: skip  # noqa: E501
@@ -60,3 +62,14 @@ def boxes() -> Callable[..., Scene]:
 @pytest.fixture(scope="session")
 def room() -> Callable[..., list[Box]]:
     return room_of_boxes
+
+
+@pytest.fixture(scope="session")
+def assets() -> Path:
+    """The Sweet Home 3D packages."""
+    from surveilnav.building.assets import ensure_assets
+
+    try:
+        return ensure_assets()
+    except AssetError as error:
+        pytest.skip(f"the Sweet Home 3D packages can't be had: {error}")

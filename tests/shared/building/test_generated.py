@@ -62,16 +62,6 @@ def test_an_office_without_assets(name: str, tmp_path: Path) -> None:
     assert set(found) >= {"chair", "toilet"}
 
 
-@pytest.fixture(scope="module")
-def assets() -> Path:
-    from surveilnav.building.assets import ensure_assets
-
-    try:
-        return ensure_assets()
-    except AssetError as error:
-        pytest.skip(f"the Sweet Home 3D packages can't be had: {error}")
-
-
 @pytest.mark.assets
 @pytest.mark.usefixtures("assets")
 def test_furnished_flats_the_same_twice() -> None:

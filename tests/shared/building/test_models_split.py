@@ -10,7 +10,6 @@ from surveilnav.building.furniture import Models, kinds, split_kind_of
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.building.sources import EXAMPLE_HOMES, open_building
 from surveilnav.categories import TARGETS
-from surveilnav.errors import AssetError
 
 
 def of_half(half: Models) -> set[str]:
@@ -45,16 +44,6 @@ def test_a_half_is_a_plan_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path))
     paths = {SimulatedBuilding(SimulationSettings(models=m))._plan_path() for m in ("all", "train", "val")}
     assert len(paths) == 3
-
-
-@pytest.fixture(scope="module")
-def assets() -> Path:
-    from surveilnav.building.assets import ensure_assets
-
-    try:
-        return ensure_assets()
-    except AssetError as error:
-        pytest.skip(f"the Sweet Home 3D packages can't be had: {error}")
 
 
 @pytest.mark.assets

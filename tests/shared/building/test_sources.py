@@ -238,16 +238,6 @@ def test_the_list_of_buildings() -> None:
     assert [b.needs_assets for b in list_buildings()] == [True] * 9 + [False] * 4
 
 
-@pytest.fixture(scope="session")
-def assets() -> Path:
-    from surveilnav.building.assets import ensure_assets
-
-    try:
-        return ensure_assets()
-    except AssetError as error:
-        pytest.skip(f"the Sweet Home 3D packages can't be had: {error}")
-
-
 @pytest.mark.assets
 @pytest.mark.usefixtures("assets")
 @pytest.mark.parametrize(

@@ -17,18 +17,10 @@ from surveilnav.building.assets import ensure_assets
 from surveilnav.building.catalog import Furniture
 from surveilnav.building.furniture import kind_of
 from surveilnav.building.polygons import contains, signed_area
-from surveilnav.building.sources import read_example
+from surveilnav.building.sources import TRAIN_HOMES, read_example
 from surveilnav.building.sweethome import Home, Piece, PlanRoom
 from surveilnav.config import cache_dir
 
-TRAIN_HOMES = (
-    "2_bedroom",
-    "2_bedroom_bow_window",
-    "2_bedroom_basement",
-    "3_bedroom",
-    "3_bedroom_mezzanine",
-    "4_bedroom",
-)
 COMMAND = "python -m surveilnav.building.generated.measure"
 
 #: Types by a room's name, then by what stands in it.
