@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 from multiprocessing.pool import Pool
 
+from surveilnav.building.shading import use_threads
+
 
 def worker_pool(workers: int) -> Pool:
-    """A pool whose workers leave Ctrl-C to their parent, which ends them."""
-    return multiprocessing.get_context("spawn").Pool(workers, _ignore_interrupts, maxtasksperchild=1)
+    """A pool whose workers leave Ctrl-C to their parent, which ends them, and share the cores."""
+    threads = max(1, (os.cpu_count() or 1) // workers)
+    return multiprocessing.get_context("spawn").Pool(workers, _begin, (threads,), maxtasksperchild=1)
 
 
-def _ignore_interrupts() -> None:
+def _begin(threads: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    use_threads(threads)

@@ -27,9 +27,11 @@ from services.planner.core.now import Now
 from services.planner.core.terrain import coarse_arrival_m
 
 #: No object is promising before it is confirmed: suspected ones come after the frontiers.
-CONFIG = PlannerConfig(verification="paper", promising_confidence=1.01)
+CONFIG = PlannerConfig(verification="paper", explore_chance=0.0, promising_confidence=1.01)
 
 _NEAR_THE_BEST = 0.95
+#: The nearest frontier is left for one that is nearer by this.
+_MARGIN_M = 1.0
 #: All orders of so many frontiers are tried; of more, the nearest.
 _MAX_TOUR = 6
 
@@ -43,8 +45,8 @@ def choose(now: Now, *, hard: bool) -> Frontier | None:
     if exploit:
         good = good_ones(ranked, now.config)
         return head_for(now, good, first_of_tour(good, _ways(now, good)), f"first of a tour over {len(good)} by value")
-    nearest, held = ranked[0], held_frontier(now, ranked, 1.5 * now.config.same_place_m)
-    if held is not None and held.way_m <= nearest.way_m + now.config.switch_margin_m:
+    nearest, held = min(ranked, key=lambda f: f.way_m), held_frontier(now, ranked, 1.5 * now.config.same_place_m)
+    if held is not None and held.way_m <= nearest.way_m + _MARGIN_M:
         nearest = held
     return head_for(now, ranked, nearest, "nearest")
 

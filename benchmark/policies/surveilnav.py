@@ -13,9 +13,11 @@ from benchmark.policies.policy import Policy
 from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
 
-#: Values always decide unless they are all the same, and only they do.
+#: A confirmed target before all else, any candidate before exploring; values always decide unless they are all the same,
+#: and only they do.
 AS_WRITTEN = PlannerConfig(
-    verification="paper", exploit_min_std=1e-6, exploit_min_ratio=1.0, distance_weight_per_m=0.0, switch_margin_value=0.0
+    verification="paper", confirmed_chance=1e6, explore_chance=0.0, exploit_min_std=1e-6, exploit_min_ratio=1.0,
+    explore_m=1e6, value_gain=1e6, frontier_wide_m=1e-6, switch_ratio=1.0,
 )  # fmt: skip
 
 OURS = Policy(

@@ -142,9 +142,12 @@ class ObjectConfig(_Part):
         default=0.5, ge=0, le=1, description="the paper's threshold on the maximum of both confidences"
     )
     confirm_scores: dict[str, float] = Field(
-        default={"potted plant": 0.35, "couch": 0.42, "tv": 0.42},
-        description="classes that detectors seldom see wrongly need less; in searches, more for beds costs more true "
-        "ones than it spares false ones (docs/results/association)",
+        default={"bed": 0.47, "chair": 0.4, "couch": 0.4, "potted plant": 0.3, "toilet": 0.45, "tv": 0.42},
+        description="classes of which a size is known need less: above this, most that fit are true on the recorded "
+        "views of docs/results/association",
+    )
+    confirm_margin: float = Field(
+        default=1.25, ge=0, description="confidence in the class is at least this many times that in any other"
     )
     min_detections: int = Field(
         default=2, ge=1, description="of the class; with fewer an object stays a candidate (ConceptGraphs, VLN-Game)"
@@ -161,6 +164,9 @@ class ObjectConfig(_Part):
         description="of a class: over all evidence, other classes and misses counting 0, or over its own",
     )
     size_prior: bool = Field(default=True, description="only what has a size that its class can have is confirmed")
+    misfit_factor: float = Field(
+        default=0.5, ge=0, le=1, description="what is left of the confidence in a class whose size an object hasn't"
+    )
     # false positives
     flip: Literal["sustained", "literal"] = Field(
         default="sustained", description="`literal`: any change of class rejects for good"
@@ -177,9 +183,17 @@ class ObjectConfig(_Part):
     miss_visible: float = Field(
         default=0.7, ge=0, le=1, description="share of an object's points that must be in plain view"
     )
-    miss_weight: float = Field(default=0.5, ge=0, description="of one missed sighting, in detections")
-    reject_misses: int = Field(
-        default=6, ge=1, description="misses (more than the class's near detections) that reject"
+    miss_weight: float = Field(
+        default=0.5, ge=0, description="of one missed sighting of a class that is seldom missed, in detections"
+    )
+    recall: dict[str, float] = Field(
+        default={"potted plant": 0.4, "tv": 0.55, "chair": 0.7},
+        description="in which share of plain near views detectors see a thing of the class; 0.8 of others. A miss of what "
+        "is often missed says little",
+    )
+    reject_misses: int = Field(default=6, ge=1, description="misses that may reject")
+    reject_share: float = Field(
+        default=0.5, ge=0, le=1, description="... if the class was seen in less than this share of its recall"
     )
 
 
@@ -204,6 +218,7 @@ class FusionConfig(_Part):
                 merge_every=20, merge_overlap=0.7, merge_visual=0.7, merge_box=2.0, min_detections=2,
                 flip="literal", confidence="mean",
                 confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,
-                near_m=1e9, miss_weight=0.0, size_prior=False, confirm_scores={}, reject_misses=1_000_000_000,
+                near_m=1e9, miss_weight=0.0, size_prior=False, confirm_scores={}, confirm_margin=0.0,
+                reject_misses=1_000_000_000,
             ),
         )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -87,10 +88,12 @@ class Evidence:
         (ApexNav's rule). ``mean``: the class's own mean score.
         """
         supports = self.robot if is_robot else self.surveillance
-        against = config.miss_weight * self.misses
-        everything = sum(s.weight for s in supports.values()) + against
+        everything = sum(s.weight for s in supports.values())
         own = config.confidence == "mean"
-        return {label: s.weighted_score / (s.weight + against if own else everything) for label, s in supports.items()}
+        return {
+            label: s.weighted_score / ((s.weight if own else everything) + self.misses * _miss_weight(label, config))
+            for label, s in supports.items()
+        }
 
     def best(self, is_robot: bool, config: ObjectConfig) -> tuple[str, float]:
         """The class that one kind of source believes most, and its confidence; ("", 0) if it saw nothing."""
@@ -154,7 +157,8 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
         if config.flip == "literal" or n < then + config.revive_detections:
             return Verdict(label, confidence, "rejected", f"false positive: first taken for {old}, then for {new}")
     robot, cameras = evidence.robot.get(label, _NOTHING), evidence.surveillance.get(label, _NOTHING)
-    if evidence.misses >= config.reject_misses and evidence.misses > robot.near:
+    expected = config.reject_share * _recall(label, config) * (robot.near + evidence.misses)
+    if evidence.misses >= config.reject_misses and robot.near < expected:
         return Verdict(
             label, confidence, "rejected",
             f"a robot had it in plain view {evidence.misses} times and saw no {label} ({robot.near} times it did)",
@@ -163,6 +167,9 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
         return Verdict(
             label, confidence, "candidate", f"{n} of at least {config.min_detections} detections of a {label}"
         )
+    rival = _rival(evidence, label, config)
+    if config.confirm_margin * rival[1] > confidence:
+        return Verdict(label, confidence, "candidate", f"{label} {confidence:.2f}, but {rival[0]} {rival[1]:.2f}")
     # once confirmed, a little less will do: no flicker at the threshold
     lenient = config.confirm_hysteresis if was == "confirmed" else 1.0
     enough_score = config.confirm_scores.get(label, config.confirm_score)
@@ -185,6 +192,27 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
         else f"needs {config.confirm_robot_detections} sightings, one of them a robot's within {config.near_m:g} m"
     )
     return Verdict(label, confidence, "candidate", f"{wanting}; {sightings}, {evidence.misses} misses")
+
+
+def _rival(evidence: Evidence, label: str, config: ObjectConfig) -> tuple[str, float]:
+    """The other class that most speaks for, and its confidence; ("", 0) if nothing does."""
+    found = [
+        (c, name) for kind in (True, False) for name, c in evidence.confidences(kind, config).items() if name != label
+    ]
+    confidence, name = max(found, default=(0.0, ""))
+    return name, confidence
+
+
+_USUAL_RECALL = 0.8
+
+
+def _recall(label: str, config: ObjectConfig) -> float:
+    return config.recall.get(label, _USUAL_RECALL)
+
+
+def _miss_weight(label: str, config: ObjectConfig) -> float:
+    """A miss weighs by how much it surprises: -log of the share of views in which a thing of the class is missed."""
+    return config.miss_weight * math.log(1.0 - _recall(label, config)) / math.log(1.0 - _USUAL_RECALL)
 
 
 def _class_of_maximum(evidence: Evidence, config: ObjectConfig) -> tuple[str, float]:

@@ -221,13 +221,17 @@ class ObjectMap:
         verdict = judge(obj.evidence, before, self._config)
         obj.label, obj.confidence = verdict.label, verdict.confidence
         obj.status, obj.reason = verdict.status, verdict.reason
-        unfit = misfit(obj.label, _triple(obj.shape.p_max - obj.shape.p_min)) if self._config.size_prior else ""
-        if obj.status == "confirmed" and unfit:
-            obj.status, obj.reason = "candidate", unfit
+        if unfit := self._unfit(obj, obj.label):
+            obj.confidence *= self._config.misfit_factor
+            if obj.status == "confirmed":
+                obj.status, obj.reason = "candidate", unfit
         if obj.evidence.flipped != flipped:
             self._log(obj, view, obj.label, obj.confidence, "flipped", obj.reason)
         elif obj.status != before and obj.status != "candidate":
             self._log(obj, view, obj.label, obj.confidence, obj.status, obj.reason)
+
+    def _unfit(self, obj: MapObject, label: str) -> str:
+        return misfit(label, _triple(obj.shape.p_max - obj.shape.p_min)) if self._config.size_prior else ""
 
     def _note_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
         c = self._config
@@ -309,7 +313,7 @@ class ObjectMap:
         every = evenly(len(points), _RECORD_POINTS)
         robot, cameras = o.evidence.confidences(True, c), o.evidence.confidences(False, c)
         (label_robot, by_robot), (label_cameras, by_cameras) = o.evidence.best(True, c), o.evidence.best(False, c)
-        labels = sorted({*robot, *cameras})
+        scores = {label: max(robot.get(label, 0.0), cameras.get(label, 0.0)) for label in sorted({*robot, *cameras})}
         return ObjectRecord(
             id=o.id, floor=self._floor, label=o.label, status=o.status, confidence=o.confidence,
             confidence_robot=by_robot, confidence_surveillance=by_cameras, label_robot=label_robot,
@@ -317,7 +321,7 @@ class ObjectMap:
             center_m=_triple((o.shape.p_min + o.shape.p_max) / 2), size_m=_triple(o.shape.p_max - o.shape.p_min),
             first_seen_ns=o.first_seen_ns, last_seen_ns=o.last_seen_ns, sources=sorted(o.sources), reason=o.reason,
             points=points[every].astype(np.float32).tobytes(), history=list(o.history),
-            label_scores={label: max(robot.get(label, 0.0), cameras.get(label, 0.0)) for label in labels},
+            label_scores={k: v * (c.misfit_factor if self._unfit(o, k) else 1.0) for k, v in scores.items()},
         )  # fmt: skip
 
 

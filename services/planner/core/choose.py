@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from services.planner.core import memory, objects
-from services.planner.core.frontiers import Frontier, find_frontiers, rank
+from services.planner.core.frontiers import Frontier, rank
 from services.planner.core.now import Now
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import MissionState
@@ -15,14 +15,14 @@ from surveilnav.messages import Candidate, ObjectRecord
 
 
 def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
-    """The object to go to: confirmed before promising, then relevance less a price per metre; the present one
-    is kept unless another is clearly better. ``weak``: also those that hardly anything speaks for, or that are hard to
-    get to."""
-    state, config, robot = now.state, now.config, now.robot
+    """The object to go to: the one most worth its way (``objects.chance`` per metre), if it is worth more than exploring;
+    the present one is kept unless another is clearly better. ``weak``: also those that hardly anything speaks for, or
+    that are hard to get to, even if exploring is worth more."""
+    state, config = now.state, now.config
     awake = [
         o for o in objects.targets_of(now.maps.objects, state, config, weak=weak)
         if not memory.is_dormant(state, o.center_m[0], o.center_m[1], config)
-        and (weak or (not _wavers(now, o) and not _is_hard(now, o.center_m[0], o.center_m[1], _way_to(now, o))))
+        and (weak or (not _wavers(now, o) and not _is_hard(now, o.center_m[0], o.center_m[1], way_to(now, o))))
     ]  # fmt: skip
     held = state.commitment
     on_the_way = held is not None and held.object_id is not None and not held.last_resort
@@ -31,18 +31,21 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     if not awake:
         return None
 
-    def score(o: ObjectRecord) -> float:
-        away_m = math.hypot(o.center_m[0] - robot.x_m, o.center_m[1] - robot.y_m)
-        return objects.relevance(o, state.target) - config.distance_weight_per_m * away_m
+    def worth(o: ObjectRecord) -> float:
+        if o.id == state.here.settled_for:
+            return 1.0
+        return objects.chance(o, state.target, config) / (way_to(now, o) + config.verify_m)
 
-    confirmed = [o for o in awake if objects.is_confirmed(o, state.target)]
-    pool = confirmed or awake
-    best = max(pool, key=score)
-    kept = next((o for o in pool if _is_committed(state, o, config)), None)
-    chosen = kept if kept is not None and score(best) <= score(kept) + config.switch_margin_value else best
+    best = max(awake, key=worth)
+    kept = next((o for o in awake if _is_committed(state, o, config)), None)
+    chosen = kept if kept is not None and worth(best) <= config.switch_ratio * worth(kept) else best
+    if not weak and exploring_is_worth(now, more_than=worth(chosen) * (config.switch_ratio if kept else 1.0)):
+        if kept:
+            _note_wavering(state)
+        return None
     for o in awake:
         kind: Literal["target", "candidate"] = "target" if objects.is_confirmed(o, state.target) else "candidate"
-        now.weighed.append(Candidate(kind, o.center_m[0], o.center_m[1], score(o), o is chosen, o.reason[:120], o.id))
+        now.weighed.append(Candidate(kind, o.center_m[0], o.center_m[1], worth(o), o is chosen, o.reason[:120], o.id))
     now.commit(now.weighed[awake.index(chosen)], last_resort=weak)
     return chosen
 
@@ -55,9 +58,8 @@ def choose_frontier(now: Now, *, hard: bool) -> Frontier | None:
     if not awake:
         return None
     ranked, by_value = rank(awake, now.maps, state.target, config)
-    chosen, margin = ranked[0], config.switch_margin_value if by_value else config.switch_margin_m
-    held = held_frontier(now, ranked, 1.5 * config.same_place_m)
-    if held is not None and chosen.score <= held.score + margin:
+    chosen, held = ranked[0], held_frontier(now, ranked, 1.5 * config.same_place_m)
+    if held is not None and chosen.score <= held.score * config.switch_ratio:
         chosen = held
     return head_for(now, ranked, chosen, "by value" if by_value else "nearest")
 
@@ -66,7 +68,7 @@ def open_frontiers(now: Now, *, hard: bool) -> list[Frontier]:
     """The frontiers that a rule may choose from: not given up and, unless ``hard``, not hard to get to."""
     state, config = now.state, now.config
     return [
-        f for f in find_frontiers(now.maps, now.terrain, now.arrival, config)
+        f for f in now.frontiers()
         if not memory.is_dormant(state, f.x_m, f.y_m, config) and (hard or not _is_hard(now, f.x_m, f.y_m, f.way_m))
     ]  # fmt: skip
 
@@ -87,6 +89,17 @@ def head_for(now: Now, frontiers: Sequence[Frontier], chosen: Frontier, why: str
         now.weighed.append(Candidate("frontier", f.x_m, f.y_m, f.score, f is chosen, f"{why}, {f.way_m:.1f} m"))
     now.commit(next(c for c in now.weighed if c.chosen))
     return chosen
+
+
+def exploring_is_worth(now: Now, *, more_than: float) -> bool:
+    """Whether some frontier promises more per metre than this."""
+    config = now.config
+    if config.explore_chance * (1.0 + config.value_gain) <= more_than * config.explore_m:
+        return False
+    if not (awake := open_frontiers(now, hard=False)):
+        return False
+    ranked, _ = rank(awake, now.maps, now.state.target, config)
+    return config.explore_chance * ranked[0].score > more_than
 
 
 def _is_committed(state: MissionState, record: ObjectRecord, config: PlannerConfig) -> bool:
@@ -129,7 +142,9 @@ def _is_hard(now: Now, x_m: float, y_m: float, way_m: float) -> bool:
     return True
 
 
-def _way_to(now: Now, record: ObjectRecord) -> float:
-    """Travel time [m] to about where one would stand before an object."""
-    reach_m = now.config.standoff_m + 0.5 * min(record.size_m[:2])
-    return float(now.arrival[now.terrain.disc(record.center_m[0], record.center_m[1], reach_m)].min(initial=math.inf))
+def way_to(now: Now, record: ObjectRecord) -> float:
+    """Travel time [m] to about where one would stand before an object; twice the distance where no way is known."""
+    x_m, y_m, _ = record.center_m
+    reach_m = 1.0 + 0.5 * min(record.size_m[:2])
+    way_m = float(now.arrival[now.terrain.disc(x_m, y_m, reach_m)].min(initial=math.inf))
+    return min(way_m, 2.0 * math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m)) if math.isinf(way_m) else way_m

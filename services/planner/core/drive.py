@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from dataclasses import dataclass
 from typing import Protocol
@@ -55,18 +56,24 @@ class FmmPlanner:
 
 #: Travel time [m] beyond the robot that the field covers.
 _ASIDE_M = 2.0
+#: Steps that are looked ahead, ends of steps that are looked at for it, and how many a cell's length tells apart.
+_AHEAD = 6
+_MOST_ENDS = 3000
+_PER_CELL = 2.0
 #: A bump is remembered for this spot and this heading only.
 _SAME_SPOT_M = 0.03
 _SAME_HEADING_COS = math.cos(math.radians(10.0))
 
 
 def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, config: PlannerConfig) -> str:
-    """Turns to, or drives along, the heading that begins the three steps which end nearest to the goal.
+    """Turns to, or drives along, the heading that begins the steps which end nearest to the goal.
 
-    A robot that turns by twelfths and moves by whole steps can't follow any path: of all sequences of three free
-    steps, those compete by travel time left at the end plus a small price per turn. Looking ahead takes it through
-    narrow places, in front of which the single best step would lead to and fro. The price makes the choice stable: a
-    turn towards the best sequence makes that cheaper and no other cheaper still, so the robot never swings.
+    A robot that turns by twelfths and moves by whole steps can't follow any path: of all sequences of up to
+    ``_AHEAD`` free steps, A* finds the one with the least travel time, its own and what the field says is left at its
+    end, plus a small price per turn. Looking so far ahead takes the robot through narrow places, in front of which the
+    single best step would lead to and fro. The price makes the choice stable: a turn towards the best sequence makes
+    that cheaper and no other cheaper still, so the robot never swings. A step costs its own travel time: one that
+    squeezes past an obstacle must be worth more than one around it.
     """
     grid, r = terrain.grid, terrain.grid.resolution_m
     u, v = (robot.x_m - grid.origin_x_m) / r, (robot.y_m - grid.origin_y_m) / r
@@ -82,59 +89,56 @@ def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _look_ahead(speed, field, u, v, yaw, bumps, step, turn, turn_cost, same_spot):  # type: ignore[no-untyped-def]
-    """Turns before the first of the best three steps; lengths in cells. Fewer steps count where three aren't free, or
-    end at the goal; where not even one is, the heading that is blocked latest is taken."""
-    best = np.full(4, np.inf)  # by number of steps
-    first = np.zeros(4, dtype=np.int64)
-    clearest = -1.0
-    for i in HEADINGS:
-        u1, v1, clear = _stride(speed, u, v, yaw + i * turn, bumps, step, same_spot)
-        score = clear - turn_cost / step * abs(i)
-        if score > clearest:
-            clearest, first[0] = score, i
-        left = _at(field, u1, v1) if clear >= 1.0 else np.inf
-        if left == np.inf:
+    """Turns before the first step of the best sequence; lengths in cells. Of sequences that end at the goal or are
+    ``_AHEAD`` steps long the best counts, else the longest; where not even one step is free, the heading that is blocked
+    latest is taken."""
+    reach = int(_AHEAD * step * _PER_CELL) + 2
+    been = np.zeros((2 * reach + 1, 2 * reach + 1), dtype=np.bool_)
+    clearest, least_blocked, best, farthest = -1.0, 0, 0, 0
+    # (travel time through this end, number, time spent, u, v, heading, steps, turns before the first)
+    queue = [(0.0, 0, 0.0, u, v, yaw, 0, 0)]
+    pushed, popped = 1, 0
+    while len(queue) > 0 and popped < _MOST_ENDS:
+        _, _, spent, u0, v0, heading, steps, first = heapq.heappop(queue)
+        row, col = int((v0 - v) * _PER_CELL + reach + 0.5), int((u0 - u) * _PER_CELL + reach + 0.5)
+        if been[row, col]:
             continue
-        price1 = turn_cost * abs(i)
-        _keep(best, first, 3 if left <= step else 1, left + step + price1, i)
-        for j in HEADINGS:
-            u2, v2, clear = _stride(speed, u1, v1, yaw + (i + j) * turn, bumps, step, same_spot)
-            left = _at(field, u2, v2) if clear >= 1.0 else np.inf
+        been[row, col] = True
+        popped += 1
+        if steps > farthest:
+            best, farthest = first, steps
+        if steps == _AHEAD or (steps > 0 and _at(field, u0, v0) <= step):
+            return first
+        for k in range(len(HEADINGS)):
+            i = int(HEADINGS[k])
+            u1, v1, clear, time = _stride(speed, u0, v0, heading + i * turn, bumps, step, same_spot)
+            if steps == 0 and clear - turn_cost / step * abs(i) > clearest:
+                clearest, least_blocked = clear - turn_cost / step * abs(i), i
+            left = _at(field, u1, v1) if clear >= 1.0 else np.inf
             if left == np.inf:
                 continue
-            price2 = price1 + turn_cost * abs(j)
-            _keep(best, first, 3 if left <= step else 2, left + 2 * step + price2, i)
-            for k in HEADINGS:
-                price3 = price2 + turn_cost * abs(k)
-                if price3 + 3 * step >= best[3]:
-                    continue
-                u3, v3, clear = _stride(speed, u2, v2, yaw + (i + j + k) * turn, bumps, step, same_spot)
-                if clear >= 1.0:
-                    _keep(best, first, 3, _at(field, u3, v3) + 3 * step + price3, i)
-    for steps in (3, 2, 1):
-        if best[steps] < np.inf:
-            return first[steps]
-    return first[0]
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _keep(best, first, steps, cost, heading):  # type: ignore[no-untyped-def]
-    if cost < best[steps]:
-        best[steps], first[steps] = cost, heading
+            time += spent + turn_cost * abs(i)
+            end = time + left, pushed, time, u1, v1, heading + i * turn, steps + 1, first if steps else i
+            heapq.heappush(queue, end)
+            pushed += 1
+    return best if farthest > 0 else least_blocked
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _stride(speed, u, v, yaw, bumps, step, same_spot):  # type: ignore[no-untyped-def]
-    """Where a step ends, and which share of it is free; none where the robot met something from this spot."""
+    """Where a step ends, which share of it is free (none where the robot met something from this spot), and its travel
+    time: a step through a tight place most likely ends there, and is as dear as in the field."""
     c, s = math.cos(yaw), math.sin(yaw)
+    time = 0.0
     for b in range(len(bumps)):
         if math.hypot(bumps[b, 0] - u, bumps[b, 1] - v) < same_spot and math.cos(yaw - bumps[b, 2]) > _SAME_HEADING_COS:
-            return u, v, 0.0
+            return u, v, 0.0, np.inf
     for k in range(1, 6):
         col, row = math.floor(u + c * step * k / 5.0), math.floor(v + s * step * k / 5.0)
         if row < 0 or row >= speed.shape[0] or col < 0 or col >= speed.shape[1] or speed[row, col] <= 0.0:
-            return u, v, (k - 1) / 5.0
-    return u + c * step, v + s * step, 1.0
+            return u, v, (k - 1) / 5.0, np.inf
+        time += step / 5.0 / speed[row, col]
+    return u + c * step, v + s * step, 1.0, time
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.planner.core import memory, objects
+from services.planner.core.choose import exploring_is_worth
 from services.planner.core.now import Now
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import Decision, Errand, FloorChange, FloorMemory, MissionState, RobotView
@@ -146,15 +147,16 @@ def _evidence_here(now: Now) -> float:
 
 
 def _tempting(now: Now) -> Errand | None:
-    """The floor not visited yet, with a way to it, whose cameras saw the target surely, and more surely than anything
-    here is it."""
+    """The floor not visited yet, with a way to it that is worth it, whose cameras saw the target surely, and more surely
+    than anything here is it."""
     state, config = now.state, now.config
     found = {floor: _evidence(now, floor) for floor in sorted(now.summaries) if not _memory(now, floor).visits}
     enough = max(config.floor_confidence, _evidence_here(now) + config.floor_margin)
     found = {floor: evidence for floor, evidence in found.items() if evidence >= enough}
     ways = _ways(now) if found else {}
     best = max((floor for floor in found if floor in ways), key=lambda floor: found[floor], default=None)
-    if best is None:
+    # looking around a corner here may be worth more than so long a way
+    if best is None or exploring_is_worth(now, more_than=found[best] / (ways[best][0] + config.floor_m)):
         return None
     return Errand(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}")
 

@@ -58,8 +58,8 @@ def rank(
 ) -> tuple[list[Frontier], bool]:
     """Frontiers with value and score, best first, and whether values decided.
 
-    Values decide only if they differ enough to mean something (``worth_exploiting``): then a score is the value,
-    scaled to 0-1 over the candidates, less a price per metre of way. Otherwise the nearest is best.
+    A score is a relative chance per metre. A wide frontier hides more than a slit, and where values differ enough to mean
+    something (``worth_exploiting``), the best one has ``1 + value_gain`` times the chance of the worst.
     """
     valued = [replace(f, value=_value(f, maps, target, config)) for f in frontiers]
     values = np.array([f.value for f in valued])
@@ -67,10 +67,13 @@ def rank(
     if exploit:
         low, high = np.nanmin(values), np.nanmax(values)
         scaled = np.nan_to_num((values - low) / (high - low), nan=0.0)
-        price_per_m = config.distance_weight_per_m
-        scored = [replace(f, score=float(s) - price_per_m * f.way_m) for f, s in zip(valued, scaled, strict=True)]
     else:
-        scored = [replace(f, score=-f.way_m) for f in valued]
+        scaled = np.zeros(len(valued))
+    wide = config.frontier_wide_m / maps.grid.resolution_m
+    scored = []
+    for f, gain in zip(valued, config.value_gain * scaled, strict=True):
+        hides = 0.5 + 0.5 * min(1.0, f.n_cells / wide)
+        scored.append(replace(f, score=hides * (1.0 + float(gain)) / (f.way_m + config.explore_m)))
     return sorted(scored, key=lambda f: -f.score), exploit
 
 

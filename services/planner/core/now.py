@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from services.planner.core import memory
 from services.planner.core.drive import LocalPlanner, Route
-from services.planner.core.frontiers import Frontier
+from services.planner.core.frontiers import Frontier, find_frontiers
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import Commitment, Decision, MapView, MissionState, RobotView
 from services.planner.core.terrain import Terrain, coarse_arrival_m
@@ -45,6 +45,13 @@ class Now:
     arrival: NDArray[np.float64]
     weighed: list[Candidate] = field(default_factory=list)
     _wide: NDArray[np.float64] | None = None
+    _frontiers: list[Frontier] | None = None
+
+    def frontiers(self) -> list[Frontier]:
+        """All that a way leads to."""
+        if self._frontiers is None:
+            self._frontiers = find_frontiers(self.maps, self.terrain, self.arrival, self.config)
+        return self._frontiers
 
     def wide_arrival(self) -> NDArray[np.float64]:
         """The same as ``arrival`` without tight places, but those where the robot stands."""
@@ -68,9 +75,15 @@ class Now:
 
     def drive(self, goals: NDArray[np.bool_]) -> Route | None:
         """The way to the goals; None, and the waypoint is given up, if there is none or nothing was gained for long."""
-        state, held = self.state, self.state.commitment
+        state, config, held = self.state, self.config, self.state.commitment
         assert held is not None
-        route = self.planner.route(self.terrain, goals, self.robot, self.config)
+        route = self.planner.route(self.terrain, goals, self.robot, config)
+        if route is not None:
+            longer = held.last_m is not None and route.remaining_m > held.last_m + config.detour_m
+            if longer and held.detours < config.max_detours:
+                # the map showed that the way is longer: what was gained on the old one says nothing about the new one
+                held = replace(held, best_m=None, detours=held.detours + 1)
+            held = state.commitment = replace(held, last_m=route.remaining_m)
         if route is not None and (held.best_m is None or route.remaining_m < held.best_m - 0.1):
             state.commitment = replace(held, best_m=route.remaining_m, best_step=state.step)
         elif route is None or state.step - held.best_step > self.config.patience_steps:

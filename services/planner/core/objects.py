@@ -17,6 +17,9 @@ from services.planner.core.terrain import Terrain, clear_lines
 from surveilnav.messages import ObjectRecord
 
 Verdict = Literal["verified", "open", "contradicted"]
+#: Higher than this above the floor an object stands on something, which reaches at most so far from it.
+_RAISED_M = 0.3
+_FURNITURE_M = 0.9
 #: An object that the robot is on its way to stays promising down to this share of what made it so.
 _HELD = 0.6
 
@@ -121,6 +124,14 @@ def relevance(record: ObjectRecord, target: str) -> float:
     return max(score, record.confidence) if record.label == target else score
 
 
+def chance(record: ObjectRecord, target: str, config: PlannerConfig) -> float:
+    """About how often such an object turns out to be the target, 0-1, as measured on training buildings."""
+    sure = 1.0 / (1.0 + math.exp((config.even_relevance - relevance(record, target)) / config.relevance_scale))
+    if is_confirmed(record, target):
+        return max(sure, config.confirmed_chance)
+    return sure * (config.single_factor if record.n_detections == 1 else 1.0)
+
+
 def robot_sees(record: ObjectRecord, target: str, config: PlannerConfig) -> bool:
     """Whether the robot's own views call it the target, surely enough."""
     return record.label_robot == target and record.confidence_robot >= config.verify_confidence_robot
@@ -155,13 +166,15 @@ def good_enough(record: ObjectRecord, target: str, config: PlannerConfig) -> boo
 
 
 def standoff(
-    terrain: Terrain, arrival: NDArray[np.float64], record: ObjectRecord, robot: RobotView, config: PlannerConfig
-) -> Standoff | None:
+    terrain: Terrain, arrival: NDArray[np.float64], record: ObjectRecord, robot: RobotView, config: PlannerConfig,
+    floor_z_m: float = 0.0,
+) -> Standoff | None:  # fmt: skip
     """Where to stand before an object; None if no way leads within ``farthest_stop_m`` of it.
 
-    Rings are tried from near to far: known ground in sight of the object first, unknown ground while the
-    place hasn't been seen, at last known ground without sight (a low shelf in between hides nothing from a camera
-    above it). ``arrival``: travel time from the robot (the terrain's shape).
+    Rings are tried from near to far: known ground in sight of the object first, then ground from which only the
+    furniture that it stands on is in between, unknown ground while the place hasn't been seen, then the same in places
+    that are too tight by the map, at last known ground without sight (a low shelf in between hides nothing from a camera
+    above it). ``arrival``: travel time from the robot (the terrain's shape); ``floor_z_m``: altitude of the floor.
     """
     points = footprint(record)
     cells = terrain.grid.cells_of(points)
@@ -177,24 +190,31 @@ def standoff(
     near = reachable & (distance_m <= config.farthest_stop_m)
     here = terrain.cell(robot.x_m, robot.y_m)
     near[here] = distance_m[here] <= config.inspect_m
-    sight = _sight(terrain, mask, nearest, near, points)
-    for ring_m, seen, known in (
-        (config.standoff_m, True, True), (0.85, True, True), (1.0, True, True), (0.85, True, False),
-        (config.farthest_stop_m, True, True), (1.0, False, True),
+    sight, over = _sight(terrain, mask, nearest, near, points)
+    if record.center_m[2] - record.size_m[2] / 2 - floor_z_m < _RAISED_M:
+        over = sight
+    roomy = terrain.speed > config.tight_speed
+    known = terrain.known
+    rings = config.standoff_m, 0.85, 1.0
+    for ring_m, ground in (
+        *((ring_m, sight & known & roomy) for ring_m in rings),
+        *((ring_m, over & known & roomy) for ring_m in rings),
+        (0.85, sight & roomy),
+        *((ring_m, sight & known) for ring_m in rings),
+        (0.85, sight), (config.farthest_stop_m, over & known), (1.0, known & roomy), (1.0, known),
     ):  # fmt: skip
-        goals = reachable & (distance_m <= ring_m)
-        goals &= sight if seen else True
-        goals &= terrain.known if known else True
+        goals = reachable & (distance_m <= ring_m) & ground
         if goals.any():
-            return Standoff(goals, distance_m, sight, ring_m)
+            return Standoff(goals, distance_m, sight | over, ring_m)
     return None
 
 
 def _sight(
     terrain: Terrain, mask: NDArray[np.uint8], nearest: NDArray[np.int32], near: NDArray[np.bool_],
     points: NDArray[np.float64],
-) -> NDArray[np.bool_]:  # fmt: skip
-    """For cells in ``near``: whether the straight line to the object's nearest cell is free of obstacles.
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
+    """For cells in ``near``: whether the straight line to the object's nearest cell is free of obstacles, and whether it is
+    but for those next to the object.
 
     Obstacles inside the object's own box (one cell wider) are the object itself. ``nearest`` labels the zero cells of
     ``mask`` as OpenCV numbers them.
@@ -210,9 +230,10 @@ def _sight(
     row0, col0 = terrain.grid.cells_of(points.min(axis=0) - r)
     row1, col1 = terrain.grid.cells_of(points.max(axis=0) + r)
     obstacles[max(0, row0) : row1 + 1, max(0, col0) : col1 + 1] = False
-    sight = np.zeros(terrain.grid.shape, dtype=bool)
+    sight, over = np.zeros(terrain.grid.shape, dtype=bool), np.zeros(terrain.grid.shape, dtype=bool)
     sight[start[:, 0], start[:, 1]] = clear_lines(obstacles, start, end)
-    return sight
+    over[start[:, 0], start[:, 1]] = clear_lines(obstacles, start, end, _FURNITURE_M / r)
+    return sight, over
 
 
 def _named(record: ObjectRecord, target: str) -> bool:

@@ -47,7 +47,7 @@ def approach(now: Now, record: ObjectRecord) -> Decision | None:
     if judged == "contradicted":
         _drop(state, record, f"the robot sees {record.label_robot or 'something else'}")
         return None
-    place = objects.standoff(now.terrain, now.arrival, record, robot, config)
+    place = objects.standoff(now.terrain, now.arrival, record, robot, config, now.maps.floor_z_m)
     if place is None:
         if objects.is_confirmed(record, state.target):
             x, y, _ = record.center_m

@@ -27,10 +27,23 @@ class PlannerConfig:
             twice its distance, is left for the end: such gaps are mostly the map's.
         stairs_known: which stairs the robot may head for: ``seen``, those whose end on its floor is explored in the joint
             map (and any when nothing else is left to explore), or ``plan``, all of the building.
+        even_relevance, relevance_scale, single_factor, confirmed_chance: the chance that an object is the target: even at
+            this relevance, a logistic function around it, less for a single detection, at least that much for a
+            confirmed one.
+        verify_m, explore_m, explore_chance: waypoints compare by their chance per metre: the way to an object and what
+            looking at it costs; the way to a frontier and what exploring beyond it costs, for this chance.
+        value_gain: what the highest value of a frontier adds to its chance, as a share of it, where values decide.
+        frontier_wide_m: a frontier this wide hides as much as any; a narrow one half of it.
+        switch_ratio: the waypoint that the robot is on its way to is left for one that is worth so much more.
         floor_confidence: another floor whose cameras saw the target this surely is gone to, if it beats this floor's
-            cameras by ``floor_margin`` and nothing confirmed or promising is known here.
+            cameras by ``floor_margin``, nothing confirmed or promising is known here, and exploring here isn't worth
+            more; ``floor_m`` is about how far the target is from the stairs.
         stairs_reach_m: so near to a stair's end it can be taken; halved with every refusal, ``stairs_tries`` in all.
         floor_visits: how often the robot comes to a floor at most.
+        patience_steps: a waypoint that the robot gets no nearer to for so long is given up for ``dormant_steps``.
+        steps_per_m: what a metre of way costs, turns included, with some to spare.
+        detour_m, max_detours: a way that grows by this at once, because the map shows that another one is needed, is
+            given new patience, so often.
         exploit_min_std, exploit_min_ratio: frontier values decide only if their standard deviation and their
             max/mean reach these (ApexNav's adaptive rule, arXiv 2504.14478); otherwise the nearest wins.
     """
@@ -64,23 +77,34 @@ class PlannerConfig:
     exploit_min_std: float = 0.015
     exploit_min_ratio: float = 1.10
     distance_weight_per_m: float = 0.05
-    switch_margin_value: float = 0.25
-    switch_margin_m: float = 1.0
+    value_gain: float = 1.0
+    frontier_wide_m: float = 1.0
+    explore_chance: float = 0.15
+    explore_m: float = 3.0
     hard_way_m: float = 4.0
     reached_m: float = 0.45
     same_place_m: float = 0.5
     dormant_steps: int = 60
     patience_steps: int = 20
+    steps_per_m: float = 7.0
+    detour_m: float = 0.75
+    max_detours: int = 4
     scan_turns: int = 12
     sweep_m: float = 2.0
 
     # objects
     promising_confidence: float = 0.25
+    even_relevance: float = 0.3
+    relevance_scale: float = 0.07
+    single_factor: float = 0.7
+    confirmed_chance: float = 0.9
+    verify_m: float = 2.0
+    switch_ratio: float = 1.3
     standoff_m: float = 0.60
     stop_m: float = 0.70
     farthest_stop_m: float = 1.50
     inspect_m: float = 2.0
-    verify_confidence_robot: float = 0.40
+    verify_confidence_robot: float = 0.30
     strong_confidence_surveillance: float = 0.80
     strong_detections: int = 3
     max_looks: int = 4
@@ -90,6 +114,7 @@ class PlannerConfig:
     stairs_known: Literal["seen", "plan"] = "seen"
     floor_confidence: float = 0.4
     floor_margin: float = 0.15
+    floor_m: float = 8.0
     stairs_reach_m: float = 0.45
     stairs_tries: int = 3
     floor_visits: int = 3

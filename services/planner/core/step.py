@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from services.planner.core import floors, memory, objects
-from services.planner.core.choose import choose_frontier, choose_object
+from services.planner.core.choose import choose_frontier, choose_object, way_to
 from services.planner.core.drive import FmmPlanner, LocalPlanner
 from services.planner.core.now import FrontierRule, Now
 from services.planner.core.pursue import approach, explore
@@ -109,10 +109,12 @@ def _pursue(now: Now) -> Decision:
     whose cameras saw the target or the best frontier.
 
     When none is left, what was only put off gets its second chance, then any weak candidate, then the other floors,
-    then a second look around, then frontiers that are hard to get to, then the best of what was dropped; then the
-    mission ends.
+    then a second look around, then frontiers that are hard to get to, then the best of what was dropped (also when the
+    steps run out); then the mission ends.
     """
     state, weak, hard = now.state, False, False
+    if _runs_out_of_steps(now):
+        objects.settle(now.maps.objects, state, now.config)
     for _ in range(_MAX_TRIES):
         now.weighed.clear()
         if record := choose_object(now, weak=weak):
@@ -141,6 +143,16 @@ def _pursue(now: Now) -> Decision:
         if decision is not None:
             return decision
     return _give_up(now)
+
+
+def _runs_out_of_steps(now: Now) -> bool:
+    """Whether the steps left just about take the robot back to the best of what was dropped."""
+    state, config = now.state, now.config
+    best = objects.reconsider(now.maps.objects, state, config) if state.here.settled_for is None else None
+    if best is None:
+        return False
+    needed = config.steps_per_m * way_to(now, best) + config.patience_steps
+    return state.max_steps - state.step <= needed
 
 
 def _give_up(now: Now) -> Decision:

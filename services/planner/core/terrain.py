@@ -5,6 +5,7 @@ Travel time is measured in metres of comfortable free space: a cell near a wall 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -130,17 +131,25 @@ def arrival_m(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def clear_lines(obstacles, start, end):  # type: ignore[no-untyped-def]
+def clear_lines(obstacles, start, end, run=0.0):  # type: ignore[no-untyped-def]
     """Whether the straight lines between cells ``start`` (n, 2) and ``end`` (n, 2), int64, meet no obstacle: (n,) bool.
 
-    ``obstacles``: (rows, cols) bool. A line is looked at once a cell along its longer side.
+    ``obstacles``: (rows, cols) bool. A line is looked at once a cell along its longer side. ``run``: the cells nearest to
+    the end, up to the first that is free and no more than so many, may be obstacles.
     """
     clear = np.ones(len(start), dtype=np.bool_)
     for i in range(len(start)):
-        dr, dc = end[i, 0] - start[i, 0], end[i, 1] - start[i, 1]
+        dr, dc = start[i, 0] - end[i, 0], start[i, 1] - end[i, 1]
         n = max(abs(dr), abs(dc), 1)
+        per_step = math.sqrt(dr * dr + dc * dc) / n
+        left = run
         for k in range(n + 1):
-            if obstacles[start[i, 0] + round(dr * k / n), start[i, 1] + round(dc * k / n)]:
+            if not obstacles[end[i, 0] + round(dr * k / n), end[i, 1] + round(dc * k / n)]:
+                if left < run:  # the run has begun, and ends here
+                    left = 0.0
+                continue
+            left -= per_step
+            if left < 0.0:
                 clear[i] = False
                 break
     return clear

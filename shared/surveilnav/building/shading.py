@@ -28,14 +28,24 @@ _TONE_STEPS = 16384
 _TONE_MAX = 4.0
 
 
+_threads = os.cpu_count() or 1
+
+
+def use_threads(n: int) -> None:
+    """Renders on so many threads from now on: one where processes already fill the cores, as handing bands to threads
+    then only costs. Pictures don't depend on it."""
+    global _threads
+    _threads = n
+
+
 @lru_cache(maxsize=1)
 def _pool(pid: int) -> ThreadPoolExecutor:  # keyed by process: a pool doesn't survive a fork
     return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="shading")
 
 
 def in_bands(kernel: Callable[..., Any], rows: int, *args: Any) -> None:
-    """Calls ``kernel(row0, row1, *args)`` over bands that cover ``range(rows)``, on all cores."""
-    workers = os.cpu_count() or 1
+    """Calls ``kernel(row0, row1, *args)`` over bands that cover ``range(rows)``, on all cores (``use_threads``)."""
+    workers = _threads
     bands = min(rows, 4 * workers) if workers > 1 else 1
     if bands <= 1:
         kernel(0, rows, *args)

@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from surveilnav.categories import COCO
+from surveilnav.categories import COCO, canonical
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.perception import closed_set
 from surveilnav.perception.error_model import Draws, ErrorModel, Luck, error_model, hashed, uniforms
+from surveilnav.perception.masks import mask_of
+from surveilnav.perception.sizes import extent_m, plausible
 from surveilnav.perception.visible import Box, Candidates, Place, VisibleThing, candidates, mask_within, visible_things
-from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception, box_cells
+from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
 
 _WEAKEST = 0.05  # weaker scores are noise, which real detectors leave out of a view's embedding too
-_SAME_SURFACE_M = 0.3
+_OTHER_NAMES = np.array([0.25, 0.5, 0.75])  # further along the shares of names
 _HAZE_M = 1.5
 _HAZE = Luck(0.2, 0.5, 0.6, 2.0)
 
@@ -90,8 +92,9 @@ class Simulated:
         scene = self._scene_seed(told.labels)
         view = hashed(scene, key)
         detections, weak = [], []
+        floor = np.isin(told.ids, [i for i, label in told.labels.items() if canonical(label) == "floor"])
         for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
-            for detected, scores in self._found(c, scene, view, depth_m, camera):
+            for detected, scores in self._found(c, scene, view, depth_m, camera, floor):
                 weak.append(scores)
                 if detected is not None:
                     detections.append(detected)
@@ -123,7 +126,13 @@ class Simulated:
         return self._scene[1]
 
     def _found(
-        self, c: Candidates, scene: int, view: int, depth_m: NDArray[np.float32], camera: Pinhole
+        self,
+        c: Candidates,
+        scene: int,
+        view: int,
+        depth_m: NDArray[np.float32],
+        camera: Pinhole,
+        floor: NDArray[np.bool_],
     ) -> Iterator[tuple[Detected | None, NDArray[np.float32]]]:
         """Detection (None: too weak to be reported) and class scores of what is found among candidates of one kind."""
         kind = self._model.kinds[c.kind]
@@ -140,13 +149,23 @@ class Simulated:
             label, of = c.labels[i], "right" if right[i] else "wrong"
             said = label if right[i] else kind.name(label, names[i], but=label)
             score = float(scores[i])
-            all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label))
-            detected = None
+            box, mask = None, None
             if ease[i] > 0 and score >= self._model.min_score:
                 loose = kind.boxes[of][int((once[i, 1] if right[i] else always[i, 0]) * len(kind.boxes[of]))]
-                box, mask = _boxed(c.shown[i], loose, depth_m, camera)
-                if min(box[2] - box[0], box[3] - box[1]) >= 2:
-                    detected = Detected(said, score, box, mask, closed_set.embed_object(all_scores))
+                box = _box(c.shown[i], loose, depth_m, camera)
+                if right[i]:
+                    mask = _mask_within(c.shown[i], box, depth_m)
+                else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
+                    mask = mask_of(depth_m, box, floor)
+                    lucks = (names[i], *np.mod(names[i] + _OTHER_NAMES, 1.0))
+                    fitting = (
+                        n for n in (kind.name(label, x, label) for x in lucks) if _fits(n, box, mask, depth_m, camera)
+                    )
+                    said = next(fitting, "")
+            all_scores = _all_scores(said or label, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label))
+            detected = None
+            if box is not None and said and min(box[2] - box[0], box[3] - box[1]) >= 2:
+                detected = Detected(said, score, box, mask, closed_set.embed_object(all_scores))
             yield detected, all_scores
 
 
@@ -165,10 +184,8 @@ def _all_scores(said: str, score: float, certainty: float, rest: NDArray[np.floa
     return np.asarray(out, np.float32)
 
 
-def _boxed(
-    shown: VisibleThing | Place, loose: Sequence[float], depth_m: NDArray[np.float32], camera: Pinhole
-) -> tuple[Box, NDArray[np.bool_]]:
-    """The box and mask of a detection that is as loose as a measured one."""
+def _box(shown: VisibleThing | Place, loose: Sequence[float], depth_m: NDArray[np.float32], camera: Pinhole) -> Box:
+    """The box of a detection that is as loose as a measured one."""
     height, width = depth_m.shape
     if isinstance(shown, Place):
         half = np.array([loose[0], loose[1]]) * camera.fx_px / shown.range_m / 2
@@ -177,11 +194,20 @@ def _boxed(
         x0, y0, x1, y1 = shown.box_px
         corners = np.array([x0, y0, x0, y0]) + np.array(loose) * np.array([x1 - x0, y1 - y0, x1 - x0, y1 - y0])
     x0, y0, x1, y1 = (float(v) for v in np.clip(corners, 0, [width, height, width, height]))
-    box = (x0, y0, x1, y1)
-    if isinstance(shown, VisibleThing):
-        return box, mask_within(shown, box, depth_m.shape)
-    left, top, right, bottom = box_cells(box, width, height)
-    return box, np.abs(depth_m[top:bottom, left:right] - shown.range_m) < _SAME_SURFACE_M
+    return x0, y0, x1, y1
+
+
+def _mask_within(shown: VisibleThing | Place, box: Box, depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+    assert isinstance(shown, VisibleThing)  # a place has no right name
+    return mask_within(shown, box, depth_m.shape)
+
+
+def _fits(name: str, box: Box, mask: NDArray[np.bool_] | None, depth_m: NDArray[np.float32], camera: Pinhole) -> bool:
+    """Whether what a mask shows is as large as things of a class, as far as depth tells."""
+    size_m = extent_m(depth_m, camera, box, mask) if mask is not None else None
+    height, width = depth_m.shape
+    cut = box[0] < 1 or box[1] < 1 or box[2] > width - 1 or box[3] > height - 1
+    return size_m is None or plausible(name, size_m, cut)
 
 
 def _one_hot(label: str, score: float) -> NDArray[np.float32]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from services.fusion.core import FusionConfig, JointMap, ObjectConfig
+from services.fusion.core.sizes import misfit
 from surveilnav.sensing.views import Detected
 
 SOFA = ((3.0, 1.2, 0.0), (3.8, 2.8, 0.8))
@@ -66,6 +67,39 @@ def test_only_what_has_the_size_of_its_class_is_confirmed(furnished, tools, labe
         assert stool.status == ("confirmed" if fits or not size_prior else "candidate")
         if stool.status == "candidate":
             assert stool.reason.startswith("too small for a bed: 0.")
+
+
+@pytest.mark.parametrize(
+    ("label", "size_m", "why"),
+    [
+        ("bed", (1.9, 1.5, 0.6), ""),
+        ("bed", (0.6, 0.5, 0.6), "too small"),
+        ("bed", (5.0, 1.0, 0.6), "too large"),
+        ("bed", (1.9, 1.5, 0.05), "too flat"),  # a rug
+        ("bed", (1.9, 0.05, 1.5), "too thin"),  # a wall
+        ("tv", (1.0, 0.05, 0.6), ""),
+        ("tv", (1.0, 0.6, 0.05), "too flat"),
+        ("chair", (0.5, 0.5, 0.9), ""),
+        ("a dragon", (0.0, 0.0, 0.0), ""),
+    ],
+)
+def test_misfits(label, size_m, why):
+    assert misfit(label, size_m).startswith(why)
+    assert bool(misfit(label, size_m)) == bool(why)
+
+
+def test_what_has_not_the_size_of_a_class_is_believed_less_to_be_it(furnished, tools):
+    """A stool taken for a bed by half the views: as a bed it counts half, as a chair in full."""
+    scores = {}
+    for factor in (1.0, 0.5):
+        joint = JointMap(FusionConfig(objects=ObjectConfig(misfit_factor=factor)))
+        for i, view in enumerate(around(furnished, STOOL, radius=1.3)):
+            label = "bed" if i % 2 else "chair"
+            joint.integrate(view, tools.seen(furnished.detect(view, "stool", label, 0.9, tools.unit(0))))
+        (stool,) = joint.objects("0")
+        scores[factor] = stool.label_scores
+    assert scores[0.5]["chair"] == scores[1.0]["chair"]
+    assert scores[0.5]["bed"] == pytest.approx(0.5 * scores[1.0]["bed"])
 
 
 def test_cameras_and_robot_see_one_object(furnished, tools):

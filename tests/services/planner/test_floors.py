@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -27,6 +28,8 @@ FLOOR = """
 EMPTY = FLOOR.replace("C", " ")
 END = (6.1, 0.9)
 SEEN = {"0": {}, "1": {"chair": 0.7}}
+#: Exploring is never worth more than what was seen, however far it is.
+GOES = PlannerConfig(explore_chance=0.0)
 
 
 @pytest.fixture
@@ -46,7 +49,7 @@ def test_goes_where_the_cameras_saw_it(two_floors):
     steps = {}
     for name, summaries in (("with", SEEN), ("without", {})):
         h = two_floors(summaries)
-        state, decision = h.run()
+        state, decision = h.run(config=GOES)
         assert decision.found, decision.message
         assert h.trail == ["0", "1"]
         steps[name] = state.changes[0].step
@@ -62,7 +65,7 @@ def test_evidence_must_be_better_by_a_margin(two_floors, here, there, leaves):
     """At the first step, when the joint map may not hold what this floor's own cameras see."""
     decisions = []
     two_floors({"0": {"chair": here}, "1": {"chair": there}}).run(
-        config=PlannerConfig(stairs_known="plan"), watch=lambda s, d: decisions.append(d)
+        config=replace(GOES, stairs_known="plan"), watch=lambda s, d: decisions.append(d)
     )
     assert decisions[0].phase == ("changing floor" if leaves else "scanning")
 
@@ -73,7 +76,7 @@ def test_an_unseen_stair_is_not_headed_for_unless_the_plan_is_known(two_floors):
     for known in ("seen", "plan"):
         h = two_floors(SEEN, {"yaw_rad": math.pi})
         decisions = []
-        h.run(config=PlannerConfig(stairs_known=known), watch=lambda s, d, to=decisions: to.append(d))
+        h.run(config=replace(GOES, stairs_known=known), watch=lambda s, d, to=decisions: to.append(d))
         first[known] = decisions[0].phase
         assert decisions[-1].found
     assert first == {"seen": "scanning", "plan": "changing floor"}

@@ -133,6 +133,24 @@ def test_false_alarms_stay_with_the_thing_that_caused_them() -> None:
     assert np.mean([bool(a & b) for a, b in either]) > 0.12, "0.03 if views had nothing in common"
 
 
+def test_a_false_alarm_is_called_nothing_that_its_size_cannot_be() -> None:
+    """A lamp of 0.3 m is no bed; one of 1.8 m may be one, and is no toilet."""
+    names: dict[float, set[str]] = {}
+    for range_m in (0.8, 4.8):
+        depth, truth, camera = one("lamp", 2, range_m)
+        depth = np.where(truth.ids > 0, range_m, range_m + 2.0).astype(np.float32)
+        names[range_m] = set()
+        for n in range(150):
+            told = TrueInstances(truth.ids, {**truth.labels, 1000: f"building {n}"})
+            seen = Simulated(harder=2.0).perceive(RGB, depth, camera, truth=told, key=("robot/a", 0, n))
+            on_lamp = [d for d in seen.detections if np.abs(np.array(d.box_px) - (60, 44, 100, 76)).max() < 16]
+            names[range_m] |= {d.label for d in on_lamp}
+    assert not names[0.8] & {"bed", "couch"}
+    assert names[0.8] & {"toilet", "potted plant", "chair"}
+    assert names[4.8] & {"bed", "couch"}
+    assert "toilet" not in names[4.8]
+
+
 def test_simulated_boxes_and_masks_stay_in_the_picture() -> None:
     depth, truth = scene()
     for i in range(200):
