@@ -60,6 +60,7 @@ class FloorMap:
         self._voxels_there = np.zeros((cells, cells), np.int32)  # of the cloud, in the band that blocks
         self._voxels_gone = np.zeros((cells, cells), np.int32)
         self._frontier: tuple[int, NDArray[np.uint8]] | None = None
+        self._occupied: NDArray[np.uint8] | None = None
         self._free_space = FreeSpace(config.carve_memory)
         self.cloud = VoxelCloud(config)
 
@@ -78,6 +79,7 @@ class FloorMap:
         c = self._config
         max_range_m = c.max_range_robot_m if view.is_robot else c.max_range_camera_m
         p_camera = camera_position(view.T_world_camera)
+        self._occupied = None
         # depth -> points in the world (the paper's p_global = R p + t)
         p_world, colours = world_points(view, c.points_per_view, max_range_m, c.depth_edge)
         window = window_of(p_world, p_camera, c.robot_radius_m, c.resolution_m)
@@ -100,6 +102,11 @@ class FloorMap:
 
         Free again are those seen as plainly bare floor, those whose voxels are gone but a few, and where a robot stood.
         """
+        if self._occupied is None:
+            self._occupied = self._blocked()
+        return self._occupied
+
+    def _blocked(self) -> NDArray[np.uint8]:
         c = self._config
         blocked = self._obstacle_points >= c.obstacle_min_points
         bare = self._bare_views > c.clear_ratio * self._obstacle_views

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from services.fusion.core.config import MapConfig
@@ -48,14 +49,35 @@ def _dilated(mask: NDArray[np.uint8], radius_cells: float) -> NDArray[np.uint8]:
 
 def _without_holes(explored: NDArray[np.uint8], max_cells: float) -> NDArray[np.uint8]:
     """Fills unexplored islands (8-connected) of at most ``max_cells``."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(1 - explored, connectivity=8)
-    small = stats[:, cv2.CC_STAT_AREA] <= max_cells
+    n, labels = cv2.connectedComponents(1 - explored, connectivity=8)
+    small = _areas(labels, n) <= max_cells
     small[0] = True  # label 0 is the explored part itself
-    return np.asarray(small[labels], np.uint8)
+    known: NDArray[np.uint8] = _those_of(labels, small)
+    return known
 
 
 def _without_specks(mask: NDArray[np.uint8], min_cells: int) -> NDArray[np.uint8]:
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    large = stats[:, cv2.CC_STAT_AREA] >= min_cells
+    n, labels = cv2.connectedComponents(mask, connectivity=8)
+    large = _areas(labels, n) >= min_cells
     large[0] = False
-    return np.asarray(large[labels], np.uint8)
+    kept: NDArray[np.uint8] = _those_of(labels, large)
+    return kept
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _areas(labels, n):  # type: ignore[no-untyped-def]
+    """(n,) cells of each label: OpenCV's own statistics cost five times the labels."""
+    areas = np.zeros(n, np.int64)
+    for label in labels.ravel():
+        areas[label] += 1
+    return areas
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _those_of(labels, chosen):  # type: ignore[no-untyped-def]
+    """uint8 of the labels' shape: the cells of the labels that are chosen."""
+    out = np.empty(labels.shape, np.uint8)
+    for row in range(labels.shape[0]):
+        for col in range(labels.shape[1]):
+            out[row, col] = chosen[labels[row, col]]
+    return out

@@ -68,6 +68,7 @@ class MapObject:
     n_detections: int = 0
     history: deque[ObjectEvent] = field(default_factory=deque)
     changed: bool = True  # since duplicates were last searched for
+    record: ObjectRecord | None = None  # as others see it, until something happens to it
 
 
 class _Objects(dict[int, MapObject]):
@@ -160,7 +161,9 @@ class ObjectMap:
 
     def records(self) -> list[ObjectRecord]:
         """The objects as others may see them, by id."""
-        return [self._record(o) for _, o in sorted(self._objects.items())]
+        for obj in self._objects.values():
+            obj.record = obj.record or self._record(obj)
+        return [o.record for _, o in sorted(self._objects.items()) if o.record is not None]
 
     def similarity(self, shape: Shape, embedding: NDArray[np.float32], other: MapObject) -> tuple[float, float]:
         """(s, mutual): eq. 3's weighted sum, and the smaller of both overlaps."""
@@ -217,6 +220,7 @@ class ObjectMap:
         self._judge(obj, view)
 
     def _judge(self, obj: MapObject, view: PosedView) -> None:
+        obj.record = None
         before, flipped = obj.status, obj.evidence.flipped
         verdict = judge(obj.evidence, before, self._config)
         obj.label, obj.confidence = verdict.label, verdict.confidence
@@ -302,6 +306,7 @@ class ObjectMap:
         self, obj: MapObject, view: PosedView, label: str, score: float, what: What, note: str,
         box_px: tuple[float, float, float, float] | None = None, absorbed: int = 0,
     ) -> None:  # fmt: skip
+        obj.record = None
         event = ObjectEvent(
             view.stamp_ns, view.source, view.view, view.seq, label, round(float(score), 4), what, note, box_px
         )

@@ -37,13 +37,14 @@ def find_frontiers(
     reached through the nearest open cell, within ``same_place_m``.
     """
     cells = np.ascontiguousarray(terrain.crop(maps.frontier) != 0).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=8)
+    _, labels = cv2.connectedComponents(cells, connectivity=8)
+    marked = np.argwhere(cells)
+    label = labels[marked[:, 0], marked[:, 1]]
+    by_label = np.argsort(label, kind="stable")
     found = []
-    for k in range(1, count):
-        if stats[k, cv2.CC_STAT_AREA] < config.frontier_min_cells:
+    for members in np.split(marked[by_label], np.flatnonzero(np.diff(label[by_label])) + 1):
+        if len(members) < config.frontier_min_cells:
             continue
-        left, top, width, height = (int(v) for v in stats[k, :4])
-        members = np.argwhere(labels[top : top + height, left : left + width] == k) + np.array((top, left))
         for piece in _pieces(members, config.frontier_piece_m / terrain.grid.resolution_m):
             middle = piece[np.argmin(((piece - piece.mean(axis=0)) ** 2).sum(axis=1))]
             way_m = _nearest_way(arrival, middle, config.same_place_m / terrain.grid.resolution_m)

@@ -173,8 +173,9 @@ def standoff(
 
     Rings are tried from near to far: known ground in sight of the object first, then ground from which only the
     furniture that it stands on is in between, unknown ground while the place hasn't been seen, then the same in places
-    that are too tight by the map, at last known ground without sight (a low shelf in between hides nothing from a camera
-    above it). ``arrival``: travel time from the robot (the terrain's shape); ``floor_z_m``: altitude of the floor.
+    that are too tight by the map, by a cell first (maps are thicker than walls by as much), at last known ground without
+    sight (a low shelf in between hides nothing from a camera above it). ``arrival``: travel time from the robot (the
+    terrain's shape); ``floor_z_m``: altitude of the floor.
     """
     points = footprint(record)
     cells = terrain.grid.cells_of(points)
@@ -193,13 +194,15 @@ def standoff(
     sight, over = _sight(terrain, mask, nearest, near, points)
     if record.center_m[2] - record.size_m[2] / 2 - floor_z_m < _RAISED_M:
         over = sight
-    roomy = terrain.speed > config.tight_speed
     known = terrain.known
+    roomy, nearly = (
+        terrain.clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, terrain.grid.resolution_m)
+    )
     rings = config.standoff_m, 0.85, 1.0
     for ring_m, ground in (
-        *((ring_m, sight & known & roomy) for ring_m in rings),
-        *((ring_m, over & known & roomy) for ring_m in rings),
+        *((ring_m, sight & known & roomy) for ring_m in rings), *((ring_m, over & known & roomy) for ring_m in rings),
         (0.85, sight & roomy),
+        *((ring_m, sight & known & nearly) for ring_m in rings), *((ring_m, over & known & nearly) for ring_m in rings),
         *((ring_m, sight & known) for ring_m in rings),
         (0.85, sight), (config.farthest_stop_m, over & known), (1.0, known & roomy), (1.0, known),
     ):  # fmt: skip

@@ -75,7 +75,8 @@ def approach(now: Now, record: ObjectRecord) -> Decision | None:
         return now.decide("turn_left" if off_rad > 0 else "turn_right", "confirming", f"turning to {_what(record)}")
     route = now.drive(place.goals)
     if route is None:
-        return None
+        as_near_as_it_gets = judged == "verified" and away_m <= config.farthest_stop_m and bool(place.sight[here])
+        return _found(now, record, "seen by the robot itself, and no way leads nearer") if as_near_as_it_gets else None
     return now.decide(route.action, "approaching", f"to {_what(record)}, {route.remaining_m:.1f} m", route)
 
 

@@ -94,8 +94,8 @@ class PlannerConfig:
 
     # objects
     promising_confidence: float = 0.25
-    even_relevance: float = 0.3
-    relevance_scale: float = 0.07
+    even_relevance: float = 0.37
+    relevance_scale: float = 0.08
     single_factor: float = 0.7
     confirmed_chance: float = 0.9
     verify_m: float = 2.0
@@ -114,7 +114,7 @@ class PlannerConfig:
     stairs_known: Literal["seen", "plan"] = "seen"
     floor_confidence: float = 0.4
     floor_margin: float = 0.15
-    floor_m: float = 8.0
+    floor_m: float = 12.0
     stairs_reach_m: float = 0.45
     stairs_tries: int = 3
     floor_visits: int = 3

@@ -31,6 +31,7 @@ class Terrain:
         grid: frame of the window; all arrays are (rows, cols) of it. ``row0``, ``col0``: its corner in the map.
         occupied: bool, obstacles as mapped.
         known: bool, explored and not occupied.
+        clearance_m: float32, distance to the nearest obstacle as mapped.
         speed: float64, 0 where the robot's centre can't be, else in (0, 1].
         bumps: (n, 3) float64 x, y [m], yaw [rad]: headings that met something.
     """
@@ -40,6 +41,7 @@ class Terrain:
     col0: int
     occupied: NDArray[np.bool_]
     known: NDArray[np.bool_]
+    clearance_m: NDArray[np.float32]
     speed: NDArray[np.float64]
     bumps: NDArray[np.float64]
 
@@ -104,6 +106,7 @@ def build_terrain(
         col0,
         occupancy != 0,
         explored & (occupancy == 0),
+        clearance_m,
         speed,
         np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3)),
     )

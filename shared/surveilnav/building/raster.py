@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from surveilnav.building.raycast import Hits
-from surveilnav.building.shading import in_bands
+from surveilnav.building.shading import in_bands, threads
 from surveilnav.geometry import Pinhole
 
 _GROUP = 64
@@ -57,13 +57,16 @@ class Rasteriser:
             workspace = self._workspaces.pop()
         except IndexError:
             workspace = np.empty((len(self._corners), 3, 3), dtype=np.float32)
-        in_bands(_to_camera, len(seen), seen, self._corners, R64, o64, workspace)
+        # bands share the corners in the camera frame; on one thread only groups that aren't hidden need theirs
+        alone = threads() == 1
+        if not alone:
+            in_bands(_to_camera, len(seen), seen, self._corners, R64, o64, workspace)
         t_hit = np.empty((height, width), dtype=np.float32)
         triangle = np.empty((height, width), dtype=np.uint32)
         bary = np.empty((height, width, 2), dtype=np.float32)
         in_bands(
             _draw, height, seen, len(self._corners), workspace, nearest, window, *lens, self._triangle, t_hit, triangle,
-            bary,
+            bary, alone, self._corners, R64, o64,
         )  # fmt: skip
         self._workspaces.append(workspace)
         return Hits(t_hit, triangle, bary)
@@ -126,13 +129,17 @@ def _look_at_groups(group0, group1, low, high, R, origin, fx, fy, cx, cy, height
 def _to_camera(k0, k1, seen, corners, R, origin, out):
     """Corners of the groups ``seen`` in the camera frame, into ``out`` at their own place."""
     for k in range(k0, k1):
-        first = seen[k] * _GROUP
-        for t in range(first, min(first + _GROUP, corners.shape[0])):
-            for c in range(3):
-                x, y, z = corners[t, c, 0] - origin[0], corners[t, c, 1] - origin[1], corners[t, c, 2] - origin[2]
-                out[t, c, 0] = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
-                out[t, c, 1] = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
-                out[t, c, 2] = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+        _group_to_camera(seen[k], corners, R, origin, out)
+
+
+@njit(nogil=True, cache=True)
+def _group_to_camera(g, corners, R, origin, out):
+    for t in range(g * _GROUP, min(g * _GROUP + _GROUP, corners.shape[0])):
+        for c in range(3):
+            x, y, z = corners[t, c, 0] - origin[0], corners[t, c, 1] - origin[1], corners[t, c, 2] - origin[2]
+            out[t, c, 0] = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+            out[t, c, 1] = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+            out[t, c, 2] = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -141,8 +148,14 @@ def _cross(a0, a1, a2, b0, b1, b2):
 
 
 @njit(nogil=True, cache=True)
-def _draw(row0, row1, seen, count, corners, nearest, window, fx, fy, cx, cy, triangle_of, t_hit, triangle, bary):
-    """Draws rows row0 to row1: inverse depth and winner per pixel, then depth and weights of the winners."""
+def _draw(
+    row0, row1, seen, count, corners, nearest, window, fx, fy, cx, cy, triangle_of, t_hit, triangle, bary, alone, world,
+    R, origin,
+):  # fmt: skip
+    """Draws rows row0 to row1: inverse depth and winner per pixel, then depth and weights of the winners.
+
+    ``corners``: (T, 3, 3) in the camera frame; ``alone``: to be made here, of those in the ``world``.
+    """
     width = t_hit.shape[1]
     rows = row1 - row0
     inverse = np.zeros((rows, width), dtype=np.float32)
@@ -176,6 +189,8 @@ def _draw(row0, row1, seen, count, corners, nearest, window, fx, fy, cx, cy, tri
                     break
             if hidden:
                 continue
+        if alone:
+            _group_to_camera(g, world, R, origin, corners)
         for t in range(g * _GROUP, min(g * _GROUP + _GROUP, count)):
             ax, ay, az = np.float64(corners[t, 0, 0]), np.float64(corners[t, 0, 1]), np.float64(corners[t, 0, 2])
             bx, by, bz = np.float64(corners[t, 1, 0]), np.float64(corners[t, 1, 1]), np.float64(corners[t, 1, 2])

@@ -38,6 +38,11 @@ def use_threads(n: int) -> None:
     _threads = n
 
 
+def threads() -> int:
+    """What ``use_threads`` set; all cores unless it did."""
+    return _threads
+
+
 @lru_cache(maxsize=1)
 def _pool(pid: int) -> ThreadPoolExecutor:  # keyed by process: a pool doesn't survive a fork
     return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="shading")

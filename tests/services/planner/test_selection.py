@@ -249,9 +249,9 @@ def test_nobody_stands_in_a_gap_that_is_too_tight_by_the_map(make_record):
     ("facts", "least", "most"),
     [
         ({"confidence": 0.1}, 0.0, 0.1),
-        ({"confidence": 0.3, "n_detections": 2}, 0.5, 0.5),
-        ({"confidence": 0.3, "n_detections": 1}, 0.35, 0.35),
-        ({"confidence": 0.6, "n_detections": 4}, 0.95, 1.0),
+        ({"confidence": CONFIG.even_relevance, "n_detections": 2}, 0.5, 0.5),
+        ({"confidence": CONFIG.even_relevance, "n_detections": 1}, 0.35, 0.35),
+        ({"confidence": 0.6, "n_detections": 4}, 0.9, 1.0),
         ({"confidence": 0.35, "status": "confirmed"}, 0.9, 0.9),
         ({"confidence": 0.6, "label": "bed", "n_detections": 4}, 0.0, 0.1),
     ],

@@ -106,7 +106,13 @@ def test_rasteriser_sees_what_rays_hit(seed):
     corners = (rng.uniform(-3, 3, (6000, 1, 3)) + size * rng.normal(size=(6000, 3, 3))).astype(np.float32)
     T = camera_pose(rng.uniform(-1, 1, 3), rng.uniform(-3, 3), rng.uniform(-1.5, 1.5))
     R, origin = T[:3, :3].astype(np.float32), T[:3, 3].astype(np.float32)
-    seen = Rasteriser(corners).cast(R, origin, CAMERA)
+    drawn = Rasteriser(corners)
+    seen = drawn.cast(R, origin, CAMERA)
+    with pytest.MonkeyPatch.context() as patch:  # alone, only what isn't hidden is brought into the camera's frame
+        patch.setattr("surveilnav.building.shading._threads", 1)
+        alone = drawn.cast(R, origin, CAMERA)
+    for name in ("t", "triangle", "uv"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(seen, name))
     hit = RayCaster(triangles_scene(corners)).cast(origin, CAMERA.rays() @ R.T)
     # On outlines the two round differently; nowhere else.
     differ = seen.triangle != hit.triangle
@@ -205,7 +211,7 @@ def test_threads_do_not_change_a_picture(monkeypatch):
     renderer = Renderer(room_scene(), lighting="flat")
     pictures = []
     for cores in (1, 2, 5):
-        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        monkeypatch.setattr("surveilnav.building.shading._threads", cores)
         rendered = renderer.render(T, CAMERA)
         pictures.append((rendered.rgb.tobytes(), rendered.depth_m.tobytes(), rendered.instance_ids.tobytes()))
     assert pictures[0] == pictures[1] == pictures[2]
