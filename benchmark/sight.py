@@ -2,12 +2,13 @@
 
 Two ways. ``pixels``: rendered with light, through the encoders of the bus and back, so the bytes are those that a camera
 would offer and a detector sees what JPEG left. ``depth``: for perception that is told the truth and looks at no pixel:
-depth and instance ids alone, at a fraction of the resolution; no bytes.
+depth and instance ids alone, at a fraction of the resolution; a camera's bytes are those that were measured once.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -69,6 +70,37 @@ class PoseError:
 
 
 NO_POSE_ERROR = PoseError()
+_NOT_MEASURED: Mapping[str, Sequence[int]] = {}
+
+
+def _frame(
+    rendered: Rendered, camera: PlannedCamera, index: int, said: Pose, plan: CameraPlan
+) -> tuple[FrameHeader, bytes, int]:
+    """A camera's view as it goes over the bus: header, payload, and the bytes of both and of the key."""
+    payload, image, depth = encode_rgbd(
+        rendered.rgb, rendered.depth_m, depth_range_m=CAMERA_DEPTH_RANGE_M, jpeg_quality=85
+    )
+    header = FrameHeader(
+        stamp_ns=0, source=f"camera/{camera.name}", view=index, seq=1, floor=camera.floor, T_world_camera=said,
+        camera=plan.intrinsics, mounting_offset_m=plan.mounting_offset_m, depth_range_m=CAMERA_DEPTH_RANGE_M, image=image,
+        depth=depth,
+    )  # fmt: skip
+    key = CAMERA_FRAME.key_for(building=_BUILDING, floor=camera.floor, camera=camera.name, view=index)
+    return header, payload, len(payload) + len(encode(header)) + len(key)
+
+
+def offered_views(building: SimulatedBuilding, plan: CameraPlan) -> dict[str, list[int]]:
+    """By camera, the bytes that each of its views takes: rendered in the building's light, through the bus's encoders."""
+    settings, noise = building.settings, DepthNoise.camera()
+    offered: dict[str, list[int]] = {}
+    for camera in plan.cameras:
+        for index, pose in enumerate(camera.views):
+            rendered = building.renderer.render(
+                pose.matrix(), plan.intrinsics, depth_range_m=CAMERA_DEPTH_RANGE_M,
+                noise=noise if settings.depth_noise else None, seed=noise_seed(settings.seed, camera.name, index),
+            )  # fmt: skip
+            offered.setdefault(camera.name, []).append(_frame(rendered, camera, index, pose, plan)[2])
+    return offered
 
 
 class Sight:
@@ -88,14 +120,17 @@ class Sight:
         way: Way = "pixels",
         scale: int = 2,
         pose_error: PoseError = NO_POSE_ERROR,
+        view_bytes: Mapping[str, Sequence[int]] = _NOT_MEASURED,
     ) -> None:
         """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this.
-        ``pose_error``: how wrong the cameras are about where they hang."""
+        ``pose_error``: how wrong the cameras are about where they hang. ``view_bytes``: of ``depth``, by camera what each
+        of its views takes (``offered_views``)."""
         if way == "depth" and not backend.needs_truth:
             raise ValueError(f"{backend.name} looks at pixels: it needs way='pixels'")
         self.building, self.backend, self.way = building, backend, way
         self._plan = plan or building.plan
         self._half, self._scale = views == "half", scale if way == "depth" else 1
+        self._view_bytes = view_bytes
         self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
         self._cameras = {camera.name: camera for camera in self._plan.cameras}
         self._labels = building.scene.labels_by_id if backend.needs_truth else {}
@@ -165,18 +200,12 @@ class Sight:
                 source, index, 1, 0, camera.floor, said.matrix(), self._lens(lens), offset_m, rendered.rgb,
                 rendered.depth_m, CAMERA_DEPTH_RANGE_M,
             )  # fmt: skip
-            return Sighted(view, self._perceive(view, rendered, (source, index, 1)), 0)
+            measured = self._view_bytes.get(camera.name)
+            offered = measured[index] if measured else 0
+            return Sighted(view, self._perceive(view, rendered, (source, index, 1)), offered)
         rendered = self.building.camera_view(camera, index)
-        payload, image, depth = encode_rgbd(
-            rendered.rgb, rendered.depth_m, depth_range_m=CAMERA_DEPTH_RANGE_M, jpeg_quality=85
-        )
-        header = FrameHeader(
-            stamp_ns=0, source=source, view=index, seq=1, floor=camera.floor, T_world_camera=said, camera=lens,
-            mounting_offset_m=offset_m, depth_range_m=CAMERA_DEPTH_RANGE_M, image=image, depth=depth,
-        )  # fmt: skip
+        header, payload, offered = _frame(rendered, camera, index, said, self._plan)
         view = decode_frame(header, payload)
-        key = CAMERA_FRAME.key_for(building=_BUILDING, floor=camera.floor, camera=camera.name, view=index)
-        offered = len(payload) + len(encode(header)) + len(key)
         return Sighted(view, self._perceive(view, rendered, (source, index, 1)), offered)
 
     def _said(self, camera: str, pose: Pose) -> Pose:

@@ -22,6 +22,7 @@ from benchmark.dataset.format import (
     ViewPoint,
 )
 from benchmark.dataset.splits import SceneSpec, take
+from benchmark.sight import offered_views
 from surveilnav import __version__
 from surveilnav.building.goals import Goals, Start, find_goals, habitat_starts
 from surveilnav.building.navigation import NavigationMap
@@ -44,7 +45,7 @@ RULES = {
 
 def build_scene(root: Path, split: str, spec: SceneSpec, n_episodes: int) -> SceneRecord:
     """Writes a scene's three files, the record last: where it is, the others are whole."""
-    building = open_scene(spec)
+    building = open_scene(spec, lighting="flat")  # light is for pixels; baking that of a large building takes minutes
     scene, navigation = building.scene, building.navigation
     goals = _goals_of(building)
     starts = {
@@ -56,7 +57,7 @@ def build_scene(root: Path, split: str, spec: SceneSpec, n_episodes: int) -> Sce
     folder = root / split
     files.write(folder / "content" / f"{spec.scene}.json.gz", _content(spec, split, scene, navigation, goals, chosen))
     plans = {str(m2): building.plan_with(m2) for m2 in DENSITIES_M2}
-    files.write(folder / "cameras" / f"{spec.scene}.json.gz", _cameras(spec, plans))
+    files.write(folder / "cameras" / f"{spec.scene}.json.gz", _cameras(spec, building, plans))
     record = SceneRecord(
         scene=spec.scene, building=spec.building, seed=spec.seed, models=spec.models, content_hash=scene.content_hash,
         floors=[
@@ -146,9 +147,10 @@ def _centre(instance: Instance) -> tuple[float, float, float]:
     return (low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2
 
 
-def _cameras(spec: SceneSpec, plans: dict[str, CameraPlan]) -> SceneCameras:
+def _cameras(spec: SceneSpec, building: SimulatedBuilding, plans: dict[str, CameraPlan]) -> SceneCameras:
     one = next(iter(plans.values()))
     return SceneCameras(
         scene=spec.scene, mounting_offset_m=one.mounting_offset_m, intrinsics=one.intrinsics,
         cameras={m2: plan.cameras for m2, plan in plans.items()},
+        view_bytes={m2: offered_views(building, plan) for m2, plan in plans.items()},
     )  # fmt: skip

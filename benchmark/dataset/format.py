@@ -26,7 +26,7 @@ from surveilnav.errors import ConfigError
 from surveilnav.geometry import Pinhole
 
 #: Grows when a file's meaning changes: the runner reads no other.
-VERSION = 1
+VERSION = 2
 
 #: HM3D's names of the six categories, in its order (they are the task's ids).
 CATEGORIES: dict[str, str] = {
@@ -136,12 +136,17 @@ class SceneRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class SceneCameras(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The cameras of a scene by density; ``views`` are T_world_camera, ``half`` the views of the paper's half range."""
+    """The cameras of a scene by density; ``views`` are T_world_camera, ``half`` the views of the paper's half range.
+
+    ``view_bytes``: by density and camera, what each view takes on the bus (JPEG of quality 85, packed depth), in flat
+    light.
+    """
 
     scene: str
     mounting_offset_m: float
     intrinsics: Pinhole
     cameras: dict[str, list[PlannedCamera]]
+    view_bytes: dict[str, dict[str, list[int]]]
 
 
 class SplitCounts(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -46,6 +46,7 @@ class ScenePlayer:
             self._building, backend, plan=self._data.plan(settings.density_m2), views=settings.views, way=way,  # type: ignore[arg-type]
             scale=settings.resolution_divisor,
             pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
+            view_bytes=self._data.cameras.view_bytes[str(settings.density_m2)],
         )  # fmt: skip
         self._fusion = settings.fusion_config()
         self._fused = FusedCameras(self._sight, self._fusion)
@@ -73,7 +74,6 @@ class ScenePlayer:
 
     def _record(self, episode: HabitatEpisode, outcome: Episode) -> EpisodeRecord:
         verdict = outcome.verdict
-        counted = self._sight.way == "pixels"
         tiers = {"jpeg+depth": sum(outcome.camera_bytes.values()), "summaries": sum(outcome.summary_bytes.values())}
         return EpisodeRecord(
             scene=self._data.record.scene, episode_id=episode.episode_id, category=self._data.label_of(episode),
@@ -81,7 +81,7 @@ class ScenePlayer:
             path_m=verdict.path_m, shortest_path_m=verdict.shortest_path_m,
             distance_m=verdict.distance_to_viewpoint_m if verdict.distance_to_viewpoint_m < 1e6 else None,
             reason=outcome.reason, message=outcome.message, seen=outcome.seen, floors=list(outcome.floors),
-            invoked=sorted(outcome.camera_bytes), bytes=tiers if counted else {},
+            invoked=sorted(outcome.camera_bytes), bytes=tiers if self._settings.surveillance else {},
             path=[(round(1e3 * x), round(1e3 * y)) for x, y, _ in outcome.trajectory], seconds=outcome.seconds,
         )  # fmt: skip
 

@@ -19,7 +19,7 @@ _BUSY_S = 60.0
 
 
 class EpisodeRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One episode. ``bytes``: by tier, what the cameras offered; empty where it wasn't counted. ``path``: x, y [m] after
+    """One episode. ``bytes``: by tier, what the cameras offered; empty without surveillance. ``path``: x, y [m] after
     every action, in mm. ``seconds``: wall time, the only field that another run may have different."""
 
     scene: str

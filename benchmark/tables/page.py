@@ -33,7 +33,7 @@ def page(table: Table, played: Played, total: int) -> str:
             f"{s.soft_spl.mean:.1f}", *difference, f"{s.steps:.0f}", f"{s.path_m:.1f}",
         ]  # fmt: skip
         if with_bytes:
-            cells.append(f"{sum(s.bytes.values()) / 1e6:.1f}" if s.bytes else "not counted")
+            cells.append(f"{sum(s.bytes.values()) / 1e6:.1f}" if s.bytes else "0.0")
         if any(a.paper for a, _, _ in rows):
             cells.append(f"{arm.paper[0]:.1f} / {arm.paper[1]:.1f}" if arm.paper else "")
         lines.append("| " + " | ".join(cells) + " |")

@@ -31,21 +31,19 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     if not awake:
         return None
 
-    def worth(o: ObjectRecord) -> float:
-        if o.id == state.here.settled_for:
-            return 1.0
-        return objects.chance(o, state.target, config) / (way_to(now, o) + config.verify_m)
-
-    best = max(awake, key=worth)
+    worth = {o.id: _worth(now, o) for o in awake}
+    best = max(awake, key=lambda o: worth[o.id])
     kept = next((o for o in awake if _is_committed(state, o, config)), None)
-    chosen = kept if kept is not None and worth(best) <= config.switch_ratio * worth(kept) else best
-    if not weak and exploring_is_worth(now, more_than=worth(chosen) * (config.switch_ratio if kept else 1.0)):
+    chosen = kept if kept is not None and worth[best.id] <= config.switch_ratio * worth[kept.id] else best
+    if not weak and exploring_is_worth(now, more_than=worth[chosen.id] * (config.switch_ratio if kept else 1.0)):
         if kept:
             _note_wavering(state)
         return None
     for o in awake:
         kind: Literal["target", "candidate"] = "target" if objects.is_confirmed(o, state.target) else "candidate"
-        now.weighed.append(Candidate(kind, o.center_m[0], o.center_m[1], worth(o), o is chosen, o.reason[:120], o.id))
+        now.weighed.append(
+            Candidate(kind, o.center_m[0], o.center_m[1], worth[o.id], o is chosen, o.reason[:120], o.id)
+        )
     now.commit(now.weighed[awake.index(chosen)], last_resort=weak)
     return chosen
 
@@ -100,6 +98,13 @@ def exploring_is_worth(now: Now, *, more_than: float) -> bool:
         return False
     ranked, _ = rank(awake, now.maps, now.state.target, config)
     return config.explore_chance * ranked[0].score > more_than
+
+
+def _worth(now: Now, record: ObjectRecord) -> float:
+    """The chance per metre of an object; what the robot settles for comes before all else."""
+    if record.id == now.state.here.settled_for:
+        return 1.0
+    return objects.chance(record, now.state.target, now.config) / (way_to(now, record) + now.config.verify_m)
 
 
 def _is_committed(state: MissionState, record: ObjectRecord, config: PlannerConfig) -> bool:

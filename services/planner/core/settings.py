@@ -45,7 +45,7 @@ class PlannerConfig:
         detour_m, max_detours: a way that grows by this at once, because the map shows that another one is needed, is
             given new patience, so often.
         exploit_min_std, exploit_min_ratio: frontier values decide only if their standard deviation and their
-            max/mean reach these (ApexNav's adaptive rule, arXiv 2504.14478); otherwise the nearest wins.
+            max/mean reach these (ApexNav's adaptive rule, arXiv 2504.14478); otherwise they count for nothing.
     """
 
     strategy: Literal["greedy", "object", "region"] = "region"

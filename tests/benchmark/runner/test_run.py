@@ -5,6 +5,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from benchmark.dataset.build import open_scene
+from benchmark.dataset.load import load_scene
 from benchmark.dataset.make import make
 from benchmark.dataset.splits import SceneSpec, SplitSpec
 from benchmark.episode import REASONS, FusedCameras, run_episode
@@ -13,7 +15,9 @@ from benchmark.runner.play import ScenePlayer
 from benchmark.runner.records import Records
 from benchmark.runner.run import dataset_hash, run
 from benchmark.runner.settings import RunSettings
+from benchmark.sight import Sight
 from surveilnav.errors import ConfigError
+from surveilnav.perception.choose import choose_backend
 
 SETTINGS = RunSettings(perception="oracle", max_steps=40)
 
@@ -116,6 +120,20 @@ def test_fused_once_is_as_good_as_fused_live(dataset):
             run_episode(player._sight, goals, start, searcher, fusion=ours.fusion, fused=fused, seed=1, on_step=look)
         runs.append(list(shown))
     assert runs[0] == runs[1]
+
+
+def test_bytes_are_those_of_the_rendered_views(dataset, finished):
+    """Nothing is rendered for `simulated`; what its cameras offered was measured once, and is what pixels would take."""
+    for record in finished.records:
+        data = load_scene(dataset, "val_mini", record.scene)
+        measured = data.cameras.view_bytes["100"]
+        assert record.invoked
+        assert record.bytes["jpeg+depth"] == sum(sum(measured[camera]) for camera in record.invoked)
+    building = open_scene(data.record, lighting="flat")
+    camera = building.plan.cameras[0].name
+    sight = Sight(building, choose_backend("oracle"), plan=data.plan(100))
+    rendered = [seen.offered_bytes for seen in sight.camera(camera)]  # by way of the view cache, whose depth is rounded
+    assert rendered == pytest.approx(measured[camera], rel=0.01)
 
 
 def test_no_such_split_or_dataset(dataset, tmp_path):
