@@ -62,6 +62,11 @@ class MapConfig(_Part):
     clear_ratio: float = Field(
         default=6.0, gt=0, description="a cell seen as bare floor in more than this many times as many views is free"
     )
+    explored_range_camera_m: float = Field(
+        default=5.0,
+        gt=0,
+        description="what a camera sees farther off isn't explored: detectors would hardly find it there",
+    )
     explored_max_m: float = Field(default=1.2, description="rays explore only where they run below this height")
     robot_radius_m: float = Field(default=0.18, ge=0, description="where a robot stands is free")
     frontier: Literal["boundary", "literal"] = "boundary"
@@ -211,7 +216,7 @@ class FusionConfig(_Part):
         if name == "default":
             return cls()
         return cls(
-            value=ValueConfig(fusion="average", half_life_s=0.0),
+            map=MapConfig(explored_range_camera_m=10.0), value=ValueConfig(fusion="average", half_life_s=0.0),
             objects=ObjectConfig(
                 geometry="box_iou", tau=1.35, tau_mutual=2.0, once_per_view=False,
                 max_points=10_000, dbscan_eps_pixels=0.0, min_points=20,

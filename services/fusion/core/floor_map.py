@@ -92,7 +92,7 @@ class FloorMap:
             self._carve(view, new)
         # points and rays -> obstacle and exploration map
         reach_m = reach(p_world, p_camera, self.z_m + c.explored_max_m)
-        self._count(p_world, p_camera, reach_m, window)
+        self._count(p_world, p_camera, reach_m, window, math.inf if view.is_robot else c.explored_range_camera_m)
         if view.is_robot:
             self._stand(p_camera)
         return len(p_world), reach_m
@@ -161,14 +161,28 @@ class FloorMap:
         )  # fmt: skip
 
     def _count(
-        self, p_world: NDArray[np.float32], p_camera: NDArray[np.float64], reach_m: NDArray[np.float32], window: Window
+        self,
+        p_world: NDArray[np.float32],
+        p_camera: NDArray[np.float64],
+        reach_m: NDArray[np.float32],
+        window: Window,
+        farthest_m: float,
     ) -> None:
         c = self._config
         row0, col0, rows, cols = window
-        seen = sweep(reach_m, p_camera[0], p_camera[1], c.resolution_m, row0, col0, rows, cols)
+        seen = sweep(
+            np.minimum(reach_m, np.float32(farthest_m)),
+            p_camera[0],
+            p_camera[1],
+            c.resolution_m,
+            row0,
+            col0,
+            rows,
+            cols,
+        )
         part = np.s_[row0 - self._row0 : row0 - self._row0 + rows, col0 - self._col0 : col0 - self._col0 + cols]
         _count_points(
-            p_world, p_camera[0], p_camera[1], self.z_m, c.resolution_m, row0, col0, seen,
+            p_world, p_camera[0], p_camera[1], self.z_m, c.resolution_m, row0, col0, seen, farthest_m**2,
             c.obstacle_min_m, c.obstacle_max_m, c.obstacle_noise_per_m, c.explored_max_m,
             self._obstacle_points[part], self._obstacle_views[part], self._bare_views[part], self._explored_views[part],
         )  # fmt: skip
@@ -246,7 +260,7 @@ def _bounds(points):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _count_points(  # type: ignore[no-untyped-def]
-    points, cx, cy, z, resolution_m, row0, col0, seen, low, high, noise, explored_max,
+    points, cx, cy, z, resolution_m, row0, col0, seen, farthest_squared, low, high, noise, explored_max,
     obstacle_points, obstacle_views, bare_views, explored_views,
 ):  # fmt: skip
     rows, cols = seen.shape
@@ -257,9 +271,10 @@ def _count_points(  # type: ignore[no-untyped-def]
         row = int(np.floor(np.float64(points[i, 1]) / resolution_m)) - row0
         height = points[i, 2] - z
         dx, dy = points[i, 0] - cx, points[i, 1] - cy
-        if height <= explored_max:  # where a point is, the cell was seen, whatever the ray's azimuth
-            seen[row, col] = 0
-        if low + noise * (dx * dx + dy * dy) <= height <= high:
+        squared = dx * dx + dy * dy
+        if height <= explored_max and squared <= farthest_squared:  # where a point is, the cell was seen, whatever the
+            seen[row, col] = 0  # ray's azimuth
+        if low + noise * squared <= height <= high:
             blocks[row, col] += 1
         elif abs(height) <= _BARE_FLOOR_M:
             bare[row, col] = 1

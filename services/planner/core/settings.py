@@ -42,6 +42,7 @@ class PlannerConfig:
         floor_visits: how often the robot comes to a floor at most.
         patience_steps: a waypoint that the robot gets no nearer to for so long is given up for ``dormant_steps``.
         steps_per_m: what a metre of way costs, turns included, with some to spare.
+        scan_turns, scan_unless_m: the robot first looks around on a floor, unless what is most likely the target is so near.
         detour_m, max_detours: a way that grows by this at once, because the map shows that another one is needed, is
             given new patience, so often.
         exploit_min_std, exploit_min_ratio: frontier values decide only if their standard deviation and their
@@ -90,6 +91,7 @@ class PlannerConfig:
     detour_m: float = 0.75
     max_detours: int = 4
     scan_turns: int = 12
+    scan_unless_m: float = 3.0
     sweep_m: float = 2.0
 
     # objects

@@ -143,7 +143,8 @@ def test_a_view_from_the_moon_is_refused_and_changes_nothing(world):
 
 
 def slow_maps(views, config, z_m=0.0):
-    """The paper's projection of points onto the plane and exploration by ray, point by point, in dictionaries."""
+    """The paper's projection of points onto the plane and exploration by ray, point by point, in dictionaries; the views
+    are a camera's."""
     r = config.resolution_m
     points_in, blocked_by, bare_by, explored = Counter(), Counter(), Counter(), set()
     for view in views:
@@ -153,7 +154,7 @@ def slow_maps(views, config, z_m=0.0):
         for x, y, z in points.astype(float).tolist():
             cell, height = (math.floor(y / r), math.floor(x / r)), z - z_m
             squared = (x - cx) ** 2 + (y - cy) ** 2
-            if height <= config.explored_max_m:
+            if height <= config.explored_max_m and math.sqrt(squared) <= config.explored_range_camera_m:
                 explored.add(cell)
             if config.obstacle_min_m + config.obstacle_noise_per_m * squared <= height <= config.obstacle_max_m:
                 blocks[cell] += 1
@@ -178,7 +179,7 @@ def slow_maps(views, config, z_m=0.0):
             for col in range(col0 - n, col0 + n + 1):
                 dx, dy = (col + 0.5) * r - cx, (row + 0.5) * r - cy
                 start, end = reaches.get(math.floor((math.atan2(dy, dx) / math.tau + 1) * 360) % 360, (1.0, 0.0))
-                if start <= math.hypot(dx, dy) <= end:
+                if start <= math.hypot(dx, dy) <= min(end, config.explored_range_camera_m):
                     explored.add((row, col))
         points_in += blocks
         blocked_by += Counter(set(blocks))
@@ -195,7 +196,7 @@ def slow_maps(views, config, z_m=0.0):
 def test_obstacles_and_explored_cells_are_those_of_a_literal_reference(tools, x, y, yaw, pitch, height):
     world = tools.world()
     world.boxes["table"] = ((4.0, 1.0, 0.0), (4.6, 1.6, 0.7))
-    config = MapConfig(points_per_view=3000, robot_radius_m=0.0, carve_views=0)
+    config = MapConfig(points_per_view=3000, robot_radius_m=0.0, carve_views=0, explored_range_camera_m=2.5)
     views = [
         world.view(x, y, yaw + turn, pitch, seq=seq, height=height, source="camera/c", range_m=(0.1, 4.0))
         for seq, turn in enumerate((0.0, 0.5, 2.0))
