@@ -24,7 +24,7 @@ from services.planner.core.frontiers import Frontier
 from services.planner.core.now import Now
 from surveilnav.messages import ObjectRecord
 
-CONFIG = PlannerConfig(verification="paper", explore_chance=0.0)
+CONFIG = PlannerConfig(verification="paper", objects_first=True)
 
 _WINDOW_M = 2.0
 _SURE, _LIKELY = 0.3, 0.1

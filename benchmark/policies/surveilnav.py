@@ -16,7 +16,7 @@ from services.planner.core import PlannerConfig
 #: A confirmed target before all else, any candidate before exploring; values always decide unless they are all the same,
 #: and only they do.
 AS_WRITTEN = PlannerConfig(
-    verification="paper", confirmed_chance=1e6, explore_chance=0.0, exploit_min_std=1e-6, exploit_min_ratio=1.0,
+    verification="paper", confirmed_chance=1e6, objects_first=True, exploit_min_std=1e-6, exploit_min_ratio=1.0,
     explore_m=1e6, value_gain=1e6, frontier_wide_m=1e-6, switch_ratio=1.0,
 )  # fmt: skip
 

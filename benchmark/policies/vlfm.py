@@ -23,7 +23,7 @@ from services.planner.core.choose import head_for, held_frontier, open_frontiers
 from services.planner.core.frontiers import Frontier, values_near
 from services.planner.core.now import Now
 
-CONFIG = PlannerConfig(verification="paper", explore_chance=0.0, value_radius_m=0.5, standoff_m=0.85, stop_m=0.9)
+CONFIG = PlannerConfig(verification="paper", objects_first=True, value_radius_m=0.5, standoff_m=0.85, stop_m=0.9)
 FUSION = first_sight(FusionConfig(map=MapConfig(frontier_hole_m2=1.5), value=ValueConfig(fusion="confidence")))
 
 _SAME_M = 0.5

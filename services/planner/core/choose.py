@@ -92,12 +92,13 @@ def head_for(now: Now, frontiers: Sequence[Frontier], chosen: Frontier, why: str
 def exploring_is_worth(now: Now, *, more_than: float) -> bool:
     """Whether some frontier promises more per metre than this."""
     config = now.config
-    if config.explore_chance * (1.0 + config.value_gain) <= more_than * config.explore_m:
+    chance = config.explore_chances.get(now.state.target, config.explore_chance)
+    if config.objects_first or chance * (1.0 + config.value_gain) <= more_than * config.explore_m:
         return False
     if not (awake := open_frontiers(now, hard=False)):
         return False
     ranked, _ = rank(awake, now.maps, now.state.target, config)
-    return config.explore_chance * ranked[0].score > more_than
+    return chance * ranked[0].score > more_than
 
 
 def _worth(now: Now, record: ObjectRecord) -> float:

@@ -29,7 +29,7 @@ EMPTY = FLOOR.replace("C", " ")
 END = (6.1, 0.9)
 SEEN = {"0": {}, "1": {"chair": 0.7}}
 #: Exploring is never worth more than what was seen, however far it is.
-GOES = PlannerConfig(explore_chance=0.0)
+GOES = PlannerConfig(objects_first=True)
 
 
 @pytest.fixture

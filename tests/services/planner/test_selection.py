@@ -262,7 +262,7 @@ def test_chance(make_record, facts, least, most):
 
 @pytest.mark.parametrize(
     ("confidence", "far_m", "first"),
-    [(0.3, 4.0, "far"), (0.3, 30.0, "frontier"), (0.6, 4.0, "far"), (0.26, 9.0, "frontier")],
+    [(0.45, 4.0, "far"), (0.3, 30.0, "frontier"), (0.6, 4.0, "far"), (0.26, 9.0, "frontier")],
 )
 def test_exploring_near_by_may_be_worth_more_than_a_faint_candidate_far_away(make_record, confidence, far_m, first):
     """A frontier 1 m ahead, a candidate seen once."""
@@ -276,8 +276,10 @@ def test_exploring_near_by_may_be_worth_more_than_a_faint_candidate_far_away(mak
     state.floor = "0"
     state.here.scan_left = 0
     here = RobotView(1, 1.0, 1.0, 0.0, 0.0, "0", False, None, 0.0)
-    assert step(state, m, here, CONFIG)[1].phase == ("approaching" if first == "far" else "exploring")
-    assert step(state, m, here, PlannerConfig(explore_chance=0.0))[1].phase == "approaching"
+    rare = PlannerConfig(explore_chances={})
+    assert step(state, m, here, rare)[1].phase == ("approaching" if first == "far" else "exploring")
+    assert step(state, m, here, PlannerConfig(explore_chances={"chair": 1.0}))[1].phase == "exploring"
+    assert step(state, m, here, PlannerConfig(objects_first=True))[1].phase == "approaching"
 
 
 class Routes:
