@@ -46,7 +46,8 @@ class PlannerConfig:
         floor_visits: how often the robot comes to a floor at most.
         patience_steps: a waypoint that the robot gets no nearer to for so long is given up for ``dormant_steps``.
         steps_per_m: what a metre of way costs, turns included, with some to spare.
-        scan_turns, scan_unless_m: the robot first looks around on a floor, unless what is most likely the target is so near.
+        scan_turns, scan_unless_m: the robot first looks around on a floor, unless a target is confirmed there, or what is
+            most likely one is so near.
         detour_m, max_detours: a way that grows by this at once, because the map shows that another one is needed, is
             given new patience, so often.
         exploit_min_std, exploit_min_ratio: frontier values decide only if their standard deviation and their
@@ -85,8 +86,8 @@ class PlannerConfig:
     value_gain: float = 1.0
     frontier_wide_m: float = 1.0
     objects_first: bool = False
-    explore_chance: float = 0.2
-    explore_chances: Mapping[str, float] = field(default_factory=lambda: {"chair": 0.6, "potted plant": 0.5})
+    explore_chance: float = 0.08
+    explore_chances: Mapping[str, float] = field(default_factory=lambda: {"chair": 0.27, "potted plant": 0.2})
     explore_m: float = 3.0
     hard_way_m: float = 4.0
     reached_m: float = 0.45
@@ -108,8 +109,8 @@ class PlannerConfig:
     confirmed_chance: float = 0.9
     verify_m: float = 2.0
     switch_ratio: float = 1.3
-    standoff_m: float = 0.75
-    stop_m: float = 0.85
+    standoff_m: float = 0.60
+    stop_m: float = 0.70
     farthest_stop_m: float = 1.50
     inspect_m: float = 2.0
     verify_confidence_robot: float = 0.30
