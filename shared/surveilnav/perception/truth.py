@@ -149,7 +149,7 @@ class Simulated:
             label, of = c.labels[i], "right" if right[i] else "wrong"
             said = label if right[i] else kind.name(label, names[i], but=label)
             score = float(scores[i])
-            box, mask = None, None
+            box, mask, fits = None, None, True
             if ease[i] > 0 and score >= self._model.min_score:
                 loose = kind.boxes[of][int((once[i, 1] if right[i] else always[i, 0]) * len(kind.boxes[of]))]
                 box = _box(c.shown[i], loose, depth_m, camera)
@@ -157,14 +157,13 @@ class Simulated:
                     mask = _mask_within(c.shown[i], box, depth_m)
                 else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
                     mask = mask_of(depth_m, box, floor)
-                    lucks = (names[i], *np.mod(names[i] + _OTHER_NAMES, 1.0))
-                    fitting = (
-                        n for n in (kind.name(label, x, label) for x in lucks) if _fits(n, box, mask, depth_m, camera)
-                    )
-                    said = next(fitting, "")
-            all_scores = _all_scores(said or label, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label))
+                    others = (kind.name(label, luck, but=label) for luck in np.mod(names[i] + _OTHER_NAMES, 1.0))
+                    fitting = (name for name in (said, *others) if _fits(name, box, mask, depth_m, camera))
+                    found = next(fitting, "")
+                    said, fits = found or said, found != ""
+            all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label))
             detected = None
-            if box is not None and said and min(box[2] - box[0], box[3] - box[1]) >= 2:
+            if box is not None and fits and min(box[2] - box[0], box[3] - box[1]) >= 2:
                 detected = Detected(said, score, box, mask, closed_set.embed_object(all_scores))
             yield detected, all_scores
 

@@ -151,6 +151,14 @@ def test_a_false_alarm_is_called_nothing_that_its_size_cannot_be() -> None:
     assert "toilet" not in names[4.8]
 
 
+def test_what_fits_no_name_is_no_false_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
+    depth, truth, camera = one("lamp", 2)
+    monkeypatch.setattr("surveilnav.perception.truth._fits", lambda *of: False)
+    for n in range(60):
+        told = TrueInstances(truth.ids, {**truth.labels, 1000: f"building {n}"})
+        assert not Simulated(harder=2.0).perceive(RGB, depth, camera, truth=told, key=("robot/a", 0, n)).detections
+
+
 def test_simulated_boxes_and_masks_stay_in_the_picture() -> None:
     depth, truth = scene()
     for i in range(200):
