@@ -161,9 +161,7 @@ class ObjectMap:
 
     def records(self) -> list[ObjectRecord]:
         """The objects as others may see them, by id."""
-        for obj in self._objects.values():
-            obj.record = obj.record or self._record(obj)
-        return [o.record for _, o in sorted(self._objects.items()) if o.record is not None]
+        return [self._record(o) for _, o in sorted(self._objects.items())]
 
     def similarity(self, shape: Shape, embedding: NDArray[np.float32], other: MapObject) -> tuple[float, float]:
         """(s, mutual): eq. 3's weighted sum, and the smaller of both overlaps."""
@@ -306,7 +304,6 @@ class ObjectMap:
         self, obj: MapObject, view: PosedView, label: str, score: float, what: What, note: str,
         box_px: tuple[float, float, float, float] | None = None, absorbed: int = 0,
     ) -> None:  # fmt: skip
-        obj.record = None
         event = ObjectEvent(
             view.stamp_ns, view.source, view.view, view.seq, label, round(float(score), 4), what, note, box_px
         )
@@ -314,6 +311,11 @@ class ObjectMap:
         self._news.append(Happened(obj.id, event, absorbed))
 
     def _record(self, o: MapObject) -> ObjectRecord:
+        """As others may see it; made anew only after something happened to it (``_judge``)."""
+        o.record = o.record or self._recorded(o)
+        return o.record
+
+    def _recorded(self, o: MapObject) -> ObjectRecord:
         c, points = self._config, o.shape.points
         every = evenly(len(points), _RECORD_POINTS)
         robot, cameras = o.evidence.confidences(True, c), o.evidence.confidences(False, c)

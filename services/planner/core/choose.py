@@ -19,10 +19,12 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     the present one is kept unless another is clearly better. ``weak``: also those that hardly anything speaks for, or
     that are hard to get to, even if exploring is worth more."""
     state, config = now.state, now.config
+    known = objects.targets_of(now.maps.objects, state, config, weak=weak)
+    ways_m = {o.id: way_to(now, o) for o in known}
     awake = [
-        o for o in objects.targets_of(now.maps.objects, state, config, weak=weak)
+        o for o in known
         if not memory.is_dormant(state, o.center_m[0], o.center_m[1], config)
-        and (weak or (not _wavers(now, o) and not _is_hard(now, o.center_m[0], o.center_m[1], way_to(now, o))))
+        and (weak or (not _wavers(now, o) and not _is_hard(now, o.center_m[0], o.center_m[1], ways_m[o.id])))
     ]  # fmt: skip
     held = state.commitment
     on_the_way = held is not None and held.object_id is not None and not held.last_resort
@@ -31,7 +33,7 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     if not awake:
         return None
 
-    worth = {o.id: _worth(now, o) for o in awake}
+    worth = {o.id: _worth(now, o, ways_m[o.id]) for o in awake}
     best = max(awake, key=lambda o: worth[o.id])
     kept = next((o for o in awake if _is_committed(state, o, config)), None)
     chosen = kept if kept is not None and worth[best.id] <= config.switch_ratio * worth[kept.id] else best
@@ -101,11 +103,11 @@ def exploring_is_worth(now: Now, *, more_than: float) -> bool:
     return chance * ranked[0].score > more_than
 
 
-def _worth(now: Now, record: ObjectRecord) -> float:
+def _worth(now: Now, record: ObjectRecord, way_m: float) -> float:
     """The chance per metre of an object; what the robot settles for comes before all else."""
     if record.id == now.state.here.settled_for:
         return 1.0
-    return objects.chance(record, now.state.target, now.config) / (way_to(now, record) + now.config.verify_m)
+    return objects.chance(record, now.state.target, now.config) / (way_m + now.config.verify_m)
 
 
 def _is_committed(state: MissionState, record: ObjectRecord, config: PlannerConfig) -> bool:
@@ -153,4 +155,4 @@ def way_to(now: Now, record: ObjectRecord) -> float:
     x_m, y_m, _ = record.center_m
     reach_m = 1.0 + 0.5 * min(record.size_m[:2])
     way_m = float(now.arrival[now.terrain.disc(x_m, y_m, reach_m)].min(initial=math.inf))
-    return min(way_m, 2.0 * math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m)) if math.isinf(way_m) else way_m
+    return 2.0 * math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m) if math.isinf(way_m) else way_m

@@ -86,11 +86,11 @@ class Now:
             held = state.commitment = replace(held, last_m=route.remaining_m)
         if route is not None and (held.best_m is None or route.remaining_m < held.best_m - 0.1):
             state.commitment = replace(held, best_m=route.remaining_m, best_step=state.step)
-        elif route is None or state.step - held.best_step > self.config.patience_steps:
+        elif route is None or state.step - held.best_step > config.patience_steps:
             if held.kind == "target":
                 place = f"({held.x_m:.1f}, {held.y_m:.1f})"
                 state.unreachable = f"{state.target!r} was seen at {place}, but the robot can't get near it"
-            memory.give_up_waypoint(state, self.config)
+            memory.give_up_waypoint(state, config)
             return None
         return route
 

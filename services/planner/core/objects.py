@@ -191,9 +191,9 @@ def standoff(
     near = reachable & (distance_m <= config.farthest_stop_m)
     here = terrain.cell(robot.x_m, robot.y_m)
     near[here] = distance_m[here] <= config.inspect_m
-    sight, over = _sight(terrain, mask, nearest, near, points)
-    if record.center_m[2] - record.size_m[2] / 2 - floor_z_m < _RAISED_M:
-        over = sight
+    over = sight = _sight(terrain, mask, nearest, near, points)
+    if record.center_m[2] - record.size_m[2] / 2 - floor_z_m >= _RAISED_M:
+        over = _sight(terrain, mask, nearest, near, points, _FURNITURE_M)
     known = terrain.known
     roomy, nearly = (
         terrain.clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, terrain.grid.resolution_m)
@@ -208,16 +208,16 @@ def standoff(
     ):  # fmt: skip
         goals = reachable & (distance_m <= ring_m) & ground
         if goals.any():
-            return Standoff(goals, distance_m, sight | over, ring_m)
+            return Standoff(goals, distance_m, over, ring_m)
     return None
 
 
 def _sight(
     terrain: Terrain, mask: NDArray[np.uint8], nearest: NDArray[np.int32], near: NDArray[np.bool_],
-    points: NDArray[np.float64],
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
-    """For cells in ``near``: whether the straight line to the object's nearest cell is free of obstacles, and whether it is
-    but for those next to the object.
+    points: NDArray[np.float64], furniture_m: float = 0.0,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """For cells in ``near``: whether the straight line to the object's nearest cell is free of obstacles, but for those
+    next to the object that reach no farther than ``furniture_m``.
 
     Obstacles inside the object's own box (one cell wider) are the object itself. ``nearest`` labels the zero cells of
     ``mask`` as OpenCV numbers them.
@@ -233,10 +233,9 @@ def _sight(
     row0, col0 = terrain.grid.cells_of(points.min(axis=0) - r)
     row1, col1 = terrain.grid.cells_of(points.max(axis=0) + r)
     obstacles[max(0, row0) : row1 + 1, max(0, col0) : col1 + 1] = False
-    sight, over = np.zeros(terrain.grid.shape, dtype=bool), np.zeros(terrain.grid.shape, dtype=bool)
-    sight[start[:, 0], start[:, 1]] = clear_lines(obstacles, start, end)
-    over[start[:, 0], start[:, 1]] = clear_lines(obstacles, start, end, _FURNITURE_M / r)
-    return sight, over
+    sight = np.zeros(terrain.grid.shape, dtype=bool)
+    sight[start[:, 0], start[:, 1]] = clear_lines(obstacles, start, end, furniture_m / r)
+    return sight
 
 
 def _named(record: ObjectRecord, target: str) -> bool:

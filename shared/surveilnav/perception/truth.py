@@ -5,7 +5,8 @@ Both exist for simulation only; they get instance ids through a channel of their
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +93,7 @@ class Simulated:
         scene = self._scene_seed(told.labels)
         view = hashed(scene, key)
         detections, weak = [], []
-        floor = np.isin(told.ids, [i for i, label in told.labels.items() if canonical(label) == "floor"])
+        floor = cache(partial(_floor_of, told))  # few views have a false alarm that asks
         for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
             for detected, scores in self._found(c, scene, view, depth_m, camera, floor):
                 weak.append(scores)
@@ -132,7 +133,7 @@ class Simulated:
         view: int,
         depth_m: NDArray[np.float32],
         camera: Pinhole,
-        floor: NDArray[np.bool_],
+        floor: Callable[[], NDArray[np.bool_]],
     ) -> Iterator[tuple[Detected | None, NDArray[np.float32]]]:
         """Detection (None: too weak to be reported) and class scores of what is found among candidates of one kind."""
         kind = self._model.kinds[c.kind]
@@ -156,9 +157,10 @@ class Simulated:
                 if right[i]:
                     mask = _mask_within(c.shown[i], box, depth_m)
                 else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
-                    mask = mask_of(depth_m, box, floor)
+                    mask = mask_of(depth_m, box, floor())
+                    size_m, cut = _size_of(box, mask, depth_m, camera)
                     others = (kind.name(label, luck, but=label) for luck in np.mod(names[i] + _OTHER_NAMES, 1.0))
-                    fitting = (name for name in (said, *others) if _fits(name, box, mask, depth_m, camera))
+                    fitting = (name for name in (said, *others) if _fits(name, size_m, cut))
                     found = next(fitting, "")
                     said, fits = found or said, found != ""
             all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label))
@@ -201,12 +203,23 @@ def _mask_within(shown: VisibleThing | Place, box: Box, depth_m: NDArray[np.floa
     return mask_within(shown, box, depth_m.shape)
 
 
-def _fits(name: str, box: Box, mask: NDArray[np.bool_] | None, depth_m: NDArray[np.float32], camera: Pinhole) -> bool:
-    """Whether what a mask shows is as large as things of a class, as far as depth tells."""
-    size_m = extent_m(depth_m, camera, box, mask) if mask is not None else None
+def _size_of(
+    box: Box, mask: NDArray[np.bool_] | None, depth_m: NDArray[np.float32], camera: Pinhole
+) -> tuple[float | None, bool]:
+    """How large [m] what a mask shows is, None if depth doesn't tell, and whether the picture's edge cuts it."""
     height, width = depth_m.shape
     cut = box[0] < 1 or box[1] < 1 or box[2] > width - 1 or box[3] > height - 1
+    return extent_m(depth_m, camera, box, mask) if mask is not None else None, cut
+
+
+def _fits(name: str, size_m: float | None, cut: bool) -> bool:
+    """Whether something is as large as things of a class, as far as depth tells."""
     return size_m is None or plausible(name, size_m, cut)
+
+
+def _floor_of(told: TrueInstances) -> NDArray[np.bool_]:
+    """(H, W) pixels that show the floor."""
+    return np.isin(told.ids, [i for i, label in told.labels.items() if canonical(label) == "floor"])
 
 
 def _one_hot(label: str, score: float) -> NDArray[np.float32]:
