@@ -147,12 +147,15 @@ class ObjectConfig(_Part):
         default=0.5, ge=0, le=1, description="the paper's threshold on the maximum of both confidences"
     )
     confirm_scores: dict[str, float] = Field(
-        default={"bed": 0.47, "chair": 0.4, "couch": 0.4, "potted plant": 0.3, "toilet": 0.45, "tv": 0.42},
+        default={"bed": 0.38, "chair": 0.3, "couch": 0.32, "potted plant": 0.27, "toilet": 0.42, "tv": 0.4},
         description="classes of which a size is known need less: above this, most that fit are true on the recorded "
         "views of docs/results/association",
     )
     confirm_margin: float = Field(
         default=1.25, ge=0, description="confidence in the class is at least this many times that in any other"
+    )
+    confirm_margins: dict[str, float] = Field(
+        default={"couch": 1.0}, description="the same by class: what is most of all a couch is one, 14 of 15 times"
     )
     min_detections: int = Field(
         default=2, ge=1, description="of the class; with fewer an object stays a candidate (ConceptGraphs, VLN-Game)"
@@ -223,7 +226,7 @@ class FusionConfig(_Part):
                 merge_every=20, merge_overlap=0.7, merge_visual=0.7, merge_box=2.0, min_detections=2,
                 flip="literal", confidence="mean",
                 confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,
-                near_m=1e9, miss_weight=0.0, size_prior=False, confirm_scores={}, confirm_margin=0.0,
+                near_m=1e9, miss_weight=0.0, size_prior=False, confirm_scores={}, confirm_margin=0.0, confirm_margins={},
                 reject_misses=1_000_000_000,
             ),
         )  # fmt: skip

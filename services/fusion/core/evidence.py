@@ -168,7 +168,7 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
             label, confidence, "candidate", f"{n} of at least {config.min_detections} detections of a {label}"
         )
     rival = _rival(evidence, label, config)
-    if config.confirm_margin * rival[1] > confidence:
+    if config.confirm_margins.get(label, config.confirm_margin) * rival[1] > confidence:
         return Verdict(label, confidence, "candidate", f"{label} {confidence:.2f}, but {rival[0]} {rival[1]:.2f}")
     # once confirmed, a little less will do: no flicker at the threshold
     lenient = config.confirm_hysteresis if was == "confirmed" else 1.0

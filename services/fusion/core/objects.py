@@ -26,7 +26,7 @@ from services.fusion.core.association import (
 from services.fusion.core.config import ObjectConfig
 from services.fusion.core.evidence import Evidence, Status, Support, judge
 from services.fusion.core.sightings import Sighting, locate_all
-from services.fusion.core.sizes import misfit
+from services.fusion.core.sizes import misfit, outgrown
 from services.fusion.core.visibility import in_plain_view
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
 from surveilnav.sensing.views import Detected, PosedView
@@ -180,7 +180,7 @@ class ObjectMap:
         c, detected = self._config, sighting.detected
         scored = [(*self.similarity(sighting.shape, detected.embedding, o), o) for o in self._around(sighting.shape)]
         for s, mutual, candidate in sorted(scored, key=lambda item: (-max(item[0], _sure(item, c)), item[2].id)):
-            if s < c.tau and mutual < c.tau_mutual:
+            if (s < c.tau and mutual < c.tau_mutual) or self._outgrows(candidate, sighting.shape):
                 continue
             if c.once_per_view and (candidate.id, detected.label) in seen:
                 if mutual >= min(c.tau_mutual, 1.0):
@@ -232,6 +232,13 @@ class ObjectMap:
         elif obj.status != before and obj.status != "candidate":
             self._log(obj, view, obj.label, obj.confidence, obj.status, obj.reason)
 
+    def _outgrows(self, obj: MapObject, more: Shape) -> bool:
+        """Whether an object would be too large for its class with more points, and isn't yet: then they aren't its own."""
+        if not self._config.size_prior or outgrown(obj.label, _triple(obj.shape.p_max - obj.shape.p_min)):
+            return False
+        low, high = np.minimum(obj.shape.p_min, more.p_min), np.maximum(obj.shape.p_max, more.p_max)
+        return bool(outgrown(obj.label, _triple(high - low)))
+
     def _unfit(self, obj: MapObject, label: str) -> str:
         return misfit(label, _triple(obj.shape.p_max - obj.shape.p_min)) if self._config.size_prior else ""
 
@@ -265,6 +272,8 @@ class ObjectMap:
                 if min(there, back) < c.tau_mutual and not (alike and together):
                     continue
                 kept, gone = (obj, other) if obj.id < other.id else (other, obj)
+                if self._outgrows(obj, other.shape) or self._outgrows(other, obj.shape):
+                    continue
                 self._absorb(kept, gone, view)
                 if gone is obj:
                     break

@@ -21,11 +21,9 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     state, config = now.state, now.config
     known = objects.targets_of(now.maps.objects, state, config, weak=weak)
     ways_m = {o.id: way_to(now, o) for o in known}
-    awake = [
-        o for o in known
-        if not memory.is_dormant(state, o.center_m[0], o.center_m[1], config)
-        and (weak or (not _wavers(now, o) and not _is_hard(now, o.center_m[0], o.center_m[1], ways_m[o.id])))
-    ]  # fmt: skip
+    awake = [o for o in known if not _sleeps(now, o)]
+    if not weak:
+        awake = [o for o in awake if objects.is_confirmed(o, state.target) or not _is_doubtful(now, o, ways_m[o.id])]
     held = state.commitment
     on_the_way = held is not None and held.object_id is not None and not held.last_resort
     if on_the_way and not any(_is_committed(state, o, config) for o in awake):
@@ -37,6 +35,8 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     best = max(awake, key=lambda o: worth[o.id])
     kept = next((o for o in awake if _is_committed(state, o, config)), None)
     chosen = kept if kept is not None and worth[best.id] <= config.switch_ratio * worth[kept.id] else best
+    if not weak and worth[chosen.id] <= config.switch_ratio * _errand_worth(now):
+        return None
     if not weak and exploring_is_worth(now, more_than=worth[chosen.id] * (config.switch_ratio if kept else 1.0)):
         if kept:
             _note_wavering(state)
@@ -69,7 +69,7 @@ def open_frontiers(now: Now, *, hard: bool) -> list[Frontier]:
     state, config = now.state, now.config
     return [
         f for f in now.frontiers()
-        if not memory.is_dormant(state, f.x_m, f.y_m, config) and (hard or not _is_hard(now, f.x_m, f.y_m, f.way_m))
+        if not memory.is_dormant(state, f.x_m, f.y_m, config) and (hard or not _is_put_off(now, f))
     ]  # fmt: skip
 
 
@@ -128,26 +128,46 @@ def _note_wavering(state: MissionState) -> None:
     state.commitment = None
 
 
-def _wavers(now: Now, record: ObjectRecord) -> bool:
-    """Whether an unconfirmed object stopped being promising more than once with the robot on its way there: views that
-    disagree must not turn it to and fro."""
-    return not objects.is_confirmed(record, now.state.target) and now.state.here.wavered.get(record.id, 0) > 1
+def _errand_worth(now: Now) -> float:
+    """What the way to the stairs of the present errand was worth when the robot set out: to be beaten clearly, as the
+    waypoint held always is."""
+    state = now.state
+    on_the_way = state.commitment is not None and state.commitment.kind == "stairs"
+    return state.errand.worth if on_the_way and state.errand is not None else 0.0
+
+
+def _sleeps(now: Now, record: ObjectRecord) -> bool:
+    tries = memory.FOR_GOOD_CONFIRMED if objects.is_confirmed(record, now.state.target) else memory.FOR_GOOD
+    return memory.is_dormant(now.state, record.center_m[0], record.center_m[1], now.config, tries)
+
+
+def _is_doubtful(now: Now, record: ObjectRecord, way_m: float) -> bool:
+    """Whether an unconfirmed object had better wait: it stopped being promising more than once with the robot on its way
+    there (views that disagree must not turn it to and fro), or is hard to get to."""
+    if now.state.here.wavered.get(record.id, 0) > 1:
+        return True
+    x_m, y_m, _ = record.center_m
+    return _is_hard(now, x_m, y_m, way_m)
+
+
+def _is_put_off(now: Now, frontier: Frontier) -> bool:
+    """Whether a frontier is hard to get to. Once put off, it stays so."""
+    put_off, place = now.state.here.put_off, (frontier.x_m, frontier.y_m)
+    if any(math.dist(other, place) < now.config.same_place_m for other in put_off):
+        return True
+    if hard := _is_hard(now, *place, frontier.way_m):
+        put_off.append(place)
+    return hard
 
 
 def _is_hard(now: Now, x_m: float, y_m: float, way_m: float) -> bool:
     """Whether a place is much farther than its distance explains, because the way leads through gaps that a robot most
-    likely can't pass: what is seen through a window looks like that. Once put off, a place stays so."""
-    put_off, near_m = now.state.here.put_off, now.config.same_place_m
-    if any(math.dist(place, (x_m, y_m)) < near_m for place in put_off):
-        return True
+    likely can't pass: what is seen through a window looks like that."""
     straight_m = math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m)
     if way_m <= now.config.hard_way_m + 2.0 * straight_m:
         return False
-    wide_m = float(now.wide_arrival()[now.terrain.disc(x_m, y_m, near_m)].min(initial=math.inf))
-    if wide_m <= way_m + 1.0:
-        return False
-    put_off.append((x_m, y_m))
-    return True
+    wide_m = float(now.wide_arrival()[now.terrain.disc(x_m, y_m, now.config.same_place_m)].min(initial=math.inf))
+    return wide_m > way_m + 1.0
 
 
 def way_to(now: Now, record: ObjectRecord) -> float:

@@ -156,9 +156,12 @@ def _tempting(now: Now) -> Errand | None:
     ways = _ways(now) if found else {}
     best = max((floor for floor in found if floor in ways), key=lambda floor: found[floor], default=None)
     # looking around a corner here may be worth more than so long a way
-    if best is None or exploring_is_worth(now, more_than=found[best] / (ways[best][0] + config.floor_m)):
+    if best is None:
         return None
-    return Errand(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}")
+    worth = objects.chance_of(found[best], state.target, config) / (ways[best][0] + config.floor_m)
+    if exploring_is_worth(now, more_than=worth):
+        return None
+    return Errand(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}", worth)
 
 
 def _stands(now: Now, errand: Errand) -> bool:

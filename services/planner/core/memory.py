@@ -7,8 +7,9 @@ import math
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import Dormant, MissionState, RobotView
 
-#: A place given up this often stays given up.
+#: A place given up this often stays given up; one where a confirmed target is gets more tries.
 FOR_GOOD = 2
+FOR_GOOD_CONFIRMED = 4
 
 
 #: A move that is cut short ends at the contact: what blocks it is the very next cell.
@@ -46,10 +47,12 @@ def is_stuck(state: MissionState, config: PlannerConfig) -> bool:
     return state.anchor is not None and state.step - state.anchor[2] >= config.stuck_steps
 
 
-def is_dormant(state: MissionState, x_m: float, y_m: float, config: PlannerConfig) -> bool:
+def is_dormant(
+    state: MissionState, x_m: float, y_m: float, config: PlannerConfig, for_good: int = FOR_GOOD
+) -> bool:
     """Whether a place is given up, for now or for good."""
     here = [d for d in state.here.dormant if _near(d, x_m, y_m, config)]
-    return any(d.times >= FOR_GOOD or d.until_step > state.step for d in here)
+    return any(d.times >= for_good or d.until_step > state.step for d in here)
 
 
 def give_up(state: MissionState, x_m: float, y_m: float, config: PlannerConfig, *, times: int | None = None) -> None:

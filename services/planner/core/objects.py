@@ -20,6 +20,9 @@ Verdict = Literal["verified", "open", "contradicted"]
 #: Higher than this above the floor an object stands on something, which reaches at most so far from it.
 _RAISED_M = 0.3
 _FURNITURE_M = 0.9
+#: What lies lower above the floor is the floor, if at least so much of an object is higher.
+_FLOOR_M = 0.10
+_MOST_OF = 0.5
 #: An object that the robot is on its way to stays promising down to this share of what made it so.
 _HELD = 0.6
 
@@ -42,14 +45,17 @@ class Standoff:
     nearest_m: float
 
 
-def footprint(record: ObjectRecord) -> NDArray[np.float64]:
-    """Plan points (N, 2) [m, world] of an object, without the outermost tenth: stray depth pixels reach far.
+def footprint(record: ObjectRecord, floor_z_m: float = -math.inf) -> NDArray[np.float64]:
+    """Plan points (N, 2) [m, world] of an object, without the floor next to it, that masks take in, and without the
+    outermost tenth: stray depth pixels reach far. ``floor_z_m``: altitude of the floor.
 
     An object without points has the corners and the centre of its box.
     """
     whole = len(record.points) // 12 * 12
-    points = np.frombuffer(record.points[:whole], dtype=np.float32).reshape(-1, 3)[:, :2].astype(np.float64)
-    points = points[np.isfinite(points).all(axis=1)]
+    p_world = np.frombuffer(record.points[:whole], dtype=np.float32).reshape(-1, 3).astype(np.float64)
+    p_world = p_world[np.isfinite(p_world).all(axis=1)]
+    above = p_world[:, 2] > floor_z_m + _FLOOR_M
+    points = p_world[above if np.count_nonzero(above) >= _MOST_OF * len(p_world) else slice(None), :2]
     if len(points) < 4:
         (x, y, _), (w, d, _) = record.center_m, record.size_m
         return np.array([(x + i * w / 2, y + j * d / 2) for i in (-1, 0, 1) for j in (-1, 0, 1)])
@@ -74,8 +80,8 @@ def targets_of(
         if record.status == "confirmed" and not confirmed:
             continue  # surely something else
         held = state.commitment is not None and state.commitment.object_id == record.id
-        enough = config.promising_confidence * (_HELD if held else 1.0)
-        if not (confirmed or weak or relevance(record, state.target) >= enough):
+        enough = config.promising_chance * (_HELD if held else 1.0)
+        if not (confirmed or weak or chance(record, state.target, config) >= enough):
             continue
         if record.id in state.here.dropped:
             continue
@@ -126,10 +132,16 @@ def relevance(record: ObjectRecord, target: str) -> float:
 
 def chance(record: ObjectRecord, target: str, config: PlannerConfig) -> float:
     """About how often such an object turns out to be the target, 0-1, as measured on training buildings."""
-    sure = 1.0 / (1.0 + math.exp((config.even_relevance - relevance(record, target)) / config.relevance_scale))
-    if is_confirmed(record, target):
-        return max(sure, config.confirmed_chance)
-    return sure * (config.single_factor if record.n_detections == 1 else 1.0)
+    doubt = config.single_shift if record.n_detections == 1 else 0.0
+    doubt += config.other_shift if record.label != target else 0.0
+    sure = chance_of(relevance(record, target) - doubt, target, config)
+    return max(sure, config.confirmed_chance) if is_confirmed(record, target) else sure
+
+
+def chance_of(relevance: float, target: str, config: PlannerConfig) -> float:
+    """The same for what was seen several times and looks most like the target, by its relevance."""
+    even = config.even_relevances.get(target, config.even_relevance)
+    return 1.0 / (1.0 + math.exp((even - relevance) / config.relevance_scale))
 
 
 def robot_sees(record: ObjectRecord, target: str, config: PlannerConfig) -> bool:
@@ -177,7 +189,7 @@ def standoff(
     sight (a low shelf in between hides nothing from a camera above it). ``arrival``: travel time from the robot (the
     terrain's shape); ``floor_z_m``: altitude of the floor.
     """
-    points = footprint(record)
+    points = footprint(record, floor_z_m)
     cells = terrain.grid.cells_of(points)
     cells = cells[terrain.grid.contains(cells)]
     if not len(cells):

@@ -89,10 +89,11 @@ class Dormant:
 
 @dataclass(frozen=True, slots=True)
 class Errand:
-    """The floor that the robot is on its way to, and why."""
+    """The floor that the robot is on its way to, why, and its chance per metre of finding the target."""
 
     to_floor: str
     why: str
+    worth: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

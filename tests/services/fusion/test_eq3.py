@@ -20,7 +20,7 @@ from surveilnav.sensing.views import Detected, PosedView
 
 FINE, COARSE = 0.025, 0.05
 CAMERA = Pinhole.from_hfov(32, 24, math.radians(79))
-ONLY_EQ3 = {"tau_mutual": 2.0, "once_per_view": False, "merge_every": 10**9}
+ONLY_EQ3 = {"tau_mutual": 2.0, "once_per_view": False, "merge_every": 10**9, "size_prior": False}
 
 
 # --- the reference: lists, sets and loops ---------------------------------------------------------------------------
@@ -188,6 +188,25 @@ def test_moving_the_world_by_whole_voxels_changes_nothing(geometry, detections, 
     before, _ = through_the_map(centred, config)
     after, _ = through_the_map([(p + shift, e) for p, e in centred], config)
     assert before == after
+
+
+def box(low, high, n=400, seed=0):
+    return np.random.default_rng(seed).uniform(low, high, (n, 3))
+
+
+@pytest.mark.parametrize(("size_prior", "n_objects"), [(True, 2), (False, 1)])
+def test_a_thing_is_not_swallowed_by_what_would_make_it_too_large(tools, size_prior, n_objects):
+    """A tv on a cupboard up to the ceiling, which includes it: together they'd be no tv, so they stay two, also when
+    duplicates are searched for."""
+    config = ObjectConfig(size_prior=size_prior, w_geometric=2.0, merge_every=1)
+    objects = ObjectMap("0", FINE, config)
+    things = {"tv": box((0, 0, 0.8), (1.0, 0.3, 1.4), 3000), "cupboard": box((-0.6, 0, 0.4), (1.6, 0.4, 2.5), 30_000)}
+    for i, label in enumerate(["tv", "cupboard"]):
+        s = sighting(things[label], tools.unit(0), i, "tv" if label == "tv" else "refrigerator")
+        objects.add(view(i), (s.detected,), [s])
+    labels = sorted(o.label for o in objects.records())
+    assert len(labels) == n_objects
+    assert n_objects == 1 or labels == ["refrigerator", "tv"]
 
 
 def test_embeddings_of_both_sources_count_by_their_detections(tools):

@@ -77,6 +77,7 @@ def test_only_what_has_the_size_of_its_class_is_confirmed(furnished, tools, labe
         ("bed", (5.0, 1.0, 0.6), "too large"),
         ("bed", (1.9, 1.5, 0.05), "too flat"),  # a rug
         ("bed", (1.9, 0.05, 1.5), "too thin"),  # a wall
+        ("bed", (1.9, 1.5, 2.5), "too tall"),  # a wall with a bed before it
         ("tv", (1.0, 0.05, 0.6), ""),
         ("tv", (1.0, 0.6, 0.05), "too flat"),
         ("chair", (0.5, 0.5, 0.9), ""),

@@ -122,8 +122,8 @@ def test_given_up_twice_is_for_good():
     [
         ({"status": "confirmed"}, False, True),
         ({"status": "candidate", "confidence": 0.3}, False, True),
-        ({"status": "candidate", "confidence": 0.1}, False, False),
-        ({"status": "candidate", "confidence": 0.1}, True, True),
+        ({"status": "candidate", "confidence": 0.05, "n_detections": 1}, False, False),
+        ({"status": "candidate", "confidence": 0.05, "n_detections": 1}, True, True),
         ({"status": "rejected", "confidence": 0.9}, True, False),
         ({"label": "bed", "confidence": 0.9}, True, False),
         ({"label": "bed", "confidence": 0.9, "label_scores": {"chair": 0.4}}, False, True),
@@ -248,21 +248,33 @@ def test_nobody_stands_in_a_gap_that_is_too_tight_by_the_map(make_record):
 @pytest.mark.parametrize(
     ("facts", "least", "most"),
     [
-        ({"confidence": 0.1}, 0.0, 0.1),
-        ({"confidence": CONFIG.even_relevance, "n_detections": 2}, 0.5, 0.5),
-        ({"confidence": CONFIG.even_relevance, "n_detections": 1}, 0.35, 0.35),
-        ({"confidence": 0.6, "n_detections": 4}, 0.9, 1.0),
+        ({"confidence": 0.1, "n_detections": 2}, 0.2, 0.25),
+        ({"confidence": 0.27, "n_detections": 2}, 0.5, 0.5),
+        ({"confidence": 0.27, "n_detections": 1}, 0.3, 0.35),
+        ({"confidence": 0.27 + 0.126, "n_detections": 4}, 0.73, 0.74),
         ({"confidence": 0.35, "status": "confirmed"}, 0.9, 0.9),
-        ({"confidence": 0.6, "label": "bed", "n_detections": 4}, 0.0, 0.1),
+        ({"confidence": 0.27, "label": "bed", "label_scores": {"tv": 0.27}, "n_detections": 4}, 0.2, 0.25),
+        ({"confidence": 0.6, "label": "bed", "n_detections": 4}, 0.0, 0.05),
     ],
 )
 def test_chance(make_record, facts, least, most):
-    assert least - 1e-9 <= chance(make_record(**facts), "chair", CONFIG) <= most + 1e-9
+    """Of a tv, which is even at 0.27: less for a single detection, and for what looks more like something else."""
+    record = make_record(**{"label": "tv", **facts})
+    assert least - 1e-9 <= chance(record, "tv", CONFIG) <= most + 1e-9
+
+
+def test_chances_differ_by_class(make_record):
+    """What looks like a chair mostly is one; what looks like a bed mostly isn't. Others lie in between."""
+    of = [chance(make_record(label=c, confidence=0.3, n_detections=3), c, CONFIG) for c in ("chair", "dragon", "bed")]
+    assert of == sorted(of, reverse=True)
+    assert of[0] > 0.75
+    assert of[1] == pytest.approx(0.5)
+    assert of[2] < 0.4
 
 
 @pytest.mark.parametrize(
     ("confidence", "far_m", "first"),
-    [(0.45, 4.0, "far"), (0.3, 30.0, "frontier"), (0.6, 4.0, "far"), (0.26, 9.0, "frontier")],
+    [(0.45, 4.0, "far"), (0.3, 30.0, "frontier"), (0.6, 4.0, "far"), (0.26, 15.0, "frontier")],
 )
 def test_exploring_near_by_may_be_worth_more_than_a_faint_candidate_far_away(make_record, confidence, far_m, first):
     """A frontier 1 m ahead, a candidate seen once."""
@@ -276,7 +288,7 @@ def test_exploring_near_by_may_be_worth_more_than_a_faint_candidate_far_away(mak
     state.floor = "0"
     state.here.scan_left = 0
     here = RobotView(1, 1.0, 1.0, 0.0, 0.0, "0", False, None, 0.0)
-    rare = PlannerConfig(explore_chances={})
+    rare = PlannerConfig(explore_chances={}, even_relevances={})
     assert step(state, m, here, rare)[1].phase == ("approaching" if first == "far" else "exploring")
     assert step(state, m, here, PlannerConfig(explore_chances={"chair": 1.0}))[1].phase == "exploring"
     assert step(state, m, here, PlannerConfig(objects_first=True))[1].phase == "approaching"
