@@ -260,6 +260,12 @@ def variants(tour: str) -> list[Variant]:
         found += [Variant("change", f"{name} {value}", ObjectConfig(**{name: value})) for value in values]
     for n in DETECTIONS:
         for least in SCORES:
-            config = ObjectConfig(confirm_score=least, confirm_scores={}, confirm_robot_detections=n)
+            config = ObjectConfig(
+                confirm_score=least,
+                confirm_scores={},
+                confirm_early=0.0,
+                confirm_detections={},
+                confirm_robot_detections=n,
+            )
             found.append(Variant("confirm", f"{least} {n}", config))
     return found

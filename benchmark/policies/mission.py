@@ -59,7 +59,7 @@ def first_sight(fusion: FusionConfig) -> FusionConfig:
     never = 1_000_000_000
     objects = fusion.objects.model_dump() | {
         "min_score": FIRST_SIGHT_SCORE, "confirm_score": FIRST_SIGHT_SCORE, "confirm_scores": {}, "confidence": "mean",
-        "confirm_margin": 0.0,
+        "confirm_margin": 0.0, "confirm_margins": {}, "confirm_detections": {}, "confirm_early": 0.0,
         "min_detections": 1, "confirm_robot_detections": 1, "confirm_robot_poses": 1, "near_m": 1e9,
         "confirm_camera_views": 1, "confirm_camera_score": FIRST_SIGHT_SCORE, "size_prior": False,
         "flip_detections": never, "miss_weight": 0.0, "reject_misses": never,

@@ -73,13 +73,13 @@ def _main() -> Table:
 
 
 def _objects() -> Table:
-    arms = [Arm("overlap, average, region (default)", _run())]
+    arms = [Arm("overlap, confidence, region (default)", _run())]
     for geometry, tau in (("box_iou", 1.1), ("voxel_iou", 1.1)):
-        arms.append(Arm(f"{geometry}, average, region", _run(fusion={"objects": {"geometry": geometry, "tau": tau}})))
-    for value in ("confidence", "latest"):
+        arms.append(Arm(f"{geometry}, confidence, region", _run(fusion={"objects": {"geometry": geometry, "tau": tau}})))
+    for value in ("average", "latest"):
         arms.append(Arm(f"overlap, {value}, region", _run(fusion={"value": {"fusion": value}})))
     for strategy in ("greedy", "object"):
-        arms.append(Arm(f"overlap, average, {strategy}", _run(planning={"strategy": strategy})))
+        arms.append(Arm(f"overlap, confidence, {strategy}", _run(planning={"strategy": strategy})))
     return Table(
         "components", "Association x value fusion x strategy", "One setting is changed at a time.", tuple(arms)
     )

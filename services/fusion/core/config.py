@@ -147,10 +147,14 @@ class ObjectConfig(_Part):
         default=0.5, ge=0, le=1, description="the paper's threshold on the maximum of both confidences"
     )
     confirm_scores: dict[str, float] = Field(
-        default={"bed": 0.38, "chair": 0.3, "couch": 0.32, "potted plant": 0.27, "toilet": 0.42, "tv": 0.4},
+        default={"bed": 0.4, "chair": 0.3, "couch": 0.32, "potted plant": 0.27, "toilet": 0.4, "tv": 0.38},
         description="classes of which a size is known need less: above this, most that fit are true on the recorded "
         "views of docs/results/association",
     )
+    confirm_early: float = Field(
+        default=0.08, ge=0, le=1, description="what an object needs more with the fewest sightings that can confirm it"
+    )
+    confirm_settled: int = Field(default=8, ge=1, description="... down to nothing with so many")
     confirm_margin: float = Field(
         default=1.25, ge=0, description="confidence in the class is at least this many times that in any other"
     )
@@ -161,6 +165,10 @@ class ObjectConfig(_Part):
         default=2, ge=1, description="of the class; with fewer an object stays a candidate (ConceptGraphs, VLN-Game)"
     )
     confirm_robot_detections: int = Field(default=3, ge=1, description="near detections of the class by a robot")
+    confirm_detections: dict[str, int] = Field(
+        default={"bed": 6},
+        description="the same by class: much looks like a bed at first; by then 4 of 5 are true, not 3",
+    )
     confirm_robot_poses: int = Field(default=2, ge=1, description="... from so many places or directions")
     confirm_camera_score: float = Field(default=0.65, ge=0, le=1)
     confirm_camera_views: int = Field(default=3, ge=1, description="different camera views that saw the class")
@@ -227,6 +235,7 @@ class FusionConfig(_Part):
                 flip="literal", confidence="mean",
                 confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,
                 near_m=1e9, miss_weight=0.0, size_prior=False, confirm_scores={}, confirm_margin=0.0, confirm_margins={},
+                confirm_detections={}, confirm_early=0.0,
                 reject_misses=1_000_000_000,
             ),
         )  # fmt: skip

@@ -172,13 +172,15 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
         return Verdict(label, confidence, "candidate", f"{label} {confidence:.2f}, but {rival[0]} {rival[1]:.2f}")
     # once confirmed, a little less will do: no flicker at the threshold
     lenient = config.confirm_hysteresis if was == "confirmed" else 1.0
-    enough_score = config.confirm_scores.get(label, config.confirm_score)
+    n_sightings = robot.near + len(cameras.places)
+    enough_score = config.confirm_scores.get(label, config.confirm_score) + _early(n_sightings, config)
     by_robot = evidence.confidences(True, config).get(label, 0.0)
     by_cameras = evidence.confidences(False, config).get(label, 0.0)
+    enough_seen = config.confirm_detections.get(label, config.confirm_robot_detections)
     sightings = f"{robot.near} near robot detections, {len(cameras.places)} camera views"
     if (
         robot.near >= 1
-        and robot.near + len(cameras.places) >= config.confirm_robot_detections
+        and n_sightings >= enough_seen
         and len(robot.places) + len(cameras.places) >= config.confirm_robot_poses
         and max(by_robot, by_cameras) >= lenient * enough_score
     ):
@@ -189,9 +191,15 @@ def judge(evidence: Evidence, was: Status, config: ObjectConfig) -> Verdict:
     wanting = (
         f"confidence {confidence:.2f} < {enough_score:g}"
         if confidence < enough_score
-        else f"needs {config.confirm_robot_detections} sightings, one of them a robot's within {config.near_m:g} m"
+        else f"needs {enough_seen} sightings, one of them a robot's within {config.near_m:g} m"
     )
     return Verdict(label, confidence, "candidate", f"{wanting}; {sightings}, {evidence.misses} misses")
+
+
+def _early(n_sightings: int, config: ObjectConfig) -> float:
+    """How much more an object needs that was seen only so often: a few views agree by chance."""
+    first, settled = config.confirm_robot_detections, config.confirm_settled
+    return config.confirm_early * min(1.0, max(0.0, (settled - n_sightings) / max(1, settled - first)))
 
 
 def _rival(evidence: Evidence, label: str, config: ObjectConfig) -> tuple[str, float]:

@@ -182,6 +182,8 @@ class ObjectMap:
         for s, mutual, candidate in sorted(scored, key=lambda item: (-max(item[0], _sure(item, c)), item[2].id)):
             if (s < c.tau and mutual < c.tau_mutual) or self._outgrows(candidate, sighting.shape):
                 continue
+            if mutual < c.tau_mutual and self._outgrows_class(detected.label, sighting.shape, candidate.shape):
+                continue  # a tv on a cupboard is no part of it
             if c.once_per_view and (candidate.id, detected.label) in seen:
                 if mutual >= min(c.tau_mutual, 1.0):
                     return  # the same thing twice in one picture
@@ -234,10 +236,13 @@ class ObjectMap:
 
     def _outgrows(self, obj: MapObject, more: Shape) -> bool:
         """Whether an object would be too large for its class with more points, and isn't yet: then they aren't its own."""
-        if not self._config.size_prior or outgrown(obj.label, _triple(obj.shape.p_max - obj.shape.p_min)):
+        return self._outgrows_class(obj.label, obj.shape, more)
+
+    def _outgrows_class(self, label: str, shape: Shape, more: Shape) -> bool:
+        if not self._config.size_prior or outgrown(label, _triple(shape.p_max - shape.p_min)):
             return False
-        low, high = np.minimum(obj.shape.p_min, more.p_min), np.maximum(obj.shape.p_max, more.p_max)
-        return bool(outgrown(obj.label, _triple(high - low)))
+        low, high = np.minimum(shape.p_min, more.p_min), np.maximum(shape.p_max, more.p_max)
+        return bool(outgrown(label, _triple(high - low)))
 
     def _unfit(self, obj: MapObject, label: str) -> str:
         return misfit(label, _triple(obj.shape.p_max - obj.shape.p_min)) if self._config.size_prior else ""

@@ -21,12 +21,12 @@ class Size(NamedTuple):
 #: true objects of training buildings, and above those of every other false one. What is
 #: as tall as a storey is mostly wall: a quarter of the false ones are, one true one in fifty. Other classes: anything goes.
 SIZES: dict[str, Size] = {
-    "bed": Size(0.8, 4.0, 0.25, 0.2, 2.3),
-    "couch": Size(0.7, 5.0, 0.3, 0.2, 1.6),
-    "chair": Size(0.25, 2.0, 0.13, 0.08, 1.5),
-    "toilet": Size(0.25, 1.2, 0.25, 0.22, 1.4),
-    "tv": Size(0.3, 2.5, 0.35, 0.03, 1.7),
-    "potted plant": Size(0.08, 1.6, 0.13, 0.08, 2.3),
+    "bed": Size(0.8, 3.2, 0.25, 0.2, 2.2),
+    "couch": Size(0.7, 4.0, 0.3, 0.2, 1.5),
+    "chair": Size(0.25, 1.3, 0.13, 0.08, 1.5),
+    "toilet": Size(0.25, 1.1, 0.25, 0.22, 1.4),
+    "tv": Size(0.3, 2.2, 0.35, 0.03, 1.5),
+    "potted plant": Size(0.08, 1.2, 0.13, 0.08, 2.3),
     "dining table": Size(0.5, 5.0),
     "refrigerator": Size(0.4, 2.0),
 }

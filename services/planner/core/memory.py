@@ -47,9 +47,7 @@ def is_stuck(state: MissionState, config: PlannerConfig) -> bool:
     return state.anchor is not None and state.step - state.anchor[2] >= config.stuck_steps
 
 
-def is_dormant(
-    state: MissionState, x_m: float, y_m: float, config: PlannerConfig, for_good: int = FOR_GOOD
-) -> bool:
+def is_dormant(state: MissionState, x_m: float, y_m: float, config: PlannerConfig, for_good: int = FOR_GOOD) -> bool:
     """Whether a place is given up, for now or for good."""
     here = [d for d in state.here.dormant if _near(d, x_m, y_m, config)]
     return any(d.times >= for_good or d.until_step > state.step for d in here)

@@ -78,12 +78,10 @@ class Now:
         state, config, held = self.state, self.config, self.state.commitment
         assert held is not None
         route = self.planner.route(self.terrain, goals, self.robot, config)
-        if route is not None:
-            longer = held.last_m is not None and route.remaining_m > held.last_m + config.detour_m
-            if longer and held.detours < config.max_detours:
-                # the map showed that the way is longer: what was gained on the old one says nothing about the new one
-                held = replace(held, best_m=None, detours=held.detours + 1)
-            held = state.commitment = replace(held, last_m=route.remaining_m)
+        best_m = math.inf if held.best_m is None else held.best_m
+        if route is not None and route.remaining_m > best_m + config.detour_m and held.detours < config.max_detours:
+            # the map showed that the way is longer: what was gained on the old one says nothing about the new one
+            held = replace(held, best_m=None, detours=held.detours + 1)
         if route is not None and (held.best_m is None or route.remaining_m < held.best_m - 0.1):
             state.commitment = replace(held, best_m=route.remaining_m, best_step=state.step)
         elif route is None or state.step - held.best_step > config.patience_steps:

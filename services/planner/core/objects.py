@@ -153,7 +153,8 @@ def verdict(record: ObjectRecord, target: str, config: PlannerConfig) -> Verdict
     """The first level of verification: what the joint map says now.
 
     ``verified``: confirmed by fusion and, unless ``verification`` is ``paper``, seen as the target by the robot.
-    ``contradicted``: rejected, or the robot surely sees something else. ``open``: look once more.
+    ``contradicted``: rejected, or the robot surely sees something else and all views together do, too: one robot view
+    doesn't outweigh what several cameras saw. ``open``: look once more.
     """
     if record.status == "rejected":
         return "contradicted"
@@ -161,7 +162,8 @@ def verdict(record: ObjectRecord, target: str, config: PlannerConfig) -> Verdict
         return "verified" if is_confirmed(record, target) else "open"
     if robot_sees(record, target, config) and is_confirmed(record, target):
         return "verified"
-    if record.label_robot not in ("", target) and record.confidence_robot >= config.verify_confidence_robot:
+    another = target not in (record.label, record.label_robot) and record.label_robot != ""
+    if another and record.confidence_robot >= config.verify_confidence_robot:
         return "contradicted"
     return "open"
 
@@ -210,13 +212,13 @@ def standoff(
     roomy, nearly = (
         terrain.clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, terrain.grid.resolution_m)
     )
-    rings = config.standoff_m, 0.85, 1.0
+    rings = config.standoff_m, 0.9, 1.0
     for ring_m, ground in (
         *((ring_m, sight & known & roomy) for ring_m in rings), *((ring_m, over & known & roomy) for ring_m in rings),
-        (0.85, sight & roomy),
+        (0.9, sight & roomy),
         *((ring_m, sight & known & nearly) for ring_m in rings), *((ring_m, over & known & nearly) for ring_m in rings),
         *((ring_m, sight & known) for ring_m in rings),
-        (0.85, sight), (config.farthest_stop_m, over & known), (1.0, known & roomy), (1.0, known),
+        (0.9, sight), (config.farthest_stop_m, over & known), (1.0, known & roomy), (1.0, known),
     ):  # fmt: skip
         goals = reachable & (distance_m <= ring_m) & ground
         if goals.any():

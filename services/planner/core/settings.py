@@ -49,10 +49,9 @@ class PlannerConfig:
         floor_visits: how often the robot comes to a floor at most.
         patience_steps: a waypoint that the robot gets no nearer to for so long is given up for ``dormant_steps``.
         steps_per_m: what a metre of way costs, turns included, with some to spare.
-        scan_turns, scan_unless_m: the robot first looks around on a floor, unless a target is confirmed there, or what is
-            most likely one is so near.
-        detour_m, max_detours: a way that grows by this at once, because the map shows that another one is needed, is
-            given new patience, so often.
+        scan_turns, scan_unless_m: the robot first looks around on a floor, unless what is most likely a target is so near.
+        detour_m, max_detours: a way that grows by this beyond its shortest, because the map shows that another one is
+            needed, is given new patience, so often.
         exploit_min_std, exploit_min_ratio: frontier values decide only if their standard deviation and their
             max/mean reach these (ApexNav's adaptive rule, arXiv 2504.14478); otherwise they count for nothing.
     """
@@ -98,7 +97,7 @@ class PlannerConfig:
     dormant_steps: int = 60
     patience_steps: int = 20
     steps_per_m: float = 7.0
-    detour_m: float = 0.75
+    detour_m: float = 0.5
     max_detours: int = 4
     scan_turns: int = 12
     scan_unless_m: float = 3.0
@@ -118,8 +117,8 @@ class PlannerConfig:
     confirmed_chance: float = 0.9
     verify_m: float = 2.0
     switch_ratio: float = 1.3
-    standoff_m: float = 0.60
-    stop_m: float = 0.70
+    standoff_m: float = 0.75
+    stop_m: float = 0.85
     farthest_stop_m: float = 1.50
     inspect_m: float = 2.0
     verify_confidence_robot: float = 0.25

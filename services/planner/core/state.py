@@ -62,7 +62,7 @@ class Commitment:
     """The waypoint that the robot is on its way to, and how that goes.
 
     ``best_m`` is the shortest remaining way so far (None: not yet known), reached at ``best_step``: no progress for
-    long ends it. ``last_m``: the remaining way at the last step; ``detours``: how often it grew at once.
+    long ends it. ``detours``: how often it turned out to be longer.
     """
 
     kind: Literal["target", "candidate", "frontier", "stairs", "sweep"]
@@ -73,7 +73,6 @@ class Commitment:
     best_step: int
     object_id: int | None = None
     last_resort: bool = False
-    last_m: float | None = None
     detours: int = 0
 
 

@@ -88,14 +88,14 @@ def _failure(error: str, message: str) -> Decision:
 
 
 def _scan(now: Now) -> Decision | None:
-    """The first look around on a floor, unless a target is confirmed there, something near by is most likely one, or it was
-    seen elsewhere: a look around costs less than going by what stands behind the robot."""
+    """The first look around on a floor, unless something near by is most likely the target, or it was seen elsewhere: a
+    look around costs less than going by what stands behind the robot, or into a wall that no camera sees."""
     here, turns = now.state.here, now.config.scan_turns
     if here.scan_left == 0:
         return None
     known = objects.targets_of(now.maps.objects, now.state, now.config)
     likely = [o for o in known if objects.chance(o, now.state.target, now.config) >= _LIKELY]
-    if any(objects.is_confirmed(o, now.state.target) or way_to(now, o) <= now.config.scan_unless_m for o in likely):
+    if any(way_to(now, o) <= now.config.scan_unless_m for o in likely):
         here.scan_left = 0
         return None
     if here.scan_left is None:

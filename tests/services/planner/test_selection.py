@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
-from services.planner.core.choose import choose_frontier
+from services.planner.core.choose import choose_frontier, choose_object
 from services.planner.core.drive import Route
 from services.planner.core.frontiers import Frontier, find_frontiers, rank, worth_exploiting
 from services.planner.core.memory import give_up, is_dormant, revive
 from services.planner.core.now import Now
-from services.planner.core.objects import chance, good_enough, standoff, targets_of, verdict
+from services.planner.core.objects import chance, footprint, good_enough, standoff, targets_of, verdict
+from services.planner.core.state import Commitment, Errand
 from services.planner.core.terrain import build_terrain, coarse_arrival_m
 from surveilnav.geometry import Grid
 
@@ -179,7 +180,10 @@ CAMERAS = {"label_surveillance": "chair", "confidence_surveillance": 0.9, "confi
         ({"status": "confirmed", **CAMERAS, "n_detections": 2}, CONFIG, "open", False),
         ({"status": "confirmed", **CAMERAS}, PlannerConfig(verification="paper"), "verified", True),
         ({"status": "rejected", **ROBOT}, CONFIG, "contradicted", False),
-        ({"status": "confirmed", **CAMERAS, **BED, "confidence_robot": 0.8}, CONFIG, "contradicted", False),
+        ({"label": "bed", **CAMERAS, **BED, "confidence_robot": 0.8}, CONFIG, "contradicted", False),
+        ({"label": "bed", **CAMERAS, **BED, "confidence_robot": 0.1}, CONFIG, "open", False),
+        # one view of the robot against several of cameras
+        ({"status": "confirmed", **CAMERAS, **BED, "confidence_robot": 0.8}, CONFIG, "open", False),
         ({"status": "confirmed", **CAMERAS, **BED, "confidence_robot": 0.2}, CONFIG, "open", False),
     ],
 )
@@ -322,6 +326,52 @@ def test_a_way_that_turns_out_longer_is_given_new_patience_but_not_for_ever(deto
             break
         state.step += 1
     assert (not gone) == kept
+
+
+def now_with(record, state):
+    m = maps(objects=[record])
+    terrain = build_terrain(m, HERE, state, CONFIG)
+    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    return Now(state, m, HERE, CONFIG, Routes([]), {}, choose_frontier, terrain, arrival)
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.5, False), (0.9, True), (1.5, True)])
+def test_the_way_to_the_stairs_is_left_only_for_what_is_clearly_worth_more(make_record, share, kept):
+    """``share``: what the way to the stairs is worth of what the candidate is."""
+    candidate = make_record(at=(5.0, 5.0), confidence=0.3, n_detections=3)
+    state = MissionState("chair")
+    choose_object(alone := now_with(candidate, state), weak=False)
+    state = MissionState("chair", errand=Errand("1", "cameras", share * alone.weighed[0].score))
+    assert choose_object(now_with(candidate, state), weak=False) is candidate  # not on the way yet
+    state.commitment = Commitment("stairs", 9.0, 9.0, 0, None, 0)
+    assert (choose_object(now_with(candidate, state), weak=False) is None) == kept
+
+
+@pytest.mark.parametrize(("status", "tries"), [("candidate", 2), ("confirmed", 4)])
+def test_a_confirmed_target_is_tried_again_more_often(make_record, status, tries):
+    record = make_record(at=(5.0, 5.0), status=status, confidence=0.6, n_detections=3)
+    state = MissionState("chair")
+    for n in range(1, tries + 1):
+        give_up(state, 5.0, 5.0, CONFIG)
+        assert choose_object(now_with(record, state), weak=False) is None  # for now
+        state.step += CONFIG.dormant_steps
+        assert (choose_object(now_with(record, state), weak=False) is None) == (n == tries)
+
+
+def test_the_floor_at_its_foot_is_no_part_of_an_object(make_record):
+    """A mask that takes in a strip of floor before a couch: only of what is all floor it is all there is."""
+    couch = [(2.0 + 0.02 * i, 3.0, z) for i in range(40) for z in (0.3, 0.6)]
+    strip = [(2.0 + 0.02 * i, 2.4, 0.03) for i in range(40)]
+
+    def lowest_y(points, floor_z_m):
+        raw = np.array(points, np.float32)
+        raw[:, 2] += floor_z_m
+        record = msgspec.structs.replace(make_record(), points=raw.tobytes())
+        return footprint(record, floor_z_m)[:, 1].min()
+
+    for floor_z_m in (0.0, 5.2):
+        assert lowest_y(couch + strip, floor_z_m) == pytest.approx(3.0)
+        assert lowest_y(strip, floor_z_m) == pytest.approx(2.4)
 
 
 @pytest.mark.parametrize(("steps_left", "goes"), [(200, False), (15, True)])
