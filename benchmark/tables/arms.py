@@ -75,7 +75,9 @@ def _main() -> Table:
 def _objects() -> Table:
     arms = [Arm("overlap, confidence, region (default)", _run())]
     for geometry, tau in (("box_iou", 1.1), ("voxel_iou", 1.1)):
-        arms.append(Arm(f"{geometry}, confidence, region", _run(fusion={"objects": {"geometry": geometry, "tau": tau}})))
+        arms.append(
+            Arm(f"{geometry}, confidence, region", _run(fusion={"objects": {"geometry": geometry, "tau": tau}}))
+        )
     for value in ("average", "latest"):
         arms.append(Arm(f"overlap, {value}, region", _run(fusion={"value": {"fusion": value}})))
     for strategy in ("greedy", "object"):

@@ -44,19 +44,21 @@ class Happened:
 
 
 _PLAIN = (
-    "id", "embedding_sum", "first_seen_ns", "last_seen_ns", "label", "confidence", "status", "reason", "n_detections",
-    "changed",
+    "id", "embedding_sum", "seen_from_sum", "first_seen_ns", "last_seen_ns", "label", "confidence", "status", "reason",
+    "n_detections", "changed",
 )  # fmt: skip
 What = Literal["created", "matched", "merged", "confirmed", "rejected", "flipped", "not_seen"]
 
 
 @dataclass(slots=True, eq=False)
 class MapObject:
-    """One object. ``embedding_sum``: of its detections' unit embeddings: in direction their count-weighted mean."""
+    """One object. ``embedding_sum``: of its detections' unit embeddings: in direction their count-weighted mean;
+    ``seen_from_sum``: of the horizontal unit vectors (2,) from each detection to who made it."""
 
     id: int
     shape: Shape
     embedding_sum: NDArray[np.float32]
+    seen_from_sum: NDArray[np.float64]
     first_seen_ns: int
     last_seen_ns: int
     label: str
@@ -193,8 +195,8 @@ class ObjectMap:
             return
         new = MapObject(
             id=self._next_id, shape=sighting.shape, label=detected.label,
-            embedding_sum=np.zeros_like(detected.embedding), first_seen_ns=view.stamp_ns, last_seen_ns=view.stamp_ns,
-            history=deque(maxlen=c.max_history),
+            embedding_sum=np.zeros_like(detected.embedding), seen_from_sum=np.zeros(2),
+            first_seen_ns=view.stamp_ns, last_seen_ns=view.stamp_ns, history=deque(maxlen=c.max_history),
         )  # fmt: skip
         self._next_id += 1
         self._add_to(new, view, sighting, "created", "")
@@ -207,6 +209,7 @@ class ObjectMap:
         self._objects[obj.id] = obj
         if obj.embedding_sum.shape == detected.embedding.shape:
             obj.embedding_sum = obj.embedding_sum + detected.embedding
+        obj.seen_from_sum = obj.seen_from_sum + _towards(view, sighting.shape)
         obj.first_seen_ns = min(obj.first_seen_ns, view.stamp_ns)
         obj.last_seen_ns = max(obj.last_seen_ns, view.stamp_ns)
         obj.n_detections += 1
@@ -289,6 +292,7 @@ class ObjectMap:
         self._objects[kept.id] = kept
         if kept.embedding_sum.shape == gone.embedding_sum.shape:
             kept.embedding_sum = kept.embedding_sum + gone.embedding_sum
+        kept.seen_from_sum = kept.seen_from_sum + gone.seen_from_sum
         kept.first_seen_ns = min(kept.first_seen_ns, gone.first_seen_ns)
         kept.last_seen_ns = max(kept.last_seen_ns, gone.last_seen_ns)
         kept.n_detections += gone.n_detections
@@ -343,6 +347,7 @@ class ObjectMap:
             first_seen_ns=o.first_seen_ns, last_seen_ns=o.last_seen_ns, sources=sorted(o.sources), reason=o.reason,
             points=points[every].astype(np.float32).tobytes(), history=list(o.history),
             label_scores={k: v * (c.misfit_factor if self._unfit(o, k) else 1.0) for k, v in scores.items()},
+            seen_from=(float(o.seen_from_sum[0]) / o.n_detections, float(o.seen_from_sum[1]) / o.n_detections),
         )  # fmt: skip
 
 
@@ -359,6 +364,13 @@ def _place(view: PosedView) -> tuple[object, ...]:
     forward = view.T_world_camera[:3, 2]
     yaw = math.atan2(forward[1], forward[0])
     return view.source, round(float(x) / 0.25), round(float(y) / 0.25), round(yaw / math.radians(15)) % 24
+
+
+def _towards(view: PosedView, shape: Shape) -> NDArray[np.float64]:
+    """The horizontal unit vector (2,) from a detection's middle to its camera; nothing right above or below."""
+    way: NDArray[np.float64] = view.T_world_camera[:2, 3] - (shape.p_min + shape.p_max)[:2] / 2
+    length_m = float(np.linalg.norm(way))
+    return way / length_m if length_m > 1e-6 else np.zeros(2)
 
 
 def _holds(detected: Detected, pixel: NDArray[np.float64]) -> bool:

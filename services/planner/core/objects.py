@@ -20,6 +20,10 @@ Verdict = Literal["verified", "open", "contradicted"]
 #: Higher than this above the floor an object stands on something, which reaches at most so far from it.
 _RAISED_M = 0.3
 _FURNITURE_M = 0.9
+#: Seen from one side only: the mean direction is at least so long (1: all from one direction).
+_ONE_SIDE = 0.5
+#: So much longer a way may be that leads nearer to an object.
+_NEARER_M = 0.75
 #: What lies lower above the floor is the floor, if at least so much of an object is higher.
 _FLOOR_M = 0.10
 _MOST_OF = 0.5
@@ -185,7 +189,8 @@ def standoff(
 ) -> Standoff | None:  # fmt: skip
     """Where to stand before an object; None if no way leads within ``farthest_stop_m`` of it.
 
-    Rings are tried from near to far: known ground in sight of the object first, then ground from which only the
+    Rings are tried from near to far, one farther off only if the way there is clearly shorter: known ground in sight of
+    the object first (over what it stands on where it was seen from one side only), then ground from which only the
     furniture that it stands on is in between, unknown ground while the place hasn't been seen, then the same in places
     that are too tight by the map, by a cell first (maps are thicker than walls by as much), at last known ground without
     sight (a low shelf in between hides nothing from a camera above it). ``arrival``: travel time from the robot (the
@@ -205,25 +210,42 @@ def standoff(
     near = reachable & (distance_m <= config.farthest_stop_m)
     here = terrain.cell(robot.x_m, robot.y_m)
     near[here] = distance_m[here] <= config.inspect_m
-    over = sight = _sight(terrain, mask, nearest, near, points)
+    first = over = sight = _sight(terrain, mask, nearest, near, points)
     if record.center_m[2] - record.size_m[2] / 2 - floor_z_m >= _RAISED_M:
-        over = _sight(terrain, mask, nearest, near, points, _FURNITURE_M)
+        # a wall isn't furniture: what hangs on its other side is seen from there only
+        one_side = math.hypot(*record.seen_from) >= _ONE_SIDE
+        before = near & _on_the_side_seen(terrain, record) if one_side else near
+        over = sight | _sight(terrain, mask, nearest, before, points, _FURNITURE_M)
+        first = over if one_side else sight
     known = terrain.known
     roomy, nearly = (
         terrain.clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, terrain.grid.resolution_m)
     )
-    rings = config.standoff_m, 0.9, 1.0
-    for ring_m, ground in (
-        *((ring_m, sight & known & roomy) for ring_m in rings), *((ring_m, over & known & roomy) for ring_m in rings),
-        (0.9, sight & roomy),
-        *((ring_m, sight & known & nearly) for ring_m in rings), *((ring_m, over & known & nearly) for ring_m in rings),
-        *((ring_m, sight & known) for ring_m in rings),
-        (0.9, sight), (config.farthest_stop_m, over & known), (1.0, known & roomy), (1.0, known),
+    rings_m = config.standoff_m, config.stop_m, 0.95
+    for tries_m, ground in (
+        (rings_m, first & known & roomy), (rings_m, over & known & roomy), ((0.95,), sight & roomy),
+        (rings_m, sight & known & nearly), (rings_m, over & known & nearly), (rings_m, sight & known),
+        ((0.95,), sight), ((config.farthest_stop_m,), over & known), ((1.0,), known & roomy), ((1.0,), known),
     ):  # fmt: skip
-        goals = reachable & (distance_m <= ring_m) & ground
-        if goals.any():
-            return Standoff(goals, distance_m, over, ring_m)
+        ways_m = {ring_m: _way_m(arrival, ground & reachable & (distance_m <= ring_m)) for ring_m in tries_m}
+        for ring_m in tries_m:
+            if ways_m[ring_m] <= ways_m[tries_m[-1]] + _NEARER_M and math.isfinite(ways_m[ring_m]):
+                return Standoff(ground & reachable & (distance_m <= ring_m), distance_m, over, ring_m)
     return None
+
+
+def _way_m(arrival: NDArray[np.float64], goals: NDArray[np.bool_]) -> float:
+    return float(arrival[goals].min(initial=math.inf))
+
+
+def _on_the_side_seen(terrain: Terrain, record: ObjectRecord) -> NDArray[np.bool_]:
+    """Cells (the terrain's shape) on the side of an object from which it was seen."""
+    x, y = record.seen_from
+    rows, cols = np.indices(terrain.grid.shape, sparse=True)
+    r, grid = terrain.grid.resolution_m, terrain.grid
+    along_x = (grid.origin_x_m + (cols + 0.5) * r - record.center_m[0]) * x
+    along_y = (grid.origin_y_m + (rows + 0.5) * r - record.center_m[1]) * y
+    return np.asarray(along_x + along_y > 0.0)
 
 
 def _sight(

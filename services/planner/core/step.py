@@ -88,8 +88,9 @@ def _failure(error: str, message: str) -> Decision:
 
 
 def _scan(now: Now) -> Decision | None:
-    """The first look around on a floor, unless something near by is most likely the target, or it was seen elsewhere: a
-    look around costs less than going by what stands behind the robot, or into a wall that no camera sees."""
+    """The first look around on a floor, unless something near by is most likely the target, or nothing here may be it and
+    it was seen elsewhere: a look around costs less than going by what stands behind the robot, or into a wall that no
+    camera sees."""
     here, turns = now.state.here, now.config.scan_turns
     if here.scan_left == 0:
         return None
@@ -99,7 +100,7 @@ def _scan(now: Now) -> Decision | None:
         here.scan_left = 0
         return None
     if here.scan_left is None:
-        if decision := floors.travel(now):
+        if (now.state.errand is not None or not known) and (decision := floors.travel(now)):
             return decision
         here.scan_left = turns
         here.scans.append((now.robot.x_m, now.robot.y_m))

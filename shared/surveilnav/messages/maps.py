@@ -75,7 +75,8 @@ class ObjectRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     ``confidence`` is the maximum over robot and surveillance, ``label`` the class of that maximum.
     ``center_m``, ``size_m``: axis-aligned box in the world [m]. ``points``: (N, 3) float32 bytes of at most
-    256 of its points [m, world].
+    256 of its points [m, world]. ``seen_from``: mean of the horizontal unit vectors (x, y) from the object to those who
+    detected it: long where it was seen from one side only, (0, 0) where unknown or from all around.
     """
 
     id: int
@@ -98,6 +99,7 @@ class ObjectRecord(msgspec.Struct, frozen=True, kw_only=True):
     points: bytes = b""
     history: list[ObjectEvent] = []
     label_scores: dict[str, float] = {}
+    seen_from: tuple[float, float] = (0.0, 0.0)
 
 
 class ObjectList(Message, frozen=True, kw_only=True):

@@ -57,6 +57,21 @@ def test_a_mask_becomes_an_object_where_the_thing_is(furnished, tools):
     ]
 
 
+def test_an_object_knows_from_where_it_was_seen(furnished, tools):
+    one_side, all_sides = JointMap(), JointMap(FusionConfig(objects=ObjectConfig(merge_every=1)))
+    for view in around(furnished, SOFA):
+        one_side.integrate(view, tools.seen(furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))))
+    for k in range(12):
+        a = 2 * math.pi * k / 12
+        view = furnished.view(2.2 + 0.75 * math.cos(a), 0.6 + 0.75 * math.sin(a), a + math.pi, -0.6, seq=k)
+        all_sides.integrate(view, tools.seen(furnished.detect(view, "stool", "chair", 0.8, tools.unit(1))))
+    (sofa,), (stool,) = one_side.objects("0"), all_sides.objects("0")
+    x, y = sofa.seen_from
+    assert x < -0.85  # the circle's middle is west of it
+    assert abs(y) < 0.3
+    assert math.hypot(*stool.seen_from) < 0.25
+
+
 @pytest.mark.parametrize(("label", "fits"), [("bed", False), ("chair", True), ("unheard of", True)])
 def test_only_what_has_the_size_of_its_class_is_confirmed(furnished, tools, label, fits):
     for size_prior in (True, False):

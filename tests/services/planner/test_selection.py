@@ -241,6 +241,35 @@ def test_a_thing_on_a_table_is_looked_at_over_the_table_and_not_over_a_wall(make
     assert not place.sight[place.goals].any()
 
 
+@pytest.mark.parametrize(
+    ("seen_from", "south", "north"),
+    [((0.0, 1.0), False, True), ((0.1, -0.9), True, False), ((0.2, 0.3), True, True), ((0.0, 0.0), True, True)],
+)
+def test_what_hangs_on_a_wall_over_a_sideboard_is_gone_to_from_the_side_it_was_seen_from(
+    make_record, seen_from, south, north
+):
+    """A map doesn't tell a wall from the sideboards on both of its sides: those who saw the thing do."""
+    thick = np.zeros(GRID.shape, np.uint8)
+    thick[94:106, 60:140] = 1  # y = 4.70 .. 5.30
+    high = {"center_m": (5.0, 5.0, 1.4), "size_m": (0.3, 0.3, 0.6), "seen_from": seen_from}
+    terrain, place = standing(make_record, thick, **high)
+    ys = terrain.grid.centres_of(np.argwhere(place.sight))[:, 1]
+    assert ((ys < 4.7).any(), (ys > 5.3).any()) == (south, north)
+    stood = terrain.grid.centres_of(np.argwhere(place.goals))[:, 1]
+    assert (stood < 4.7).any() == south
+
+
+def test_a_little_farther_off_will_do_where_the_way_nearer_leads_round(make_record):
+    """South of the thing a low wall, 70 cm off, 8 m long: nearer places are only on its other side."""
+    wall = np.zeros(GRID.shape, np.uint8)
+    wall[82:83, 20:180] = 1
+    stool = {"center_m": (5.0, 5.0, 0.2), "size_m": (0.3, 0.3, 0.4)}
+    for cells, nearest_m in ((wall, 0.95), (np.zeros_like(wall), CONFIG.standoff_m)):
+        raised = {**stool, "center_m": (5.0, 5.0, 0.8), "seen_from": (0.0, -0.9)}
+        _, place = standing(make_record, cells, **raised)
+        assert place.nearest_m == pytest.approx(nearest_m)
+
+
 def test_nobody_stands_in_a_gap_that_is_too_tight_by_the_map(make_record):
     """Two cupboards 30 cm apart with a thing behind: the gap's cells are nearer, but a robot most likely gets stuck."""
     occupancy = np.zeros(GRID.shape, np.uint8)
