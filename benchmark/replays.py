@@ -64,7 +64,8 @@ class Player:
         maps: dict[str, ObjectMap] = {}
         cpu_ms = []
         for seen, sightings in self._located(_mask_settings(config)):
-            floor = maps.setdefault(seen.view.floor, ObjectMap(seen.view.floor, VOXEL_M, config))
+            name, z_m = seen.view.floor, seen.view.floor_z_m
+            floor = maps.setdefault(name, ObjectMap(name, z_m, VOXEL_M, config))
             began_s = time.process_time()
             floor.add(seen.view, _detections(seen), sightings)
             cpu_ms.append(1e3 * (time.process_time() - began_s))

@@ -245,7 +245,7 @@ class JointMap:
     def _open(self, name: str, z_m: float, centre_m: tuple[float, float]) -> None:
         c = self.config
         self._storeys[name] = _Storey(
-            FloorMap(name, z_m, centre_m, c.map), ValueMap(c.value), ObjectMap(name, c.map.voxel_m, c.objects)
+            FloorMap(name, z_m, centre_m, c.map), ValueMap(c.value), ObjectMap(name, z_m, c.map.voxel_m, c.objects)
         )
 
     @classmethod
@@ -279,7 +279,7 @@ class JointMap:
             geometry = FloorMap.of_state(storey["geometry"], config.map)
             joint._storeys[geometry.floor] = _Storey(
                 geometry, ValueMap.of_state(storey["value"], config.value),
-                ObjectMap.of_state(storey["objects"], geometry.floor, config.map.voxel_m, config.objects),
+                ObjectMap.of_state(storey["objects"], geometry.floor, geometry.z_m, config.map.voxel_m, config.objects),
             )  # fmt: skip
         return joint
 

@@ -92,8 +92,9 @@ class _Objects(dict[int, MapObject]):
 class ObjectMap:
     """All objects of a storey."""
 
-    def __init__(self, floor: str, voxel_m: float, config: ObjectConfig) -> None:
+    def __init__(self, floor: str, floor_z_m: float, voxel_m: float, config: ObjectConfig) -> None:
         self._floor = floor
+        self._floor_z_m = floor_z_m
         self._voxel_m = voxel_m
         self._config = config
         self._objects = _Objects()
@@ -149,9 +150,11 @@ class ObjectMap:
         }  # fmt: skip
 
     @classmethod
-    def of_state(cls, state: dict[str, Any], floor: str, voxel_m: float, config: ObjectConfig) -> ObjectMap:
+    def of_state(
+        cls, state: dict[str, Any], floor: str, floor_z_m: float, voxel_m: float, config: ObjectConfig
+    ) -> ObjectMap:
         """The object map that ``state`` was taken of."""
-        objects = cls(floor, voxel_m, config)
+        objects = cls(floor, floor_z_m, voxel_m, config)
         objects._next_id, objects._views = state["next_id"], state["views"]
         for o in state["objects"]:
             history = deque(msgspec.convert(o["history"], list[ObjectEvent]), maxlen=config.max_history)
@@ -242,13 +245,19 @@ class ObjectMap:
         return self._outgrows_class(obj.label, obj.shape, more)
 
     def _outgrows_class(self, label: str, shape: Shape, more: Shape) -> bool:
-        if not self._config.size_prior or outgrown(label, _triple(shape.p_max - shape.p_min)):
+        if not self._config.size_prior or outgrown(label, *self._extent(shape.p_min, shape.p_max)):
             return False
         low, high = np.minimum(shape.p_min, more.p_min), np.maximum(shape.p_max, more.p_max)
-        return bool(outgrown(label, _triple(high - low)))
+        return bool(outgrown(label, *self._extent(low, high)))
+
+    def _extent(
+        self, p_min: NDArray[np.float64], p_max: NDArray[np.float64]
+    ) -> tuple[tuple[float, float, float], float]:
+        """Size and top above the floor [m] of a box."""
+        return _triple(p_max - p_min), float(p_max[2]) - self._floor_z_m
 
     def _unfit(self, obj: MapObject, label: str) -> str:
-        return misfit(label, _triple(obj.shape.p_max - obj.shape.p_min)) if self._config.size_prior else ""
+        return misfit(label, *self._extent(obj.shape.p_min, obj.shape.p_max)) if self._config.size_prior else ""
 
     def _note_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
         c = self._config

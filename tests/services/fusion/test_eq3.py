@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 
@@ -115,7 +116,7 @@ def sighting(points, embedding, number=0, label="chair", score=0.5):
 
 
 def through_the_map(detections, config):
-    objects = ObjectMap("0", FINE, config)
+    objects = ObjectMap("0", 0.0, FINE, config)
     for i, (points, embedding) in enumerate(detections):
         s = sighting(points, embedding, i)
         objects.add(view(i), (s.detected,), [s])
@@ -165,7 +166,7 @@ def test_detections_join_the_objects_that_the_paper_says(geometry, weights, dete
 @settings(max_examples=30, deadline=None)
 def test_similarity_is_the_weighted_sum_and_symmetric(geometry, detections):
     config = ObjectConfig(geometry=geometry, w_visual=0.7, w_geometric=1.3, **ONLY_EQ3)
-    objects = ObjectMap("0", FINE, config)
+    objects = ObjectMap("0", 0.0, FINE, config)
     (p, e), (q, f) = detections[0], detections[-1]
 
     def s(points, embedding, other_points, other_embedding):
@@ -199,7 +200,7 @@ def test_a_thing_is_not_swallowed_by_what_would_make_it_too_large(tools, size_pr
     """A tv on a cupboard up to the ceiling, which includes it: together they'd be no tv, so they stay two, also when
     duplicates are searched for."""
     config = ObjectConfig(size_prior=size_prior, w_geometric=2.0, merge_every=1)
-    objects = ObjectMap("0", FINE, config)
+    objects = ObjectMap("0", 0.0, FINE, config)
     things = {"tv": box((0, 0, 0.8), (1.0, 0.3, 1.4), 3000), "cupboard": box((-0.6, 0, 0.4), (1.6, 0.4, 2.5), 30_000)}
     for i, label in enumerate(["tv", "cupboard"]):
         s = sighting(things[label], tools.unit(0), i, "tv" if label == "tv" else "refrigerator")
@@ -209,8 +210,23 @@ def test_a_thing_is_not_swallowed_by_what_would_make_it_too_large(tools, size_pr
     assert n_objects == 1 or labels == ["refrigerator", "tv"]
 
 
+@pytest.mark.parametrize(("floor_z_m", "status"), [(5.2, "confirmed"), (2.6, "candidate"), (0.0, "candidate")])
+def test_heights_are_above_the_floor(tools, floor_z_m, status):
+    """A chair on the floor at 5.2 m; as one of the floors below it would hang in the air."""
+    objects = ObjectMap("2", floor_z_m, FINE, ObjectConfig())
+    points = box((0, 0, 5.2), (0.5, 0.5, 6.1), 2000)
+    for i in range(9):
+        T = np.eye(4)
+        T[0, 3] = i
+        s = sighting(points, tools.unit(0), i)
+        objects.add(dataclasses.replace(view(i), T_world_camera=T), (s.detected,), [s])
+    (chair,) = objects.records()
+    assert chair.status == status
+    assert status == "confirmed" or chair.reason.startswith("too high for a chair")
+
+
 def test_embeddings_of_both_sources_count_by_their_detections(tools):
-    objects = ObjectMap("0", FINE, ObjectConfig())
+    objects = ObjectMap("0", 0.0, FINE, ObjectConfig())
     points = np.random.default_rng(0).uniform(0, 0.4, (60, 3))
     robot, camera = tools.unit(0), (tools.unit(0) + tools.unit(1)) / np.float32(math.sqrt(2))
     for i in range(5):
@@ -231,7 +247,7 @@ def test_embeddings_of_both_sources_count_by_their_detections(tools):
 def test_confidence_is_the_maximum_of_both_and_the_class_that_of_the_maximum(votes):
     """The paper's confirmation, with the preset's confidence of a class: the mean of its scores."""
     config = FusionConfig.preset("paper").objects
-    objects = ObjectMap("0", FINE, config)
+    objects = ObjectMap("0", 0.0, FINE, config)
     points = np.random.default_rng(0).uniform(0, 0.4, (60, 3))
     scores = {True: {}, False: {}}
     for i, (is_robot, label, score) in enumerate(votes):

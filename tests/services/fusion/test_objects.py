@@ -85,23 +85,26 @@ def test_only_what_has_the_size_of_its_class_is_confirmed(furnished, tools, labe
 
 
 @pytest.mark.parametrize(
-    ("label", "size_m", "why"),
+    ("label", "size_m", "top_m", "why"),
     [
-        ("bed", (1.9, 1.5, 0.6), ""),
-        ("bed", (0.6, 0.5, 0.6), "too small"),
-        ("bed", (5.0, 1.0, 0.6), "too large"),
-        ("bed", (1.9, 1.5, 0.05), "too flat"),  # a rug
-        ("bed", (1.9, 0.05, 1.5), "too thin"),  # a wall
-        ("bed", (1.9, 1.5, 2.5), "too tall"),  # a wall with a bed before it
-        ("tv", (1.0, 0.05, 0.6), ""),
-        ("tv", (1.0, 0.6, 0.05), "too flat"),
-        ("chair", (0.5, 0.5, 0.9), ""),
-        ("a dragon", (0.0, 0.0, 0.0), ""),
+        ("bed", (1.9, 1.5, 0.6), 0.6, ""),
+        ("bed", (0.6, 0.5, 0.6), 0.6, "too small"),
+        ("bed", (5.0, 1.0, 0.6), 0.6, "too large"),
+        ("bed", (1.9, 1.5, 0.05), 0.05, "too flat"),  # a rug
+        ("bed", (1.9, 0.05, 1.5), 1.5, "too thin"),  # a wall
+        ("bed", (1.9, 1.5, 2.5), 2.5, "too high"),  # a wall with a bed before it
+        ("tv", (1.0, 0.1, 0.6), 1.8, ""),
+        ("tv", (1.0, 0.04, 0.6), 1.8, "too thin"),  # a picture
+        ("tv", (1.6, 1.0, 0.9), 1.8, "too bulky"),  # a cupboard
+        ("tv", (1.0, 0.6, 0.05), 0.5, "too flat"),
+        ("chair", (0.5, 0.5, 0.9), 0.9, ""),
+        ("chair", (0.5, 0.5, 0.5), 1.6, "too high"),  # a picture
+        ("a dragon", (0.0, 0.0, 0.0), 9.0, ""),
     ],
 )
-def test_misfits(label, size_m, why):
-    assert misfit(label, size_m).startswith(why)
-    assert bool(misfit(label, size_m)) == bool(why)
+def test_misfits(label, size_m, top_m, why):
+    assert misfit(label, size_m, top_m).startswith(why)
+    assert bool(misfit(label, size_m, top_m)) == bool(why)
 
 
 def test_what_has_not_the_size_of_a_class_is_believed_less_to_be_it(furnished, tools):
