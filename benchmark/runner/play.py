@@ -16,6 +16,7 @@ from benchmark.dataset.load import SceneData, load_scene, start_of
 from benchmark.episode import Episode, FusedCameras, run_episode
 from benchmark.oracle import OraclePlanner
 from benchmark.policies import Task, Truth, policy_of
+from benchmark.runner.basis import Basis
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
 from benchmark.sight import PoseError, Sight
@@ -93,7 +94,7 @@ def seed_of(run_seed: int, scene: str, episode_id: str) -> int:
 
 
 def play_scene(
-    root: Path, out: Path, dataset: str, settings: RunSettings, scene: str, wanted: frozenset[str],
+    root: Path, out: Path, basis: Basis, settings: RunSettings, scene: str, wanted: frozenset[str],
     alive: Callable[[], bool] = lambda: True,
 ) -> None:  # fmt: skip
     """Plays episodes of a scene and keeps each; one that fails by a bug of ours is kept as broken.
@@ -101,7 +102,7 @@ def play_scene(
     Raises:
         SurveilNavError: the scene can't be opened, or records can't be kept.
     """
-    records = Records(out, settings, dataset)
+    records = Records(out, settings, basis)
     player = ScenePlayer(root, scene, settings)
     for episode in player.episodes:
         if episode.episode_id not in wanted:

@@ -11,10 +11,11 @@ from typing import Any
 
 import msgspec
 
+from benchmark.runner.basis import Basis
 from benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
 
-VERSION = 1
+VERSION = 2
 _BUSY_S = 60.0
 
 
@@ -61,11 +62,11 @@ class Records:
         ConfigError: the file is damaged, of another run, or the disk is full; the message says what to do.
     """
 
-    def __init__(self, folder: Path, settings: RunSettings, dataset: str) -> None:
-        """``dataset``: the hash of the split that is played; settings and it are kept, so runs can't be mixed."""
+    def __init__(self, folder: Path, settings: RunSettings, basis: Basis) -> None:
+        """Settings and basis are kept, so runs can't be mixed."""
         self.path = folder / "episodes.sqlite"
         folder.mkdir(parents=True, exist_ok=True)
-        facts = {"version": VERSION, "dataset": dataset, "settings": msgspec.to_builtins(settings)}
+        facts = {"version": VERSION, **basis._asdict(), "settings": msgspec.to_builtins(settings)}
         with self._open() as db:
             db.execute("CREATE TABLE IF NOT EXISTS run (facts TEXT NOT NULL)")
             db.execute(
@@ -143,5 +144,7 @@ def _difference(kept: dict[str, Any], asked: dict[str, Any]) -> str:
         return f"its records are of version {kept.get('version')}"
     if kept.get("dataset") != asked["dataset"]:
         return "on another dataset"
+    if kept.get("program") != asked["program"]:
+        return "by another version of the program"
     was, now = kept["settings"], asked["settings"]
     return ", ".join(f"{k} {was.get(k)!r}, asked {v!r}" for k, v in now.items() if was.get(k) != v)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import multiprocessing
 import os
 import time
@@ -10,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmark.dataset import format as files
 from benchmark.dataset.load import load_scene, scenes_of
+from benchmark.runner.basis import Basis, basis_of
 from benchmark.runner.play import parent_lives, play_scene
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
@@ -44,13 +43,6 @@ class Finished:
         return len(self.records) == self.total
 
 
-def dataset_hash(root: Path, split: str) -> str:
-    """What tells a split from every other: the hash of its files' hashes."""
-    manifest = files.manifest_of(root)
-    mine = sorted((k, v) for k, v in manifest.sha256.items() if k.startswith(f"{split}/"))
-    return hashlib.sha256(repr(mine).encode()).hexdigest()
-
-
 def run(
     root: Path,
     out: Path,
@@ -65,8 +57,8 @@ def run(
         ConfigError: settings, dataset or records that can't be used.
     """
     settings.check()
-    dataset = dataset_hash(root, settings.split)
-    records = Records(out, settings, dataset)
+    basis = basis_of(root, settings.split)
+    records = Records(out, settings, basis)
     wanted = {
         scene: [e.episode_id for e in load_scene(root, settings.split, scene).content.episodes]
         for scene in scenes_of(root, settings.split)
@@ -74,7 +66,7 @@ def run(
     total = sum(len(ids) for ids in wanted.values())
     done = records.done()
     missing = {s: frozenset(e for e in ids if (s, e) not in done) for s, ids in wanted.items()}
-    jobs = [(root, out, dataset, settings, s, ids) for s, ids in missing.items() if ids]
+    jobs = [(root, out, basis, settings, s, ids) for s, ids in missing.items() if ids]
     jobs.sort(key=lambda job: (-len(job[5]), job[4]))  # the largest first, so that all workers end together
     began_s, before = time.monotonic(), len(done)
     unopened: dict[str, str] = {}
@@ -96,11 +88,11 @@ def run(
     return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), total)
 
 
-def _work(job: tuple[Path, Path, str, RunSettings, str, frozenset[str]]) -> tuple[str, str]:
-    root, out, dataset, settings, scene, ids = job
+def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> tuple[str, str]:
+    root, out, basis, settings, scene, ids = job
     parent = os.getppid()
     try:
-        play_scene(root, out, dataset, settings, scene, ids, lambda: parent_lives(parent))
+        play_scene(root, out, basis, settings, scene, ids, lambda: parent_lives(parent))
     except SurveilNavError as error:
         return scene, str(error)
     return scene, ""

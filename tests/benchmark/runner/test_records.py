@@ -7,6 +7,7 @@ import sqlite3
 import msgspec
 import pytest
 
+from benchmark.runner.basis import Basis, meaning, program_hash
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
 from benchmark.runner.summary import interval, paired, summarise
@@ -20,17 +21,20 @@ RECORD = EpisodeRecord(
 FAILED = msgspec.structs.replace(RECORD, episode_id="10", success=False, spl=0.0, reason="not_seen", bytes={})
 
 
+BASIS = Basis("hash", "program")
+
+
 def test_kept_and_read_back_in_the_datasets_order(tmp_path):
-    records = Records(tmp_path, RunSettings(), "hash")
+    records = Records(tmp_path, RunSettings(), BASIS)
     records.add(FAILED)
     records.add(RECORD)
-    again = Records(tmp_path, RunSettings(), "hash")
+    again = Records(tmp_path, RunSettings(), BASIS)
     assert again.all() == [RECORD, FAILED]  # 2 before 10
     assert again.done() == {RECORD.key, FAILED.key}
 
 
 def test_a_broken_episode_is_kept_apart_until_it_is_played(tmp_path):
-    records = Records(tmp_path, RunSettings(), "hash")
+    records = Records(tmp_path, RunSettings(), BASIS)
     records.add_broken(Broken(scene="flat-s0", episode_id="2", error="Traceback"))
     assert records.all() == []
     assert records.done() == set()
@@ -40,29 +44,30 @@ def test_a_broken_episode_is_kept_apart_until_it_is_played(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "dataset", "said"),
+    ("settings", "basis", "said"),
     [
-        (RunSettings(max_steps=50), "hash", "max_steps 500, asked 50"),
-        (RunSettings(surveillance=False), "hash", "surveillance True, asked False"),
-        (RunSettings(), "other", "another dataset"),
+        (RunSettings(max_steps=50), BASIS, "max_steps 500, asked 50"),
+        (RunSettings(surveillance=False), BASIS, "surveillance True, asked False"),
+        (RunSettings(), Basis("other", "program"), "another dataset"),
+        (RunSettings(), Basis("hash", "newer"), "another version of the program"),
     ],
 )
-def test_runs_cant_be_mixed(tmp_path, settings, dataset, said):
-    Records(tmp_path, RunSettings(), "hash")
+def test_runs_cant_be_mixed(tmp_path, settings, basis, said):
+    Records(tmp_path, RunSettings(), BASIS)
     with pytest.raises(ConfigError, match=said):
-        Records(tmp_path, settings, dataset)
+        Records(tmp_path, settings, basis)
 
 
 def test_a_damaged_file_is_named(tmp_path):
-    Records(tmp_path, RunSettings(), "hash").add(RECORD)
+    Records(tmp_path, RunSettings(), BASIS).add(RECORD)
     path = tmp_path / "episodes.sqlite"
     path.write_bytes(b"not a database" * 400)
     with pytest.raises(ConfigError, match=r"damaged.*move it away"):
-        Records(tmp_path, RunSettings(), "hash")
+        Records(tmp_path, RunSettings(), BASIS)
 
 
 def test_a_damaged_record_is_named(tmp_path):
-    records = Records(tmp_path, RunSettings(), "hash")
+    records = Records(tmp_path, RunSettings(), BASIS)
     records.add(RECORD)
     with sqlite3.connect(records.path) as db:
         db.execute("UPDATE episodes SET record = ?", [b'{"scene": 3'])
@@ -71,7 +76,7 @@ def test_a_damaged_record_is_named(tmp_path):
 
 
 def test_a_full_disk_is_named(tmp_path, monkeypatch):
-    records = Records(tmp_path, RunSettings(), "hash")
+    records = Records(tmp_path, RunSettings(), BASIS)
     real = sqlite3.connect
 
     def full(*arguments, **options):
@@ -118,3 +123,22 @@ def test_paired_differences_use_common_episodes():
 def test_settings_that_cant_be(settings, said):
     with pytest.raises(ConfigError, match=said):
         settings.check()
+
+
+@pytest.mark.parametrize(
+    ("changed", "same"),
+    [
+        ('def f(x):\n    """Says more."""\n    # and a comment\n    return (x +\n            1)\n', True),
+        ("def f(x):\n    return x + 2\n", False),
+        ('def f(x):\n    return "x" + 1\n', False),
+    ],
+)
+def test_only_what_changes_numbers_makes_another_program(changed, same):
+    assert (meaning('def f(x):\n    """Says."""\n    return x + 1\n') == meaning(changed)) == same
+
+
+def test_the_program_has_a_hash_that_stays():
+    before = program_hash()
+    program_hash.cache_clear()
+    assert program_hash() == before
+    assert len(before) == 64

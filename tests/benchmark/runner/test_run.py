@@ -11,9 +11,10 @@ from benchmark.dataset.make import make
 from benchmark.dataset.splits import SceneSpec, SplitSpec
 from benchmark.episode import REASONS, FusedCameras, run_episode
 from benchmark.runner import play
+from benchmark.runner.basis import basis_of
 from benchmark.runner.play import ScenePlayer
 from benchmark.runner.records import Records
-from benchmark.runner.run import dataset_hash, run
+from benchmark.runner.run import run
 from benchmark.runner.settings import RunSettings
 from benchmark.sight import Sight
 from surveilnav.errors import ConfigError
@@ -55,7 +56,7 @@ def test_the_same_twice_on_any_number_of_workers(dataset, finished, tmp_path):
 
 
 def test_a_second_start_plays_what_is_missing(dataset, finished, tmp_path, monkeypatch):
-    records = Records(tmp_path, SETTINGS, dataset_hash(dataset, "val_mini"))
+    records = Records(tmp_path, SETTINGS, basis_of(dataset, "val_mini"))
     for record in finished.records[:-2]:
         records.add(record)
     again = run(dataset, tmp_path, SETTINGS, workers=1)
@@ -72,9 +73,9 @@ def test_a_broken_episode_is_named_and_not_counted(dataset, tmp_path, monkeypatc
         return real(self, episode)
 
     monkeypatch.setattr(ScenePlayer, "play", sometimes)
-    hash_ = dataset_hash(dataset, "val_mini")
-    play.play_scene(dataset, tmp_path, hash_, SETTINGS, "parametric_flat-s0", frozenset({"0", "1"}))
-    records = Records(tmp_path, SETTINGS, hash_)
+    basis = basis_of(dataset, "val_mini")
+    play.play_scene(dataset, tmp_path, basis, SETTINGS, "parametric_flat-s0", frozenset({"0", "1"}))
+    records = Records(tmp_path, SETTINGS, basis)
     assert [r.episode_id for r in records.all()] == ["0"]
     assert "a bug" in records.broken()[0].error
 
