@@ -6,7 +6,7 @@ READY := .venv/.set-up
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test test-compose demo bench-core bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test test-compose demo dataset bench bench-core bench-render bench-homes bench-association bench-calibration docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -31,6 +31,12 @@ test-compose: $(READY) ## the compose file, on a real Docker engine (skipped whe
 
 demo: $(READY) ## one search in a simulated home; the report lands in runs/
 	$(BIN)/surveilnav demo $(ARGS)
+
+dataset: $(READY) ## the benchmark's buildings, cameras and episodes, in data/; resumable
+	$(BIN)/surveilnav dataset build $(ARGS)
+
+bench: $(READY) ## the benchmark's tables: plays what is missing of their runs (hours); make bench ARGS="range density"
+	$(BIN)/surveilnav bench table $(ARGS)
 
 bench-core: $(READY) ## what a robot step costs, detector left out
 	$(BIN)/python tests/bench/bench_fusion.py $(ARGS)

@@ -212,8 +212,15 @@ TAUS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5)
 NEVER = 10**9
 #: What finds duplicates beside eq. 3: nothing; ConceptGraphs' and VLN-Game's periodic merge; all rules of the default.
 RULES: dict[str, dict[str, Any]] = {
-    "eq. 3 alone": {"tau_mutual": 2.0, "merge_every": NEVER},
-    "with merge": {"tau_mutual": 2.0, "merge_every": 20, "merge_overlap": 0.7, "merge_visual": 0.7, "merge_box": 2.0},
+    "eq. 3 alone": {"tau_mutual": 2.0, "merge_every": NEVER, "size_prior": False},
+    "with merge": {
+        "tau_mutual": 2.0,
+        "merge_every": 20,
+        "merge_overlap": 0.7,
+        "merge_visual": 0.7,
+        "merge_box": 2.0,
+        "size_prior": False,
+    },  # fmt: skip
     "all rules": {},
 }
 CHANGES: tuple[tuple[str, tuple[Any, ...]], ...] = (

@@ -27,7 +27,7 @@ from services.planner.core.now import Now
 from services.planner.core.terrain import coarse_arrival_m
 
 #: No object is promising before it is confirmed: suspected ones come after the frontiers.
-CONFIG = PlannerConfig(verification="paper", objects_first=True, promising_chance=1.01)
+CONFIG = PlannerConfig(verification="paper", objects_first=True, promising_chance=2.0)
 
 _NEAR_THE_BEST = 0.95
 #: The nearest frontier is left for one that is nearer by this.

@@ -17,7 +17,7 @@ from services.planner.core import PlannerConfig
 #: and only they do.
 AS_WRITTEN = PlannerConfig(
     verification="paper", confirmed_chance=1e6, objects_first=True, exploit_min_std=1e-6, exploit_min_ratio=1.0,
-    explore_m=1e6, value_gain=1e6, frontier_wide_m=1e-6, switch_ratio=1.0,
+    explore_m=1e6, value_gain=1e6, frontier_wide_m=1e-6, switch_ratio=1.0, promising_chance=0.0,
 )  # fmt: skip
 
 OURS = Policy(

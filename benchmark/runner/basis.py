@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -16,17 +17,11 @@ from benchmark.dataset import format as files
 #: What decides how a search goes, by package; the rest opens, counts and prints.
 _PARTS = {
     benchmark: (
-        "episode.py",
-        "sight.py",
-        "perception.py",
-        "oracle.py",
-        "policies",
-        "runner/play.py",
-        "runner/settings.py",
+        "dataset", "episode.py", "sight.py", "perception.py", "oracle.py", "policies", "runner/play.py", "runner/settings.py",
     ),
     services: ("fusion/core", "planner/core", "robot_node/core.py", "camera_node/core.py"),
-    surveilnav: ("building", "geometry", "perception", "sensing", "categories.py"),
-}
+    surveilnav: ("building", "geometry", "messages", "perception", "sensing", "categories.py", "runtime/wire.py"),
+}  # fmt: skip
 
 
 class Basis(NamedTuple):
@@ -49,14 +44,25 @@ def basis_of(root: Path, split: str) -> Basis:
 
 @cache
 def program_hash() -> str:
-    """Of the code that plays searches, without comments and docstrings: rewording them changes no number."""
+    """Of the code and the tables that play searches, without comments and docstrings: rewording them changes no number."""
+    return hash_of(program_parts())
+
+
+def program_parts() -> dict[Path, tuple[str, ...]]:
+    """The files and folders that make the program, by the folder that they are named from."""
+    return {Path(str(next(iter(package.__path__)))): parts for package, parts in _PARTS.items()}
+
+
+def hash_of(parts: Mapping[Path, Sequence[str]]) -> str:
+    """Of modules and of the data beside them: files, or folders with all below, by the folder that they are named from."""
     whole = hashlib.sha256()
-    for package, parts in _PARTS.items():
-        folder = Path(str(next(iter(package.__path__))))
-        for part in parts:
-            modules = sorted((folder / part).rglob("*.py")) if (folder / part).is_dir() else [folder / part]
-            for module in modules:
-                whole.update(str(module.relative_to(folder)).encode() + b"\0" + meaning(module.read_text()).encode())
+    for folder, names in parts.items():
+        for name in names:
+            found = sorted((folder / name).rglob("*")) if (folder / name).is_dir() else [folder / name]
+            for file in found:
+                if file.suffix in (".py", ".json"):
+                    text = meaning(file.read_text()) if file.suffix == ".py" else file.read_text()
+                    whole.update(str(file.relative_to(folder)).encode() + b"\0" + text.encode() + b"\0")
     return whole.hexdigest()
 
 
@@ -64,13 +70,12 @@ def meaning(source: str) -> str:
     """Source text as its syntax tree, without comments, layout and docstrings."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and body:
-            first = body[0]
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.body:
+            first = node.body[0]
             if (
                 isinstance(first, ast.Expr)
                 and isinstance(first.value, ast.Constant)
                 and isinstance(first.value.value, str)
             ):
-                node.body = body[1:]
+                node.body = node.body[1:]
     return ast.dump(tree)

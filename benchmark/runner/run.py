@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.dataset.load import load_scene, scenes_of
-from benchmark.runner.basis import Basis, basis_of
+from benchmark.runner.basis import Basis, basis_of, program_hash
 from benchmark.runner.play import parent_lives, play_scene
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
@@ -91,6 +91,8 @@ def run(
 def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> tuple[str, str]:
     root, out, basis, settings, scene, ids = job
     parent = os.getppid()
+    if program_hash() != basis.program:  # a worker reads the program anew for every scene
+        return scene, "the program was changed since this run began: begin it again"
     try:
         play_scene(root, out, basis, settings, scene, ids, lambda: parent_lives(parent))
     except SurveilNavError as error:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmark.episode import REASONS
+from benchmark.runner.basis import program_hash
 from benchmark.runner.records import EpisodeRecord
 from benchmark.runner.summary import SUCCESS_RULE, Interval, Summary, paired, summarise
 from benchmark.tables.arms import Arm, Table
@@ -19,7 +20,8 @@ def page(table: Table, played: Played, total: int) -> str:
     first = rows[0]
     with_bytes = any(s.bytes for _, _, s in rows)
     lines = [
-        f"# {table.title}", "", f"Made by `surveilnav bench table {table.name}`. {table.about}", "",
+        f"# {table.title}", "",
+        f"Made by `surveilnav bench table {table.name}`, program `{program_hash()[:12]}`. {table.about}", "",
         f"Split `{first[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. Means in percent with 95 % bootstrap "
         "intervals; differences are paired by episode, in points, to the first line.", "",
     ]  # fmt: skip

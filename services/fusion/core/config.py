@@ -148,8 +148,8 @@ class ObjectConfig(_Part):
     )
     confirm_scores: dict[str, float] = Field(
         default={"bed": 0.4, "chair": 0.3, "couch": 0.32, "potted plant": 0.27, "toilet": 0.4, "tv": 0.38},
-        description="classes of which a size is known need less: above this, most that fit are true on the recorded "
-        "views of docs/results/association",
+        description="classes of which a size is known need less: above this, most that fit are true, in searches of "
+        "training buildings",
     )
     confirm_early: float = Field(
         default=0.08, ge=0, le=1, description="what an object needs more with the fewest sightings that can confirm it"

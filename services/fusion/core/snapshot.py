@@ -15,7 +15,7 @@ from services.fusion.core.config import FusionConfig
 from services.fusion.core.joint_map import JointMap
 
 #: Of what a snapshot holds: one of another version isn't read.
-VERSION = 1
+VERSION = 2
 _MAX_BYTES = 8 << 30
 
 

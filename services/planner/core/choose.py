@@ -35,7 +35,8 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     best = max(awake, key=lambda o: worth[o.id])
     kept = next((o for o in awake if _is_committed(state, o, config)), None)
     chosen = kept if kept is not None and worth[best.id] <= config.switch_ratio * worth[kept.id] else best
-    if not weak and worth[chosen.id] <= config.switch_ratio * _errand_worth(now):
+    sure = objects.is_confirmed(chosen, state.target)
+    if not weak and not sure and worth[chosen.id] <= config.switch_ratio * _errand_worth(now):
         return None
     if not weak and exploring_is_worth(now, more_than=worth[chosen.id] * (config.switch_ratio if kept else 1.0)):
         if kept:

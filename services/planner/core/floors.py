@@ -244,6 +244,7 @@ def _to_stair(now: Now, stair: Stair) -> Decision | None:
         return now.decide("take_stairs", "changing floor", message, to_floor=stair.to_floor)
     route = now.drive(goals)
     if route is None:
+        now.weighed.clear()
         return None
     message = f"to the stairs to floor {stair.to_floor}, {route.remaining_m:.1f} m: {errand.why}"
     return now.level() or now.decide(route.action, "changing floor", message, route)

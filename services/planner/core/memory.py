@@ -108,11 +108,11 @@ def escape(state: MissionState, config: PlannerConfig) -> None:
 
 
 def revive(state: MissionState) -> bool:
-    """Ends all sleeps that aren't for good; whether there was one."""
-    asleep = [d for d in state.here.dormant if d.times < FOR_GOOD and d.until_step > state.step]
+    """Ends all sleeps that may not be for good; whether there was one. What is given up for good stays so."""
+    asleep = [d for d in state.here.dormant if d.times < FOR_GOOD_CONFIRMED and d.until_step > state.step]
     if asleep:
         state.here.dormant = [
-            Dormant(d.x_m, d.y_m, d.times, min(d.until_step, state.step)) if d.times < FOR_GOOD else d
+            Dormant(d.x_m, d.y_m, d.times, min(d.until_step, state.step)) if d.times < FOR_GOOD_CONFIRMED else d
             for d in state.here.dormant
         ]
     return bool(asleep)

@@ -36,7 +36,7 @@ class Standoff:
     """Where to stand to have reached an object.
 
     Attributes:
-        goals: bool of the terrain's shape, cells to stand on: as near as a way leads, the object in sight.
+        goals: bool of the terrain's shape, cells to stand on: as near as a way leads that is no detour, the object in sight.
         distance_m: float32 of the terrain's shape, plan distance of every cell to the object's nearest point.
         sight: bool of the terrain's shape: nothing known stands between the cell and the object
             (reachable cells within ``farthest_stop_m`` of it, and the robot's own within ``inspect_m``).
@@ -129,9 +129,9 @@ def is_confirmed(record: ObjectRecord, target: str) -> bool:
 
 
 def relevance(record: ObjectRecord, target: str) -> float:
-    """How much speaks for the object being the target, 0-1."""
-    score = record.label_scores.get(target, 0.0)
-    return max(score, record.confidence) if record.label == target else score
+    """How much speaks for the object being the target, 0-1; what isn't a share says nothing."""
+    scores = record.label_scores.get(target, 0.0), record.confidence if record.label == target else 0.0
+    return max(s if 0.0 <= s <= 1.0 else 0.0 for s in scores)
 
 
 def chance(record: ObjectRecord, target: str, config: PlannerConfig) -> float:

@@ -25,7 +25,7 @@ class PlannerConfig:
             at this speed where there is no other way: maps are thicker than walls by a cell or so.
         unknown_speed: how fast the front runs through unknown space, relative to known free space; 0 forbids it.
         hard_way_m: a waypoint that only tight places lead to, on a way that takes so much longer [m of free space] than
-            twice its distance, is left for the end: such gaps are mostly the map's.
+            twice its distance, is left for the end unless a confirmed target is there: such gaps are mostly the map's.
         stairs_known: which stairs the robot may head for: ``seen``, those whose end on its floor is explored in the joint
             map (and any when nothing else is left to explore), or ``plan``, all of the building.
         promising_chance: below it, an object isn't gone to before all is explored.

@@ -78,7 +78,7 @@ class Commitment:
 
 @dataclass(frozen=True, slots=True)
 class Dormant:
-    """A place that was tried in vain: left alone until ``until_step``; after ``times`` = 2 for good."""
+    """A place that was tried in vain: left alone until ``until_step``; after ``times`` = 2 for good (a confirmed target: 4)."""
 
     x_m: float
     y_m: float
@@ -113,8 +113,8 @@ class FloorMemory:
         scan_left: turns left of the first look around; None before it is decided whether there is one.
         visited: where the robot stood [m, world]. ``collisions``: where its centre can't go;
             ``bumps``: (x, y, yaw) of the headings that ended there.
-        dormant: frontiers and objects given up for a while. ``put_off``: places left for the end, because only tight
-            gaps lead there. ``dropped``: objects judged not to be the
+        dormant: frontiers and objects given up for a while. ``put_off``: frontiers left for the end, because only
+            tight gaps lead there. ``dropped``: objects judged not to be the
             target, by id: (x, y, why).
         inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
         wavered: how often an object ceased to be promising while the robot was on its way to it.

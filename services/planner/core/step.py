@@ -3,7 +3,7 @@
     remember -> terrain -> scan? -> waypoint (target, else candidate, else another floor or frontier) -> drive, look, stop
 
 Every way out is bounded: scans, looks, peeks, visits to a floor and tries at a stair are counted, a waypoint without
-progress is given up, and whatever is given up twice stays so.
+progress is given up, and whatever is given up twice (a confirmed target: four times) stays so.
 """
 
 from __future__ import annotations
@@ -100,6 +100,8 @@ def _scan(now: Now) -> Decision | None:
         here.scan_left = 0
         return None
     if here.scan_left is None:
+        if now.state.errand is not None and known:
+            return None  # on the way elsewhere: what is worth more is weighed
         if (now.state.errand is not None or not known) and (decision := floors.travel(now)):
             return decision
         here.scan_left = turns

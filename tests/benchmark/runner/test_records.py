@@ -7,7 +7,7 @@ import sqlite3
 import msgspec
 import pytest
 
-from benchmark.runner.basis import Basis, meaning, program_hash
+from benchmark.runner.basis import Basis, hash_of, meaning, program_hash, program_parts
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
 from benchmark.runner.summary import interval, paired, summarise
@@ -137,8 +137,27 @@ def test_only_what_changes_numbers_makes_another_program(changed, same):
     assert (meaning('def f(x):\n    """Says."""\n    return x + 1\n') == meaning(changed)) == same
 
 
-def test_the_program_has_a_hash_that_stays():
-    before = program_hash()
-    program_hash.cache_clear()
-    assert program_hash() == before
-    assert len(before) == 64
+@pytest.mark.parametrize(
+    ("file", "text", "same"),
+    [
+        ("core/a.py", "X = 1  # one\n", True),
+        ("core/a.py", "X = 2\n", False),
+        ("core/data/t.json", "[2]", False),
+        ("core/new.py", "", False),
+        ("core/notes.md", "other", True),
+        ("other/a.py", "X = 2\n", True),
+    ],
+)
+def test_code_and_tables_make_the_program(tmp_path, file, text, same):
+    files = {"core/a.py": "X = 1\n", "core/data/t.json": "[1]", "core/notes.md": "", "one.py": "", "other/a.py": ""}
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(content)
+    before = hash_of({tmp_path: ("core", "one.py")})
+    (tmp_path / file).write_text(text)
+    assert (hash_of({tmp_path: ("core", "one.py")}) == before) == same
+
+
+def test_all_parts_of_the_program_are_there():
+    assert all((root / part).exists() for root, parts in program_parts().items() for part in parts)
+    assert len(program_hash()) == 64

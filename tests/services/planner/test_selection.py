@@ -13,7 +13,7 @@ from services.planner.core import MapView, MissionState, PlannerConfig, RobotVie
 from services.planner.core.choose import choose_frontier, choose_object
 from services.planner.core.drive import Route
 from services.planner.core.frontiers import Frontier, find_frontiers, rank, worth_exploiting
-from services.planner.core.memory import give_up, is_dormant, revive
+from services.planner.core.memory import FOR_GOOD_CONFIRMED, give_up, is_dormant, revive
 from services.planner.core.now import Now
 from services.planner.core.objects import chance, footprint, good_enough, standoff, targets_of, verdict
 from services.planner.core.state import Commitment, Errand
@@ -114,8 +114,10 @@ def test_given_up_twice_is_for_good():
     assert revive(state)
     assert not is_dormant(state, 1.0, 1.0, CONFIG)
     give_up(state, 1.05, 1.0, CONFIG)
-    assert not revive(state)
+    revive(state)
     assert is_dormant(state, 1.0, 1.0, CONFIG)
+    assert not is_dormant(state, 1.0, 1.0, CONFIG, FOR_GOOD_CONFIRMED)  # a confirmed target has more tries
+    assert not revive(state)
 
 
 @pytest.mark.parametrize(
@@ -294,6 +296,12 @@ def test_chance(make_record, facts, least, most):
     """Of a tv, which is even at 0.27: less for a single detection, and for what looks more like something else."""
     record = make_record(**{"label": "tv", **facts})
     assert least - 1e-9 <= chance(record, "tv", CONFIG) <= most + 1e-9
+
+
+@pytest.mark.parametrize("score", [-1e6, math.nan, math.inf, 1.5])
+def test_scores_that_are_none_say_nothing(make_record, score):
+    record = make_record(label="bed", label_robot="chair", label_scores={"chair": score}, seen_from=(math.nan, score))
+    assert chance(record, "chair", CONFIG) == chance(msgspec.structs.replace(record, label_scores={}), "chair", CONFIG)
 
 
 def test_chances_differ_by_class(make_record):
