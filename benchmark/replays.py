@@ -220,7 +220,7 @@ RULES: dict[str, dict[str, Any]] = {
         "merge_visual": 0.7,
         "merge_box": 2.0,
         "size_prior": False,
-    },  # fmt: skip
+    },
     "all rules": {},
 }
 CHANGES: tuple[tuple[str, tuple[Any, ...]], ...] = (
