@@ -22,6 +22,7 @@ _PARTS = {
     services: ("fusion/core", "planner/core", "robot_node/core.py", "camera_node/core.py"),
     surveilnav: ("building", "geometry", "messages", "perception", "sensing", "categories.py", "runtime/wire.py"),
 }  # fmt: skip
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 class Basis(NamedTuple):
@@ -70,12 +71,6 @@ def meaning(source: str) -> str:
     """Source text as its syntax tree, without comments, layout and docstrings."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.body:
-            first = node.body[0]
-            if (
-                isinstance(first, ast.Expr)
-                and isinstance(first.value, ast.Constant)
-                and isinstance(first.value.value, str)
-            ):
-                node.body = node.body[1:]
+        if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+            node.body = node.body[1:]
     return ast.dump(tree)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -101,6 +101,12 @@ class GuardConfig(_Part):
     )
     climb_m: float = Field(default=0.4, gt=0, description="a change of altitude beyond this is a stair or a lift")
     max_sources: int = Field(default=100_000, ge=1, description="views of sources that are remembered")
+
+
+#: Settings of ``ObjectConfig`` by which ``confirm_score`` alone decides, whatever the class and the other classes.
+ONE_RULE_FOR_ALL: dict[str, Any] = {
+    "confirm_scores": {}, "confirm_early": 0.0, "confirm_margin": 0.0, "confirm_margins": {}, "confirm_detections": {},
+}  # fmt: skip
 
 
 class ObjectConfig(_Part):
@@ -234,8 +240,7 @@ class FusionConfig(_Part):
                 merge_every=20, merge_overlap=0.7, merge_visual=0.7, merge_box=2.0, min_detections=2,
                 flip="literal", confidence="mean",
                 confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,
-                near_m=1e9, miss_weight=0.0, size_prior=False, confirm_scores={}, confirm_margin=0.0, confirm_margins={},
-                confirm_detections={}, confirm_early=0.0,
+                near_m=1e9, miss_weight=0.0, size_prior=False, **ONE_RULE_FOR_ALL,
                 reject_misses=1_000_000_000,
             ),
         )  # fmt: skip

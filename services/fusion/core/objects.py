@@ -185,9 +185,11 @@ class ObjectMap:
         c, detected = self._config, sighting.detected
         scored = [(*self.similarity(sighting.shape, detected.embedding, o), o) for o in self._around(sighting.shape)]
         for s, mutual, candidate in sorted(scored, key=lambda item: (-max(item[0], _sure(item, c)), item[2].id)):
-            if (s < c.tau and mutual < c.tau_mutual) or self._outgrows(candidate, sighting.shape):
+            if (s < c.tau and mutual < c.tau_mutual) or self._outgrows(
+                candidate.label, candidate.shape, sighting.shape
+            ):
                 continue
-            if mutual < c.tau_mutual and self._outgrows_class(detected.label, sighting.shape, candidate.shape):
+            if mutual < c.tau_mutual and self._outgrows(detected.label, sighting.shape, candidate.shape):
                 continue  # a tv on a cupboard is no part of it
             if c.once_per_view and (candidate.id, detected.label) in seen:
                 if mutual >= min(c.tau_mutual, 1.0):
@@ -240,11 +242,8 @@ class ObjectMap:
         elif obj.status != before and obj.status != "candidate":
             self._log(obj, view, obj.label, obj.confidence, obj.status, obj.reason)
 
-    def _outgrows(self, obj: MapObject, more: Shape) -> bool:
-        """Whether an object would be too large for its class with more points, and isn't yet: then they aren't its own."""
-        return self._outgrows_class(obj.label, obj.shape, more)
-
-    def _outgrows_class(self, label: str, shape: Shape, more: Shape) -> bool:
+    def _outgrows(self, label: str, shape: Shape, more: Shape) -> bool:
+        """Whether a thing would be too large for its class with more points, and isn't yet: then they aren't its own."""
         if not self._config.size_prior or outgrown(label, *self._extent(shape.p_min, shape.p_max)):
             return False
         low, high = np.minimum(shape.p_min, more.p_min), np.maximum(shape.p_max, more.p_max)
@@ -289,7 +288,7 @@ class ObjectMap:
                 if min(there, back) < c.tau_mutual and not (alike and together):
                     continue
                 kept, gone = (obj, other) if obj.id < other.id else (other, obj)
-                if self._outgrows(obj, other.shape) or self._outgrows(other, obj.shape):
+                if any(self._outgrows(a.label, a.shape, b.shape) for a, b in ((obj, other), (other, obj))):
                     continue
                 self._absorb(kept, gone, view)
                 if gone is obj:

@@ -22,7 +22,8 @@ _RAISED_M = 0.3
 _FURNITURE_M = 0.9
 #: Seen from one side only: the mean direction is at least so long (1: all from one direction).
 _ONE_SIDE = 0.5
-#: So much longer a way may be that leads nearer to an object.
+#: The farthest ring before an object that counts as before it, and how much longer a way may be that leads nearer.
+_RING_M = 0.95
 _NEARER_M = 0.75
 #: What lies lower above the floor is the floor, if at least so much of an object is higher.
 _FLOOR_M = 0.10
@@ -49,7 +50,7 @@ class Standoff:
     nearest_m: float
 
 
-def footprint(record: ObjectRecord, floor_z_m: float = -math.inf) -> NDArray[np.float64]:
+def footprint(record: ObjectRecord, floor_z_m: float) -> NDArray[np.float64]:
     """Plan points (N, 2) [m, world] of an object, without the floor next to it, that masks take in, and without the
     outermost tenth: stray depth pixels reach far. ``floor_z_m``: altitude of the floor.
 
@@ -221,21 +222,18 @@ def standoff(
     roomy, nearly = (
         terrain.clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, terrain.grid.resolution_m)
     )
-    rings_m = config.standoff_m, config.stop_m, 0.95
+    rings_m = config.standoff_m, config.stop_m, _RING_M
     for tries_m, ground in (
-        (rings_m, first & known & roomy), (rings_m, over & known & roomy), ((0.95,), sight & roomy),
+        (rings_m, first & known & roomy), (rings_m, over & known & roomy), ((_RING_M,), sight & roomy),
         (rings_m, sight & known & nearly), (rings_m, over & known & nearly), (rings_m, sight & known),
-        ((0.95,), sight), ((config.farthest_stop_m,), over & known), ((1.0,), known & roomy), ((1.0,), known),
+        ((_RING_M,), sight), ((config.farthest_stop_m,), over & known), ((1.0,), known & roomy), ((1.0,), known),
     ):  # fmt: skip
-        ways_m = {ring_m: _way_m(arrival, ground & reachable & (distance_m <= ring_m)) for ring_m in tries_m}
-        for ring_m in tries_m:
-            if ways_m[ring_m] <= ways_m[tries_m[-1]] + _NEARER_M and math.isfinite(ways_m[ring_m]):
-                return Standoff(ground & reachable & (distance_m <= ring_m), distance_m, over, ring_m)
+        places = [(ring_m, ground & reachable & (distance_m <= ring_m)) for ring_m in tries_m]
+        ways_m = [float(arrival[goals].min(initial=math.inf)) for _, goals in places]
+        for (ring_m, goals), way_m in zip(places, ways_m, strict=True):
+            if math.isfinite(way_m) and way_m <= ways_m[-1] + _NEARER_M:
+                return Standoff(goals, distance_m, over, ring_m)
     return None
-
-
-def _way_m(arrival: NDArray[np.float64], goals: NDArray[np.bool_]) -> float:
-    return float(arrival[goals].min(initial=math.inf))
 
 
 def _on_the_side_seen(terrain: Terrain, record: ObjectRecord) -> NDArray[np.bool_]:

@@ -100,9 +100,9 @@ def _scan(now: Now) -> Decision | None:
         here.scan_left = 0
         return None
     if here.scan_left is None:
-        if now.state.errand is not None and known:
+        if known and now.state.errand is not None:
             return None  # on the way elsewhere: what is worth more is weighed
-        if (now.state.errand is not None or not known) and (decision := floors.travel(now)):
+        if not known and (decision := floors.travel(now)):
             return decision
         here.scan_left = turns
         here.scans.append((now.robot.x_m, now.robot.y_m))
