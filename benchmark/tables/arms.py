@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
+from operator import itemgetter
 from typing import Any
 
 import msgspec
@@ -72,26 +74,39 @@ def _main() -> Table:
     )  # fmt: skip
 
 
-def _objects() -> Table:
-    arms = [Arm("overlap, confidence, region (default)", _run())]
-    for geometry, tau in (("box_iou", 1.1), ("voxel_iou", 1.1)):
-        arms.append(
-            Arm(f"{geometry}, confidence, region", _run(fusion={"objects": {"geometry": geometry, "tau": tau}}))
-        )
-    for value in ("average", "latest"):
-        arms.append(Arm(f"overlap, {value}, region", _run(fusion={"value": {"fusion": value}})))
-    for strategy in ("greedy", "object"):
-        arms.append(Arm(f"overlap, confidence, {strategy}", _run(planning={"strategy": strategy})))
+_GEOMETRIES: dict[str, dict[str, Any]] = {
+    # an IoU of what two views see of one thing is small where an overlap is near 1, so its threshold is lower
+    "overlap": {}, "box IoU": {"geometry": "box_iou", "tau": 1.1}, "voxel IoU": {"geometry": "voxel_iou", "tau": 1.1},
+}  # fmt: skip
+_FUSIONS = ("confidence", "average", "latest")
+_STRATEGIES = ("region", "object", "greedy")
+
+
+def _components() -> Table:
+    """All combinations; those with fewest changes come first, so that a table half played says most."""
+    arms = []
+    for geometry, fusion, strategy in product(_GEOMETRIES, _FUSIONS, _STRATEGIES):
+        maps: dict[str, Any] = {}
+        if objects := _GEOMETRIES[geometry]:
+            maps["objects"] = objects
+        if fusion != _FUSIONS[0]:
+            maps["value"] = {"fusion": fusion}
+        planning = {"strategy": strategy} if strategy != _STRATEGIES[0] else {}
+        n, label = len(maps) + len(planning), f"{geometry}, {fusion}, {strategy}"
+        arms.append((n, Arm(label + " (default)" * (n == 0), _run(fusion=maps, planning=planning))))
     return Table(
-        "components", "Association x value fusion x strategy", "One setting is changed at a time.", tuple(arms)
-    )
+        "components", "Association x value fusion x strategy",
+        "How two views of a thing are compared, how the values of several views of a place become one, and what ranks "
+        "frontiers. With `object` and `greedy`, values decide only where to look around once more when all is explored.",
+        tuple(arm for _, arm in sorted(arms, key=itemgetter(0))),
+    )  # fmt: skip
 
 
 TABLES: dict[str, Table] = {
     t.name: t
     for t in (
         _main(),
-        _objects(),
+        _components(),
         Table(
             "range", "Perception range of the cameras", "Half: six neighbouring azimuths, where most is to be seen.",
             (

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmark.dataset import format as files
+from benchmark.dataset.format import SceneRecord
+from benchmark.dataset.load import scenes_of
 from benchmark.runner.run import Progress, run
 from benchmark.tables.arms import Table
-from benchmark.tables.page import page, plot
+from benchmark.tables.page import Line, page, plot
 
 
 def make(
@@ -23,7 +26,7 @@ def make(
     Raises:
         ConfigError: settings, dataset or records that can't be used.
     """
-    played, faults, total = [], [], 0
+    lines, faults, models = [], [], models_of(root, table.arms[0].settings.split)
     path = out / f"{table.name}.md"
     for number, arm in enumerate(table.arms, start=1):
 
@@ -31,16 +34,21 @@ def make(
             on_progress(before * p.total + p.done, len(table.arms) * p.total, f"{table.name}: {label}")
 
         finished = run(root, out / "runs" / arm.slug, arm.settings, workers=workers, on_progress=report)
-        total = finished.total
         faults += [f"{arm.label}: {scene} could not be played: {why}" for scene, why in finished.unopened.items()]
         faults += [
             f"{arm.label}: {b.scene} episode {b.episode_id} broke: {b.error.strip().splitlines()[-1]}"
             for b in finished.broken
         ]
         if finished.records:
-            played.append((arm, finished.records))
-            text = page(table, played, total)
+            lines.append(Line.of(arm, finished.records))
+            text = page(table, lines, finished.total, models)
             text += "\n## Not counted\n\n" + "\n".join(f"- {f}" for f in faults) + "\n" if faults else ""
             path.write_text(text)
-            plot(table, played, path.with_suffix(".png"))
+            plot(table, lines, path.with_suffix(".png"))
     return path
+
+
+def models_of(root: Path, split: str) -> dict[tuple[str, str], list[str]]:
+    """By scene and category, the furniture models that its goals are made of. ConfigError: a file is missing or damaged."""
+    records = (files.read(root / split / "scenes" / f"{name}.json", SceneRecord) for name in scenes_of(root, split))
+    return {(r.scene, label): models for r in records for label, models in r.target_models.items()}

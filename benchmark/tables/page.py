@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.episode import REASONS
@@ -11,88 +12,112 @@ from benchmark.runner.records import EpisodeRecord
 from benchmark.runner.summary import SUCCESS_RULE, Interval, Summary, paired, summarise
 from benchmark.tables.arms import Arm, Table
 
-Played = Sequence[tuple[Arm, Sequence[EpisodeRecord]]]
+#: Categories of which there are so few furniture models that one of them may decide a number.
+FEW_MODELS = ("toilet", "tv")
 
 
-def page(table: Table, played: Played, total: int) -> str:
-    """``played``: arms with at least one episode; ``total``: episodes of the split."""
-    rows = [(arm, records, summarise(records)) for arm, records in played]
-    first = rows[0]
-    with_bytes = any(s.bytes for _, _, s in rows)
-    lines = [
+@dataclass(frozen=True, slots=True)
+class Line:
+    """An arm with what was played of it: at least one episode."""
+
+    arm: Arm
+    records: Sequence[EpisodeRecord]
+    summary: Summary
+
+    @classmethod
+    def of(cls, arm: Arm, records: Sequence[EpisodeRecord]) -> Line:
+        return cls(arm, records, summarise(records))
+
+
+def page(table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[str, str], Sequence[str]]) -> str:
+    """``total``: episodes of the split; ``models``: by scene and category, the furniture models of its goals."""
+    first = lines[0]
+    with_bytes = any(line.summary.bytes for line in lines)
+    text = [
         f"# {table.title}", "",
         f"Made by `surveilnav bench table {table.name}`, program `{program_hash()[:12]}`. {table.about}", "",
-        f"Split `{first[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. Means in percent with 95 % bootstrap "
+        f"Split `{first.arm.settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. Means in percent with 95 % bootstrap "
         "intervals; differences are paired by episode, in points, to the first line.", "",
     ]  # fmt: skip
     columns = ["", "episodes", "SR", "SPL", "SoftSPL", "SR difference", "SPL difference", "steps", "path [m]"]
-    columns += ["camera MB an episode"] * with_bytes + ["paper: SR / SPL"] * any(arm.paper for arm, _, _ in rows)
-    lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-    for arm, records, s in rows:
-        difference = ("", "") if records is first[1] else tuple(_signed(d) for d in paired(records, first[1]))
+    with_paper = any(line.arm.paper for line in lines)
+    columns += ["camera MB an episode"] * with_bytes + ["paper: SR / SPL"] * with_paper
+    text += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    for line in lines:
+        arm, s = line.arm, line.summary
+        difference = ("", "") if line is first else tuple(_signed(d) for d in paired(line.records, first.records))
         cells = [
             arm.label, f"{s.episodes}" + (" (unfinished)" if s.episodes < total else ""), str(s.sr), str(s.spl),
             f"{s.soft_spl.mean:.1f}", *difference, f"{s.steps:.0f}", f"{s.path_m:.1f}",
         ]  # fmt: skip
         if with_bytes:
             cells.append(f"{sum(s.bytes.values()) / 1e6:.1f}" if s.bytes else "0.0")
-        if any(a.paper for a, _, _ in rows):
+        if with_paper:
             cells.append(f"{arm.paper[0]:.1f} / {arm.paper[1]:.1f}" if arm.paper else "")
-        lines.append("| " + " | ".join(cells) + " |")
-    lines += ["", f"![]({table.name}.png)", "", "## Why searches failed", "", *_reasons(rows)]
-    lines += ["", "## By category", "", *_by(rows, "category")]
+        text.append("| " + " | ".join(cells) + " |")
+    text += ["", f"![]({table.name}.png)", "", "## Why searches failed", "", *_reasons(lines)]
+    text += ["", "## By category", "", *_by(lines, lambda r: r.category)]
+    text += ["", "## By furniture model", ""]
+    text += ["The models that a scene's goals are made of, for the categories that have few.", ""]
+    text += _by(lines, lambda r: _models(r, models))
     if table.name == "main":
-        lines += ["", "## By scene", "", *_by(rows[:2], "scene")]
-    return "\n".join(lines) + "\n"
+        text += ["", "## By scene", "", *_by(lines[:2], lambda r: r.scene)]
+    return "\n".join(text) + "\n"
 
 
 def _signed(i: Interval) -> str:
     return f"{i.mean:+.1f} [{i.low:+.1f}, {i.high:+.1f}]"
 
 
-def _reasons(rows: Sequence[tuple[Arm, Sequence[EpisodeRecord], Summary]]) -> list[str]:
-    names = [name for name in REASONS if any(name in s.reasons for _, _, s in rows)]
-    lines = ["| | " + " | ".join(names) + " |", "|" + "---|" * (len(names) + 1)]
-    for arm, _, s in rows:
-        lines.append(f"| {arm.label} | " + " | ".join(str(s.reasons.get(n, 0)) for n in names) + " |")
-    return lines + [""] + [f"- `{n}`: {REASONS[n]}" for n in names]
+def _models(record: EpisodeRecord, models: Mapping[tuple[str, str], Sequence[str]]) -> str | None:
+    """A category with its models in the record's scene; None: it has many."""
+    if record.category not in FEW_MODELS:
+        return None
+    return f"{record.category}: {', '.join(models[record.scene, record.category])}"
 
 
-def _by(rows: Sequence[tuple[Arm, Sequence[EpisodeRecord], Summary]], field: str) -> list[str]:
-    """SR / SPL by category or scene."""
-    names = sorted({getattr(r, field) for _, records, _ in rows for r in records})
-    lines = ["| | " + " | ".join(arm.label for arm, _, _ in rows) + " |", "|" + "---|" * (len(rows) + 1)]
+def _reasons(lines: Sequence[Line]) -> list[str]:
+    names = [name for name in REASONS if any(name in line.summary.reasons for line in lines)]
+    text = ["| | " + " | ".join(names) + " |", "|" + "---|" * (len(names) + 1)]
+    for line in lines:
+        text.append(f"| {line.arm.label} | " + " | ".join(str(line.summary.reasons.get(n, 0)) for n in names) + " |")
+    return text + [""] + [f"- `{n}`: {REASONS[n]}" for n in names]
+
+
+def _by(lines: Sequence[Line], group: Callable[[EpisodeRecord], str | None]) -> list[str]:
+    """SR / SPL by group; records without one are left out."""
+    names = sorted({name for line in lines for r in line.records if (name := group(r)) is not None})
+    text = ["| | " + " | ".join(line.arm.label for line in lines) + " |", "|" + "---|" * (len(lines) + 1)]
     for name in names:
         cells = []
-        for _, records, _ in rows:
-            some = [r for r in records if getattr(r, field) == name]
+        for line in lines:
+            some = [r for r in line.records if group(r) == name]
             n = len(some)
             cells.append(
                 f"{100 * sum(r.success for r in some) / n:.0f} / {100 * sum(r.spl for r in some) / n:.0f} ({n})"
                 if n
                 else ""
             )
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return lines
+        text.append(f"| {name} | " + " | ".join(cells) + " |")
+    return text
 
 
-def plot(table: Table, played: Played, path: Path) -> None:
+def plot(table: Table, lines: Sequence[Line], path: Path) -> None:
     """SR and SPL of every arm with their intervals, as bars."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    rows = [(arm.label, summarise(records)) for arm, records in played]
-    figure, axes = plt.subplots(1, 2, figsize=(10, 1.2 + 0.38 * len(rows)), sharey=True, layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(10, 1.2 + 0.38 * len(lines)), sharey=True, layout="constrained")
     for axis, name in zip(axes, ("sr", "spl"), strict=True):
-        values: list[Interval] = [getattr(s, name) for _, s in rows]
-        at = range(len(rows), 0, -1)
+        values: list[Interval] = [getattr(line.summary, name) for line in lines]
+        at = range(len(lines), 0, -1)
         means = [v.mean for v in values]
         errors = [[v.mean - v.low for v in values], [v.high - v.mean for v in values]]
-        colors = ["#2a6f97" if i == 0 else "#a9c6d8" for i in range(len(rows))]
+        colors = ["#2a6f97" if i == 0 else "#a9c6d8" for i in range(len(lines))]
         axis.barh(list(at), means, xerr=errors, color=colors, error_kw={"elinewidth": 1, "capsize": 2})
-        axis.set_yticks(list(at), [label for label, _ in rows])
+        axis.set_yticks(list(at), [line.arm.label for line in lines])
         axis.set_xlabel("SR [%]" if name == "sr" else "SPL [%]")
         axis.set_xlim(0, 100)
         axis.spines[["top", "right"]].set_visible(False)

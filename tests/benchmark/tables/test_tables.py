@@ -8,12 +8,13 @@ import pytest
 from benchmark.dataset.splits import SPLITS
 from benchmark.runner.settings import RunSettings
 from benchmark.tables.arms import TABLES, Arm, Table
-from benchmark.tables.page import page, plot
+from benchmark.tables.page import Line, page, plot
 from surveilnav.errors import ConfigError
 from tests.benchmark.runner.test_records import FAILED, RECORD
 
 ARMS = (Arm("with", RunSettings(), (67.4, 34.5)), Arm("without", RunSettings(surveillance=False)))
 TABLE = Table("range", "Range", "About it.", ARMS)
+MODELS = {("flat-s0", "tv"): ["Maker#flat-tv", "Maker#wall-tv"]}
 
 
 def test_every_arm_can_be_run_and_has_a_folder_of_its_own():
@@ -32,7 +33,7 @@ def test_arms_with_the_same_settings_share_a_run():
 
 def test_a_page_says_what_the_records_say():
     without = [msgspec.structs.replace(RECORD, success=False, spl=0.0, reason="out_of_steps"), FAILED]
-    text = page(TABLE, [(ARMS[0], [RECORD, FAILED]), (ARMS[1], without)], total=2)
+    text = page(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], without)], 2, MODELS)
     assert "| with | 2 | 50.0 [0.0, 100.0] | 25.0 [0.0, 50.0] | 60.0 | " in text
     assert (
         "| without | 2 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 | -50.0 [-100.0, +0.0] | -25.0 [-50.0, +0.0] |" in text
@@ -41,15 +42,35 @@ def test_a_page_says_what_the_records_say():
     assert "| with | 1 | 0 |" in text  # reasons
     assert "within 0.1 m (geodesic)" in text
     assert "| tv | 50 / 25 (2) | 0 / 0 (2) |" in text
+    assert "| tv: Maker#flat-tv, Maker#wall-tv | 50 / 25 (2) | 0 / 0 (2) |" in text
+
+
+def test_components_are_crossed_the_fewest_changes_first():
+    arms = TABLES["components"].arms
+    assert len(arms) == 27
+    assert arms[0].settings == RunSettings()
+    said = {
+        (
+            arm.settings.fusion_config().objects.geometry,
+            arm.settings.fusion_config().value.fusion,
+            arm.settings.planning.get("strategy", "region"),
+        )
+        for arm in arms
+    }
+    assert len(said) == 27
+    changes = [
+        ("objects" in a.settings.fusion) + ("value" in a.settings.fusion) + len(a.settings.planning) for a in arms
+    ]
+    assert changes == sorted(changes)
 
 
 def test_an_unfinished_arm_says_so():
-    assert "| with | 1 (unfinished) |" in page(TABLE, [(ARMS[0], [RECORD])], total=2)
+    assert "| with | 1 (unfinished) |" in page(TABLE, [Line.of(ARMS[0], [RECORD])], 2, MODELS)
 
 
 def test_the_plot_is_the_same_twice(tmp_path):
     for name in ("a.png", "b.png"):
-        plot(TABLE, [(ARMS[0], [RECORD, FAILED]), (ARMS[1], [FAILED])], tmp_path / name)
+        plot(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])], tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
