@@ -9,7 +9,7 @@ ENV PATH=/opt/venv/bin:$PATH
 WORKDIR /src
 COPY pyproject.toml constraints.txt README.md ./
 COPY shared/surveilnav/__init__.py shared/surveilnav/
-RUN pip install -q --no-cache-dir -c constraints.txt . && pip uninstall -q -y surveilnav
+RUN pip install -q --no-cache-dir -c constraints.txt ".[mesh]" && pip uninstall -q -y surveilnav
 
 # --- our own code, and the homes and furniture of Sweet Home 3D ---
 FROM packages AS code

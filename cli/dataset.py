@@ -77,8 +77,14 @@ def show(
     from cli.progress import counting
 
     scenes = scene or scenes_of(root, split)
+    area_m2 = seen_m2 = 0.0
     with counting(console, "scenes") as progress:
         for done, name in enumerate(scenes, start=1):
-            path = draw(root, split, name, out)
+            drawn = draw(root, split, name, out)
             progress(done, len(scenes), name)
-            console.print(str(path))
+            console.print(
+                f"{drawn.path}: cameras see {100 * drawn.seen_m2 / drawn.area_m2:.0f} % of {drawn.area_m2:.0f} m2"
+            )
+            area_m2, seen_m2 = area_m2 + drawn.area_m2, seen_m2 + drawn.seen_m2
+    if len(scenes) > 1:
+        console.print(f"{len(scenes)} scenes: cameras see {100 * seen_m2 / area_m2:.0f} % of {area_m2:.0f} m2 indoors")

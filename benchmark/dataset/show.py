@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from surveilnav.errors import ConfigError
 from surveilnav.geometry import Grid
 
 _SCALE = 3  # pixels a cell
+_LEGEND_PX = 540
 #: BGR
 _COLORS: dict[str, tuple[int, int, int]] = {
     "chair": (60, 140, 230), "bed": (190, 80, 150), "potted plant": (60, 150, 60), "toilet": (200, 160, 40),
@@ -24,7 +26,15 @@ _COLORS: dict[str, tuple[int, int, int]] = {
 }  # fmt: skip
 
 
-def draw(root: Path, split: str, scene: str, out: Path) -> Path:
+class Drawn(NamedTuple):
+    """A scene's picture; ``area_m2`` of its floors indoors, and how much of it cameras have in sight."""
+
+    path: Path
+    area_m2: float
+    seen_m2: float
+
+
+def draw(root: Path, split: str, scene: str, out: Path) -> Drawn:
     """Writes ``<out>/<split>/<scene>.png``; floors from the lowest on, side by side.
 
     Raises:
@@ -35,17 +45,21 @@ def draw(root: Path, split: str, scene: str, out: Path) -> Path:
     data = load_scene(root, split, scene)
     building = open_scene(data.record, lighting="flat")
     data.check_scene(building.scene)
-    floors = [_floor(building, data, floor) for floor in building.navigation.floors.values()]
+    drawn = [_floor(building, data, floor) for floor in building.navigation.floors.values()]
+    floors = [image for image, _, _ in drawn]
     height = max(f.shape[0] for f in floors)
     image = np.hstack([np.pad(f, ((0, height - f.shape[0]), (0, 0), (0, 0)), constant_values=255) for f in floors])
     path = out / split / f"{scene}.png"
     path.parent.mkdir(parents=True, exist_ok=True)
     if not cv2.imwrite(str(path), image):
         raise ConfigError(f"{path} can't be written")
-    return path
+    return Drawn(path, sum(area_m2 for _, area_m2, _ in drawn), sum(seen_m2 for _, _, seen_m2 in drawn))
 
 
-def _floor(building: SimulatedBuilding, data: SceneData, floor: FloorNavigation) -> NDArray[np.uint8]:
+def _floor(
+    building: SimulatedBuilding, data: SceneData, floor: FloorNavigation
+) -> tuple[NDArray[np.uint8], float, float]:
+    """A floor's picture, its surface indoors and what cameras have in sight of it [m2]."""
     cameras = [c for c in data.plan(100).cameras if c.floor == floor.id]
     covered = np.zeros(floor.grid.shape, dtype=np.bool_)
     for camera in cameras:
@@ -80,11 +94,19 @@ def _floor(building: SimulatedBuilding, data: SceneData, floor: FloorNavigation)
         max(0, rows.min() - 4) * _SCALE : (rows.max() + 5) * _SCALE,
         max(0, cols.min() - 4) * _SCALE : (cols.max() + 5) * _SCALE,
     ]
-    share = (covered & floor.supported & floor.indoor).sum() / max(1, (floor.supported & floor.indoor).sum())
+    indoors = floor.supported & floor.indoor
+    cell_m2 = floor.grid.resolution_m**2
+    area_m2, seen_m2 = float(indoors.sum()) * cell_m2, float((covered & indoors).sum()) * cell_m2
+    share = seen_m2 / max(area_m2, cell_m2)
     title = f"{data.record.scene} floor {floor.id}: {floor.floor_area_m2:.0f} m2, {len(cameras)} cameras see {100 * share:.0f} %"
-    image = np.ascontiguousarray(np.pad(image[::-1], ((22, 4), (4, 8), (0, 0)), constant_values=255))
+    short = max(0, _LEGEND_PX - image.shape[1])
+    image = np.ascontiguousarray(np.pad(image[::-1], ((22, 24), (4, 8 + short), (0, 0)), constant_values=255))
     cv2.putText(image, title, (6, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
-    return np.asarray(image, dtype=np.uint8)
+    x, below = 6, image.shape[0] - 8
+    for word, color in (*_COLORS.items(), ("green: in a camera's sight", (40, 40, 40))):
+        cv2.putText(image, word, (x, below), cv2.FONT_HERSHEY_SIMPLEX, 0.45, color, 1, cv2.LINE_AA)
+        x += cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0] + 14
+    return np.asarray(image, dtype=np.uint8), area_m2, seen_m2
 
 
 def seen_floor(

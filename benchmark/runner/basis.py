@@ -17,7 +17,8 @@ from benchmark.dataset import format as files
 #: What decides how a search goes, by package; the rest opens, counts and prints.
 _PARTS = {
     benchmark: (
-        "dataset", "episode.py", "sight.py", "perception.py", "oracle.py", "policies", "runner/play.py", "runner/settings.py",
+        "dataset/axes.py", "dataset/build.py", "dataset/format.py", "dataset/load.py", "episode.py", "oracle.py", "policies",
+        "runner/play.py", "runner/settings.py", "sight.py",
     ),
     services: ("fusion/core", "planner/core", "robot_node/core.py", "camera_node/core.py"),
     surveilnav: ("building", "geometry", "messages", "perception", "sensing", "categories.py", "runtime/wire.py"),

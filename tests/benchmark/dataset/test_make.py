@@ -9,6 +9,7 @@ import shutil
 import pytest
 
 from benchmark.dataset.check import check
+from benchmark.dataset.load import load_scene
 from benchmark.dataset.make import make, write_manifest
 from benchmark.dataset.show import draw
 from benchmark.dataset.splits import SplitSpec, quotas, splits_of, take
@@ -137,8 +138,12 @@ def test_splits_have_names():
 def test_pictures_show_floors(dataset, tmp_path):
     import cv2
 
-    image = cv2.imread(str(draw(dataset, "val_mini", "parametric_house-s1", tmp_path)))
+    drawn = draw(dataset, "val_mini", "parametric_house-s1", tmp_path)
+    image = cv2.imread(str(drawn.path))
     assert image.shape[1] > 900  # two floors side by side
     assert (image == (0, 110, 255)).all(axis=-1).any()  # cameras
+    record = load_scene(dataset, "val_mini", "parametric_house-s1").record
+    assert drawn.area_m2 == pytest.approx(sum(f.area_m2 for f in record.floors), rel=0.15)
+    assert 0.2 * drawn.area_m2 < drawn.seen_m2 < 0.9 * drawn.area_m2
     with pytest.raises(ConfigError, match="no scene"):
         draw(dataset, "val_mini", "castle-s1", tmp_path)

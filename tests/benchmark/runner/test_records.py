@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import sqlite3
+import subprocess
+import sys
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -156,6 +159,27 @@ def test_code_and_tables_make_the_program(tmp_path, file, text, same):
     before = hash_of({tmp_path: ("core", "one.py")})
     (tmp_path / file).write_text(text)
     assert (hash_of({tmp_path: ("core", "one.py")}) == before) == same
+
+
+#: What a search imports that doesn't decide how it goes: packages, keeping, counting, the bus.
+_NOT_THE_PROGRAM = {
+    "benchmark", "benchmark.dataset", "benchmark.dataset.splits", "benchmark.runner", "benchmark.runner.basis",
+    "benchmark.runner.records", "services", "services.camera_node", "services.fusion", "services.planner",
+    "services.robot_node", "surveilnav", "surveilnav.config", "surveilnav.contract", "surveilnav.errors",
+    "surveilnav.runtime", "surveilnav.runtime.logs", "surveilnav.runtime.node", "surveilnav.runtime.settings",
+    "surveilnav.runtime.traffic",
+}  # fmt: skip
+
+
+def test_whatever_plays_a_search_is_part_of_the_program():
+    code = "import sys, benchmark.runner.play; [print(n, getattr(m, '__file__', '')) for n, m in sys.modules.items()]"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    parts = {root / part for root, parts in program_parts().items() for part in parts}
+    loaded = dict(line.split(" ", 1) for line in said.splitlines())
+    loaded = {n: file for n, file in loaded.items() if n.split(".")[0] in ("benchmark", "services", "surveilnav")}
+    others = {name for name, file in loaded.items() if not parts & {Path(file), *Path(file).parents}}
+    assert len(loaded) > 60
+    assert others <= _NOT_THE_PROGRAM
 
 
 def test_all_parts_of_the_program_are_there():
