@@ -56,7 +56,8 @@ def camera(label, score, n=1):
         (near("chair", 0.78, 4) + near("bed", 0.7, 4), "chair", "candidate"),  # who knows
         (near("couch", 0.7, 4) + near("bed", 0.6, 4), "couch", "confirmed"),  # mostly a couch is enough
         (near("couch", 0.8, 3) + near("bed", 0.9, 4), "bed", "rejected"),  # a flip
-        (near("couch", 0.8, 3) + near("bed", 0.9, 12), "bed", "confirmed"),  # it is a bed after all
+        (near("couch", 0.8, 3) + near("bed", 0.9, 12), "bed", "candidate"),  # beds aren't taken for couches
+        (near("couch", 0.8, 3) + near("bed", 0.9, 16), "bed", "confirmed"),  # it is a bed after all
         (near("chair", 0.8, 2) + ["miss"] * 6, "chair", "rejected"),
         (near("chair", 0.8, 8) + ["miss"] * 6, "chair", "confirmed"),
         (camera("chair", 0.8, 3) + ["miss"] * 2, "chair", "confirmed"),
