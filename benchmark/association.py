@@ -11,7 +11,6 @@ is a file, a replay a line of ``replays.jsonl``; lines of other configurations, 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import sys
 import time
@@ -27,6 +26,7 @@ from benchmark import homes
 from benchmark.association_page import Results, page, plot
 from benchmark.recordings import TOURS, Recording, load, record, save
 from benchmark.replays import SEED, Player, code_hash, good_detections, score, variants
+from benchmark.workers import worker_pool
 from services.fusion.core import ObjectConfig
 from surveilnav.building.sources import TRAIN_HOMES
 from surveilnav.errors import SurveilNavError
@@ -138,7 +138,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     failed = []
     if not options.table:
         jobs = [Job(home, t, options.perception, options.recordings) for t in options.tours for home in options.homes]
-        with multiprocessing.get_context("spawn").Pool(options.workers, maxtasksperchild=1) as pool:
+        with worker_pool(options.workers) as pool:
             failed = [error for error in pool.imap_unordered(_work, jobs) if error]
     for error in failed:
         _say(error)

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmark.workers import worker_pool
 from surveilnav.categories import TARGETS
 from surveilnav.errors import ConfigError, SurveilNavError, TargetError
 
@@ -291,7 +292,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     began_s, before = time.monotonic(), len(load(options.out))
     done = frozenset(key_of(r) for r in load(options.out))
     failed = 0
-    with multiprocessing.get_context("spawn").Pool(options.workers, maxtasksperchild=1) as pool:
+    with worker_pool(options.workers) as pool:
         results = pool.imap_unordered(_work, [(job, done, options.out) for job in jobs])
         remaining = len(jobs)
         while remaining:

@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmark.recordings import TOURS, Recording, SeenView, Thing
 from services.fusion.core import FusionConfig, ObjectConfig, objects
+from services.fusion.core.config import ONE_RULE_FOR_ALL
 from services.fusion.core.joint_map import canonical
 from services.fusion.core.objects import ObjectMap
 from services.fusion.core.sightings import Sighting, locate_all
@@ -268,12 +269,6 @@ def variants(tour: str) -> list[Variant]:
         found += [Variant("change", f"{name} {value}", ObjectConfig(**{name: value})) for value in values]
     for n in DETECTIONS:
         for least in SCORES:
-            config = ObjectConfig(
-                confirm_score=least,
-                confirm_scores={},
-                confirm_early=0.0,
-                confirm_detections={},
-                confirm_robot_detections=n,
-            )
+            config = ObjectConfig(**ONE_RULE_FOR_ALL, confirm_score=least, confirm_robot_detections=n)
             found.append(Variant("confirm", f"{least} {n}", config))
     return found
