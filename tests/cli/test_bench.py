@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -20,7 +22,7 @@ def surveilnav(*arguments, timeout_s=240):
 @pytest.fixture(scope="module")
 def root(tmp_path_factory):
     root = tmp_path_factory.mktemp("dataset")
-    make(root, [SplitSpec("val_mini", (SceneSpec("parametric_flat", 0, "all"),), 2)], workers=1)
+    make(root, [SplitSpec("val_mini", (SceneSpec("parametric_flat", 0, "all"),), 6)], workers=1)
     return root
 
 
@@ -30,10 +32,43 @@ def test_a_run_says_its_numbers_as_one_object(root, tmp_path):
     assert first.returncode == 0, first.stderr
     said = json.loads(first.stdout)
     assert {"sr", "spl", "soft_spl", "episodes", "seconds", "traffic"} <= set(said)
-    assert said["episodes"] == 2
+    assert said["episodes"] == 6
     assert 0.0 <= said["spl"] <= said["sr"] <= 100.0
     again = json.loads(surveilnav("bench", "run", *out, "--json").stdout)  # nothing is missing: nothing is played
     assert {k: v for k, v in again.items() if k != "seconds"} == {k: v for k, v in said.items() if k != "seconds"}
+
+
+def kept(run):
+    """The episodes that a run's folder holds, as their records say but for the time they took."""
+    if not (run / "episodes.sqlite").exists():
+        return []
+    with sqlite3.connect(run / "episodes.sqlite") as db:
+        if not db.execute("SELECT name FROM sqlite_master WHERE name = 'episodes'").fetchone():
+            return []
+        rows = db.execute("SELECT record FROM episodes ORDER BY scene, episode_id").fetchall()
+    return [{k: v for k, v in json.loads(record).items() if k != "seconds"} for (record,) in rows]
+
+
+def test_a_run_that_was_killed_goes_on_and_comes_to_the_same(root, tmp_path):
+    def arguments(out):
+        return ("bench", "run", "--root", root, "--out", out, "--perception", "oracle", "--workers", 1)
+
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    process = subprocess.Popen([sys.executable, "-m", "cli.main", *map(str, arguments(killed))], stderr=subprocess.PIPE)
+    until = time.monotonic() + 200.0
+    while not kept(killed):
+        assert process.poll() is None, process.stderr.read().decode()
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    process.kill()
+    process.communicate()
+    before = kept(killed)
+    assert 1 <= len(before) < 6
+    assert surveilnav(*arguments(killed)).returncode == 0
+    assert surveilnav(*arguments(whole)).returncode == 0
+    assert len(kept(whole)) == 6
+    assert kept(killed) == kept(whole)
+    assert [r for r in kept(killed) if r in before] == before
 
 
 @pytest.mark.parametrize(
