@@ -14,7 +14,6 @@ import argparse
 import os
 import sys
 import time
-import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +25,7 @@ from benchmark import homes
 from benchmark.association_page import Results, page, plot
 from benchmark.recordings import TOURS, Recording, load, record, save
 from benchmark.replays import SEED, Player, code_hash, good_detections, score, variants
-from benchmark.workers import worker_pool
+from benchmark.workers import in_workers
 from services.fusion.core import ObjectConfig
 from surveilnav.building.sources import TRAIN_HOMES
 from surveilnav.errors import SurveilNavError
@@ -114,12 +113,11 @@ def _ends(values: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
 
 
 def _work(job: Job) -> str:
+    """What kept a home from being replayed; empty: nothing."""
     try:
         replay_all(job)
     except SurveilNavError as error:
-        return f"{job.home}: {error}"
-    except Exception:  # one home's bug must not end the others'
-        return f"{job.home}: {traceback.format_exc()}"
+        return str(error)
     return ""
 
 
@@ -138,8 +136,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     failed = []
     if not options.table:
         jobs = [Job(home, t, options.perception, options.recordings) for t in options.tours for home in options.homes]
-        with worker_pool(options.workers) as pool:
-            failed = [error for error in pool.imap_unordered(_work, jobs) if error]
+        for ended in in_workers(_work, jobs, options.workers):
+            if ended is not None and (error := ended.error or ended.result):
+                failed.append(f"{ended.job.home}: {error}")
     for error in failed:
         _say(error)
     records = [

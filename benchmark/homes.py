@@ -10,17 +10,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import os
 import sys
 import time
-import traceback
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmark.workers import worker_pool
+from benchmark.workers import in_workers
 from surveilnav.categories import TARGETS
 from surveilnav.errors import ConfigError, SurveilNavError, TargetError
 
@@ -250,15 +248,13 @@ def claim(options: argparse.Namespace) -> str:
 # --- running ------------------------------------------------------------------------------------------------------
 
 
-def _work(arguments: tuple[Job, frozenset[tuple[str, int, str, str]], Path]) -> tuple[str, str]:
-    job, done, out = arguments
+def _work(arguments: tuple[Job, frozenset[tuple[str, int, str, str]], Path]) -> str:
+    """What kept a home's episodes from being played; empty: nothing."""
     try:
-        run_job(job, done, out)
+        run_job(*arguments)
     except SurveilNavError as error:
-        return f"{job.building} seed {job.seed}", str(error)
-    except Exception:  # one home's bug must not end the others' episodes
-        return f"{job.building} seed {job.seed}", traceback.format_exc()
-    return f"{job.building} seed {job.seed}", ""
+        return str(error)
+    return ""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -292,24 +288,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     began_s, before = time.monotonic(), len(load(options.out))
     done = frozenset(key_of(r) for r in load(options.out))
     failed = 0
-    with worker_pool(options.workers) as pool:
-        results = pool.imap_unordered(_work, [(job, done, options.out) for job in jobs])
-        remaining = len(jobs)
-        while remaining:
-            try:
-                name, error = results.next(timeout=30)
-            except multiprocessing.TimeoutError:
-                name, error = "", ""
-            else:
-                remaining -= 1
-            if error:
-                failed += 1
-                print(f"{name} could not be played: {error}", file=sys.stderr)
-            records = load(options.out)
-            page.write_text(table(records, command))
-            new = len(records) - before
-            left_s = (time.monotonic() - began_s) / max(1, new) * (total - len(records))
-            print(f"{len(records)}/{total} episodes, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
+    for ended in in_workers(_work, [(job, done, options.out) for job in jobs], options.workers, 30.0):
+        if ended is not None and (error := ended.error or ended.result):
+            failed += 1
+            job = ended.job[0]
+            print(f"{job.building} seed {job.seed} could not be played: {error}", file=sys.stderr)
+        records = load(options.out)
+        page.write_text(table(records, command))
+        new = len(records) - before
+        left_s = (time.monotonic() - began_s) / max(1, new) * (total - len(records))
+        print(f"{len(records)}/{total} episodes, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
     return 1 if failed else 0
 
 

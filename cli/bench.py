@@ -42,6 +42,7 @@ def run(
     from benchmark.runner.run import run as play
     from benchmark.runner.settings import RunSettings
     from benchmark.runner.summary import SUCCESS_RULE, summarise
+    from benchmark.tables.arms import Arm
     from cli.progress import counting
     from surveilnav.errors import ConfigError
 
@@ -50,7 +51,7 @@ def run(
         "density_m2": density, "views": views, "max_steps": max_steps, "seed": seed,
     }  # fmt: skip
     settings = _settings(RunSettings, facts)
-    folder = out or Path("runs/bench") / f"{split}-{policy}-{planner}-{surveillance}-{perception}"
+    folder = out or Path("runs/bench") / Arm("", settings).slug
     began_s = time.monotonic()
     with counting(console, "episodes") as progress:
         finished = play(root, folder, settings, workers=workers, on_progress=lambda p: progress(p.done, p.total, ""))
@@ -82,7 +83,7 @@ def table(
     root: Root = DEFAULT_ROOT,
     out: Annotated[Path, typer.Option(help="Where pages, plots and runs go.")] = Path("docs/results/bench"),
 ) -> None:
-    """Make tables: play what is missing of their runs, write pages and plots."""
+    """Make tables: play what is missing of their runs, write pages and plots. Exit 0 only if every episode was played."""
     from benchmark.tables.arms import TABLES
     from benchmark.tables.make import make
     from cli.progress import counting
@@ -90,10 +91,15 @@ def table(
 
     if unknown := [n for n in name or () if n not in TABLES]:
         raise ConfigError(f"there is no table {unknown[0]!r}; there are {', '.join(TABLES)}")
+    complete = True
     for one in name or TABLES:
         with counting(console, "episodes") as progress:
-            path = make(TABLES[one], root, out, workers=workers, on_progress=progress)
-        console.print(str(path))
+            made = make(TABLES[one], root, out, workers=workers, on_progress=progress)
+        for fault in made.faults:
+            console.print(f"[red]not counted:[/] {fault}")
+        console.print(str(made.page))
+        complete &= made.complete
+    sys.exit(0 if complete else 1)
 
 
 @app.command()

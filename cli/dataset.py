@@ -24,9 +24,12 @@ def build(
     split: Annotated[list[str] | None, typer.Option(help="val, val_mini, train; all if none is named.")] = None,
     root: Root = DEFAULT_ROOT,
     workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
+    anew: Annotated[
+        bool, typer.Option("--anew", help="Also what is there: after an update of program or furniture.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Build the dataset, or what is missing of it: stop it whenever you like."""
+    """Build the dataset, or what is missing or damaged of it: stop it whenever you like."""
     import msgspec
 
     from benchmark.dataset.make import make
@@ -34,7 +37,7 @@ def build(
     from cli.progress import counting
 
     with counting(console, "scenes") as progress:
-        manifest = make(root, splits_of(split), workers=workers, on_progress=progress)
+        manifest = make(root, splits_of(split), workers=workers, anew=anew, on_progress=progress)
     if as_json:
         print(msgspec.json.encode(manifest).decode())
         return

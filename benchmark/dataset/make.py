@@ -8,8 +8,9 @@ from pathlib import Path
 from benchmark.dataset import format as files
 from benchmark.dataset.build import MADE_BY, RULES, build_scene
 from benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCounts
+from benchmark.dataset.integrity import hash_of, is_whole
 from benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
-from benchmark.workers import worker_pool
+from benchmark.workers import in_workers
 from surveilnav.errors import ConfigError, SurveilNavError
 
 
@@ -18,31 +19,45 @@ def make(
     splits: Sequence[SplitSpec],
     *,
     workers: int,
+    anew: bool = False,
     on_progress: Callable[[int, int, str], None] = lambda done, total, scene: None,
 ) -> Manifest:
-    """Builds what is missing of the splits and writes the manifest of all that is there.
+    """Builds what is missing or damaged of the splits and writes the manifest of all splits that are whole.
+
+    Args:
+        anew: builds what is there, too.
 
     Raises:
-        ConfigError: a scene can't be built, or floors, cameras or episodes don't come out as the split says.
+        ConfigError: a dataset of another version is there, a scene can't be built, or floors, cameras or episodes don't
+            come out as the split says.
     """
+    if (root / "dataset.json").exists() and not anew:
+        try:
+            files.manifest_of(root)
+        except ConfigError as other:
+            raise ConfigError(f"{other} (`surveilnav dataset build --anew`, or another --root)") from other
     jobs = [
         (root, split.name, spec, n)
         for split in splits
         for spec, n in zip(split.scenes, quotas(split.episodes, len(split.scenes)), strict=True)
-        if not (root / split.name / "scenes" / f"{spec.scene}.json").exists()
+        if anew or not is_whole(root, split.name, spec.scene)
     ]
+    for _, name, spec, _ in jobs:  # whatever stops this build, the next one sees what is still to be built
+        (root / name / f"{name}.json.gz").unlink(missing_ok=True)
+        (root / name / "scenes" / f"{spec.scene}.json").unlink(missing_ok=True)
     failed: dict[str, str] = {}
-    if jobs:
-        with worker_pool(min(workers, len(jobs))) as pool:
-            for done, (scene, error) in enumerate(pool.imap_unordered(_work, jobs), start=1):
-                if error:
-                    failed[scene] = error
-                on_progress(done, len(jobs), scene)
+    done = 0
+    for ended in in_workers(_work, jobs, workers):
+        if ended is not None:
+            done, scene = done + 1, ended.job[2].scene
+            if error := ended.error or ended.result:
+                failed[scene] = error.strip().splitlines()[-1]
+            on_progress(done, len(jobs), scene)
     if failed:
         raise ConfigError("; ".join(f"{scene}: {error}" for scene, error in sorted(failed.items())))
     for split in splits:
-        _write_index(root, split.name)
         _check_counts(root, split)
+        _write_index(root, split.name)
     return write_manifest(root)
 
 
@@ -53,25 +68,24 @@ def counts(root: Path, split: str) -> SplitCounts:
     return SplitCounts(
         scenes=len(records),
         floors=sum(len(r.floors) for r in records),
-        cameras=sum(f.cameras["100"] for r in records for f in r.floors),
+        cameras=sum(f.cameras.get("100", 0) for r in records for f in r.floors),
         episodes=sum(len(c.episodes) for c in contents),
     )
 
 
 def write_manifest(root: Path) -> Manifest:
-    """Hashes all files and writes ``dataset.json``."""
-    names = sorted(p.relative_to(root).as_posix() for p in root.glob("*/**/*.json*") if p.is_file())
-    manifest = Manifest(
-        version=files.VERSION, made_by=MADE_BY, rules=RULES,
-        splits={name: counts(root, name) for name in sorted({n.partition("/")[0] for n in names})},
-        sha256={name: files.sha256_of(root / name) for name in names},
-    )  # fmt: skip
+    """Hashes the files of all splits that are whole, those with an index, and writes ``dataset.json``."""
+    whole = [index.parent for index in root.glob("*/*.json.gz") if index.name == f"{index.parent.name}.json.gz"]
+    names = sorted(p.relative_to(root).as_posix() for split in whole for p in split.rglob("*.json*") if p.is_file())
+    sha256 = {name: hash_of(root / name) for name in names}
+    splits = {split.name: counts(root, split.name) for split in sorted(whole)}
+    manifest = Manifest(version=files.VERSION, made_by=MADE_BY, rules=RULES, splits=splits, sha256=sha256)
     files.write(root / "dataset.json", manifest)
     return manifest
 
 
 def _write_index(root: Path, split: str) -> None:
-    """The file that Habitat opens first; the episodes lie in ``content/``."""
+    """The file that Habitat opens first; the episodes lie in ``content/``. Written last: a split that has it is whole."""
     ids = {name: number for number, name in enumerate(files.CATEGORIES)}
     index = HabitatFile(category_to_task_category_id=ids, category_to_scene_annotation_category_id=ids)
     files.write(root / split / f"{split}.json.gz", index)
@@ -88,10 +102,10 @@ def _check_counts(root: Path, split: SplitSpec) -> None:
         )
 
 
-def _work(job: tuple[Path, str, SceneSpec, int]) -> tuple[str, str]:
-    root, split, spec, n = job
+def _work(job: tuple[Path, str, SceneSpec, int]) -> str:
+    """What kept a scene from being built; empty: nothing."""
     try:
-        build_scene(root, split, spec, n)
+        build_scene(*job)
     except (SurveilNavError, OSError) as error:
-        return spec.scene, str(error)
-    return spec.scene, ""
+        return str(error)
+    return ""

@@ -70,8 +70,9 @@ def _floor(
     image[covered & floor.supported] = (200, 235, 205)
     image[floor.obstacle] = 130
     image = np.repeat(np.repeat(image, _SCALE, axis=0), _SCALE, axis=1)
+    goals = {int(goal.object_id) for found in data.content.goals_by_category.values() for goal in found}
     for instance in building.scene.instances:
-        if instance.floor == floor.id and instance.label in _COLORS:
+        if instance.floor == floor.id and instance.id in goals:
             low, high = _pixel(floor.grid, instance.p_min[:2]), _pixel(floor.grid, instance.p_max[:2])
             cv2.rectangle(image, low, high, _COLORS[instance.label], 2)
     for episode in data.content.episodes:

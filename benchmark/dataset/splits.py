@@ -76,7 +76,7 @@ TRAIN_GENERATED = tuple(f"{kind}_{n}" for n in range(1000, 1006) for kind in ("o
 _VAL = (*_specs(VAL_HOMES, VAL_SEEDS, "val"), *_specs(VAL_GENERATED, (0,), "val"))
 _TRAIN = (*_specs(TRAIN_HOMES, (0, 1), "train"), *_specs(TRAIN_GENERATED, (0,), "train"))
 
-#: ``val_mini``: the first five episodes of every third scene of ``val``.
+#: ``val_mini``: of every third scene of ``val`` five episodes, each of another category.
 SPLITS: dict[str, SplitSpec] = {
     split.name: split
     for split in (

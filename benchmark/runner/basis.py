@@ -13,6 +13,8 @@ import benchmark
 import services
 import surveilnav
 from benchmark.dataset import format as files
+from benchmark.dataset.integrity import damage
+from surveilnav.errors import ConfigError
 
 #: What decides how a search goes, by package; the rest opens, counts and prints.
 _PARTS = {
@@ -37,9 +39,11 @@ def basis_of(root: Path, split: str) -> Basis:
     """What an episode of a split is played on.
 
     Raises:
-        ConfigError: there is no such dataset.
+        ConfigError: there is no such dataset, or a file of it isn't what its manifest says.
     """
     manifest = files.manifest_of(root)
+    for name, what in damage(root, manifest, split):
+        raise ConfigError(f"{root / name} {what}: `surveilnav dataset check` names all that is wrong, `build` mends it")
     mine = sorted((k, v) for k, v in manifest.sha256.items() if k.startswith(f"{split}/"))
     return Basis(hashlib.sha256(repr(mine).encode()).hexdigest(), program_hash())
 

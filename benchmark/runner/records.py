@@ -63,9 +63,12 @@ class Records:
     """
 
     def __init__(self, folder: Path, settings: RunSettings, basis: Basis) -> None:
-        """Settings and basis are kept, so runs can't be mixed."""
+        """Settings and basis are kept, so runs can't be mixed; a folder without an episode takes any."""
         self.path = folder / "episodes.sqlite"
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"{folder} can't be made a folder for a run: {error.strerror}") from error
         facts = {"version": VERSION, **basis._asdict(), "settings": msgspec.to_builtins(settings)}
         with self._open() as db:
             db.execute("CREATE TABLE IF NOT EXISTS run (facts TEXT NOT NULL)")
@@ -79,7 +82,12 @@ class Records:
             row = db.execute("SELECT facts FROM run").fetchone()
             if row is None:
                 db.execute("INSERT INTO run VALUES (?)", [json.dumps(facts)])
-            elif json.loads(row[0]) != facts:
+            elif json.loads(row[0]) == facts:
+                return
+            elif db.execute("SELECT COUNT(*) FROM episodes").fetchone() == (0,):
+                db.execute("UPDATE run SET facts = ?", [json.dumps(facts)])
+                db.execute("DELETE FROM broken")
+            else:
                 raise ConfigError(
                     f"{folder} holds another run ({_difference(json.loads(row[0]), facts)}): take another --out"
                 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import time
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from benchmark.runner.basis import Basis, basis_of, program_hash
 from benchmark.runner.play import parent_lives, play_scene
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
-from benchmark.workers import worker_pool
+from benchmark.workers import in_workers
 from surveilnav.errors import SurveilNavError
 
 _POLL_S = 2.0
@@ -58,11 +57,12 @@ def run(
     """
     settings.check()
     basis = basis_of(root, settings.split)
+    wanted: dict[str, list[str]] = {}
+    for scene in scenes_of(root, settings.split):
+        data = load_scene(root, settings.split, scene)
+        data.plan(settings.density_m2)  # a density that the dataset hasn't is said before anything is opened
+        wanted[scene] = [e.episode_id for e in data.content.episodes]
     records = Records(out, settings, basis)
-    wanted = {
-        scene: [e.episode_id for e in load_scene(root, settings.split, scene).content.episodes]
-        for scene in scenes_of(root, settings.split)
-    }
     total = sum(len(ids) for ids in wanted.values())
     done = records.done()
     missing = {s: frozenset(e for e in ids if (s, e) not in done) for s, ids in wanted.items()}
@@ -70,31 +70,23 @@ def run(
     jobs.sort(key=lambda job: (-len(job[5]), job[4]))  # the largest first, so that all workers end together
     began_s, before = time.monotonic(), len(done)
     unopened: dict[str, str] = {}
-    if jobs:
-        with worker_pool(min(workers, len(jobs))) as pool:
-            results = pool.imap_unordered(_work, jobs)
-            left = len(jobs)
-            while left:
-                try:
-                    scene, error = results.next(timeout=_POLL_S)
-                    left -= 1
-                    if error:
-                        unopened[scene] = error
-                except multiprocessing.TimeoutError:
-                    pass
-                n = len(records.done())
-                each_s = (time.monotonic() - began_s) / (n - before) if n > before else None
-                on_progress(Progress(n, total, each_s and each_s * (total - n)))
+    for ended in in_workers(_work, jobs, workers, _POLL_S):
+        if ended is not None and (error := ended.error or ended.result):
+            unopened[ended.job[4]] = error.strip().splitlines()[-1]
+        n = len(records.done())
+        each_s = (time.monotonic() - began_s) / (n - before) if n > before else None
+        on_progress(Progress(n, total, each_s and each_s * (total - n)))
     return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), total)
 
 
-def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> tuple[str, str]:
+def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> str:
+    """What kept a scene from being played; empty: nothing."""
     root, out, basis, settings, scene, ids = job
     parent = os.getppid()
     if program_hash() != basis.program:  # a worker reads the program anew for every scene
-        return scene, "the program was changed since this run began: begin it again"
+        return "the program was changed since this run began: begin it anew, with another --out"
     try:
         play_scene(root, out, basis, settings, scene, ids, lambda: parent_lives(parent))
     except SurveilNavError as error:
-        return scene, str(error)
-    return scene, ""
+        return str(error)
+    return ""

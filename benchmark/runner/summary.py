@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,13 +67,22 @@ def interval(values: Sequence[float]) -> Interval:
     return Interval(float(data.mean()), float(low), float(high))
 
 
-def paired(ours: Sequence[EpisodeRecord], theirs: Sequence[EpisodeRecord]) -> tuple[Interval, Interval]:
-    """The differences of SR and SPL in points over the episodes that both played."""
+class Paired(NamedTuple):
+    """Differences in points over the episodes that two runs both played."""
+
+    pairs: int
+    sr: Interval
+    spl: Interval
+
+
+def paired(ours: Sequence[EpisodeRecord], theirs: Sequence[EpisodeRecord]) -> Paired | None:
+    """Ours minus theirs; None: they have no episode in common."""
     by_key = {r.key: r for r in theirs}
     pairs = [(r, by_key[r.key]) for r in ours if r.key in by_key]
     if not pairs:
-        raise ValueError("the two runs have no episode in common")
-    return (
+        return None
+    return Paired(
+        len(pairs),
         interval([100.0 * (float(a.success) - float(b.success)) for a, b in pairs]),
         interval([100.0 * (a.spl - b.spl) for a, b in pairs]),
     )

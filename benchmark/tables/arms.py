@@ -130,9 +130,11 @@ TABLES: dict[str, Table] = {
             ),
         ),
         Table(
-            "detector", "Perception", "Real detectors on rendered pixels, the calibrated error model, the truth.",
+            "detector", "Perception",
+            "Real detectors on rendered pixels (beside YOLOX-nano, PicoDet-S looks at the robot's views and DEIMv2 femto at the "
+            "cameras'), the calibrated error model, the truth.",
             (
-                Arm("simulated", _run()), Arm("onnx-coco: YOLOX-nano + PicoDet-S", _run(perception="onnx-coco")),
+                Arm("simulated", _run()), Arm("onnx-coco: YOLOX-nano and another", _run(perception="onnx-coco")),
                 Arm("onnx-coco: DEIMv2 femto alone", _run(perception="onnx-coco", detectors=["deimv2-femto"])),
                 Arm("oracle: the truth", _run(perception="oracle")),
             ),

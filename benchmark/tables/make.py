@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 from benchmark.dataset import format as files
 from benchmark.dataset.format import SceneRecord
@@ -13,6 +14,14 @@ from benchmark.tables.arms import Table
 from benchmark.tables.page import Line, page, plot
 
 
+class Made(NamedTuple):
+    """A table's page, and what is missing of it: ``faults`` name scenes and episodes that aren't counted."""
+
+    page: Path
+    faults: list[str]
+    complete: bool
+
+
 def make(
     table: Table,
     root: Path,
@@ -20,13 +29,13 @@ def make(
     *,
     workers: int,
     on_progress: Callable[[int, int, str], None] = lambda done, total, arm: None,
-) -> Path:
+) -> Made:
     """Writes ``<out>/<table>.md`` and ``.png``, anew after every arm; runs are kept in ``<out>/runs``.
 
     Raises:
         ConfigError: settings, dataset or records that can't be used.
     """
-    lines, faults, models = [], [], models_of(root, table.arms[0].settings.split)
+    lines, faults, models, complete = [], [], models_of(root, table.arms[0].settings.split), True
     path = out / f"{table.name}.md"
     for number, arm in enumerate(table.arms, start=1):
 
@@ -34,6 +43,7 @@ def make(
             on_progress(before * p.total + p.done, len(table.arms) * p.total, f"{table.name}: {label}")
 
         finished = run(root, out / "runs" / arm.slug, arm.settings, workers=workers, on_progress=report)
+        complete &= finished.complete
         faults += [f"{arm.label}: {scene} could not be played: {why}" for scene, why in finished.unopened.items()]
         faults += [
             f"{arm.label}: {b.scene} episode {b.episode_id} broke: {b.error.strip().splitlines()[-1]}"
@@ -41,11 +51,11 @@ def make(
         ]
         if finished.records:
             lines.append(Line.of(arm, finished.records))
-            text = page(table, lines, finished.total, models)
-            text += "\n## Not counted\n\n" + "\n".join(f"- {f}" for f in faults) + "\n" if faults else ""
-            path.write_text(text)
             plot(table, lines, path.with_suffix(".png"))
-    return path
+        text = page(table, lines, finished.total, models)
+        text += "\n## Not counted\n\n" + "\n".join(f"- {f}" for f in faults) + "\n" if faults else ""
+        path.write_text(text)
+    return Made(path, faults, complete)
 
 
 def models_of(root: Path, split: str) -> dict[tuple[str, str], list[str]]:

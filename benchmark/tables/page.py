@@ -18,7 +18,7 @@ FEW_MODELS = ("toilet", "tv")
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """An arm with what was played of it: at least one episode."""
+    """An arm with what was played of it: at least one episode. The first line of a table is that of its first arm."""
 
     arm: Arm
     records: Sequence[EpisodeRecord]
@@ -30,22 +30,47 @@ class Line:
 
 
 def page(table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[str, str], Sequence[str]]) -> str:
-    """``total``: episodes of the split; ``models``: by scene and category, the furniture models of its goals."""
-    first = lines[0]
-    with_bytes = any(line.summary.bytes for line in lines)
+    """A table's page.
+
+    Args:
+        lines: of the arms that were played.
+        total: episodes of the split.
+        models: by scene and category, the furniture models of its goals.
+    """
     text = [
         f"# {table.title}", "",
         f"Made by `surveilnav bench table {table.name}`, program `{program_hash()[:12]}`. {table.about}", "",
-        f"Split `{first.arm.settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. Means in percent with 95 % bootstrap "
-        "intervals; differences are paired by episode, in points, to the first line.", "",
+        f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. Means in percent with 95 % "
+        "bootstrap intervals; differences are paired by episode, in points, to the first line.", "",
+        *_comparison(table, lines, total),
     ]  # fmt: skip
+    if lines:
+        text += ["", f"![]({table.name}.png)", "", "## Why searches failed", "", *_reasons(lines)]
+        text += ["", "## By category", "", *_by(lines, lambda r: r.category)]
+        text += [
+            "",
+            "## By furniture model",
+            "",
+            "Of categories that have few: by the models that a scene's goals are made of.",
+            "",
+        ]
+        text += _by(lines, lambda r: _models(r, models))
+        if table.name == "main":
+            text += ["", "## By scene", "", *_by(lines[:2], lambda r: r.scene)]
+    return "\n".join(text) + "\n"
+
+
+def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
+    """A row for every arm, played or not."""
+    first = next((line for line in lines if line.arm is table.arms[0]), None)
+    with_bytes = any(line.summary.bytes for line in lines)
+    with_paper = any(arm.paper for arm in table.arms)
     columns = ["", "episodes", "SR", "SPL", "SoftSPL", "SR difference", "SPL difference", "steps", "path [m]"]
-    with_paper = any(line.arm.paper for line in lines)
     columns += ["camera MB an episode"] * with_bytes + ["paper: SR / SPL"] * with_paper
-    text += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    text = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for line in lines:
         arm, s = line.arm, line.summary
-        difference = ("", "") if line is first else tuple(_signed(d) for d in paired(line.records, first.records))
+        difference = ("", "") if first is None or line is first else _difference(line, first)
         cells = [
             arm.label, f"{s.episodes}" + (" (unfinished)" if s.episodes < total else ""), str(s.sr), str(s.spl),
             f"{s.soft_spl.mean:.1f}", *difference, f"{s.steps:.0f}", f"{s.path_m:.1f}",
@@ -55,14 +80,16 @@ def page(table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[
         if with_paper:
             cells.append(f"{arm.paper[0]:.1f} / {arm.paper[1]:.1f}" if arm.paper else "")
         text.append("| " + " | ".join(cells) + " |")
-    text += ["", f"![]({table.name}.png)", "", "## Why searches failed", "", *_reasons(lines)]
-    text += ["", "## By category", "", *_by(lines, lambda r: r.category)]
-    text += ["", "## By furniture model", ""]
-    text += ["The models that a scene's goals are made of, for the categories that have few.", ""]
-    text += _by(lines, lambda r: _models(r, models))
-    if table.name == "main":
-        text += ["", "## By scene", "", *_by(lines[:2], lambda r: r.scene)]
-    return "\n".join(text) + "\n"
+    missing = [arm for arm in table.arms if all(line.arm is not arm for line in lines)]
+    return text + ["| " + " | ".join([arm.label, "0", *[""] * (len(columns) - 2)]) + " |" for arm in missing]
+
+
+def _difference(line: Line, first: Line) -> tuple[str, str]:
+    """SR and SPL against the first line's; of how many episodes, where these aren't all."""
+    if (found := paired(line.records, first.records)) is None:
+        return "", ""
+    of = "" if found.pairs == line.summary.episodes == first.summary.episodes else f" (of {found.pairs})"
+    return _signed(found.sr) + of, _signed(found.spl) + of
 
 
 def _signed(i: Interval) -> str:
@@ -77,7 +104,7 @@ def _models(record: EpisodeRecord, models: Mapping[tuple[str, str], Sequence[str
 
 
 def _reasons(lines: Sequence[Line]) -> list[str]:
-    names = [name for name in REASONS if any(name in line.summary.reasons for line in lines)]
+    names = list(REASONS)
     text = ["| | " + " | ".join(names) + " |", "|" + "---|" * (len(names) + 1)]
     for line in lines:
         text.append(f"| {line.arm.label} | " + " | ".join(str(line.summary.reasons.get(n, 0)) for n in names) + " |")

@@ -56,9 +56,25 @@ def test_a_broken_episode_is_kept_apart_until_it_is_played(tmp_path):
     ],
 )
 def test_runs_cant_be_mixed(tmp_path, settings, basis, said):
-    Records(tmp_path, RunSettings(), BASIS)
+    Records(tmp_path, RunSettings(), BASIS).add(RECORD)
     with pytest.raises(ConfigError, match=said):
         Records(tmp_path, settings, basis)
+
+
+def test_a_folder_without_an_episode_takes_any_run(tmp_path):
+    wrong = Records(tmp_path, RunSettings(max_steps=50), BASIS)
+    wrong.add_broken(Broken(scene="flat-s0", episode_id="2", error="Traceback"))
+    records = Records(tmp_path, RunSettings(), BASIS)
+    assert records.broken() == []
+    records.add(RECORD)
+    with pytest.raises(ConfigError, match="another run"):
+        Records(tmp_path, RunSettings(max_steps=50), BASIS)
+
+
+def test_a_folder_that_cant_be_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match="can't be made a folder for a run"):
+        Records(tmp_path / "file", RunSettings(), BASIS)
 
 
 def test_a_damaged_file_is_named(tmp_path):
@@ -109,10 +125,9 @@ def test_numbers_and_their_intervals():
 
 def test_paired_differences_use_common_episodes():
     ours = [RECORD, msgspec.structs.replace(FAILED, success=True, spl=0.4)]
-    sr, spl = paired(ours, [FAILED, msgspec.structs.replace(RECORD, episode_id="99")])
-    assert (sr.mean, round(spl.mean, 6)) == (100.0, 40.0)
-    with pytest.raises(ValueError, match="no episode in common"):
-        paired([RECORD], [FAILED])
+    found = paired(ours, [FAILED, msgspec.structs.replace(RECORD, episode_id="99")])
+    assert (found.pairs, found.sr.mean, round(found.spl.mean, 6)) == (1, 100.0, 40.0)
+    assert paired([RECORD], [FAILED]) is None
 
 
 @pytest.mark.parametrize(
@@ -163,9 +178,9 @@ def test_code_and_tables_make_the_program(tmp_path, file, text, same):
 
 #: What a search imports that doesn't decide how it goes: packages, keeping, counting, the bus.
 _NOT_THE_PROGRAM = {
-    "benchmark", "benchmark.dataset", "benchmark.dataset.splits", "benchmark.runner", "benchmark.runner.basis",
-    "benchmark.runner.records", "services", "services.camera_node", "services.fusion", "services.planner",
-    "services.robot_node", "surveilnav", "surveilnav.config", "surveilnav.contract", "surveilnav.errors",
+    "benchmark", "benchmark.dataset", "benchmark.dataset.integrity", "benchmark.dataset.splits", "benchmark.runner",
+    "benchmark.runner.basis", "benchmark.runner.records", "services", "services.camera_node", "services.fusion",
+    "services.planner", "services.robot_node", "surveilnav", "surveilnav.config", "surveilnav.contract", "surveilnav.errors",
     "surveilnav.runtime", "surveilnav.runtime.logs", "surveilnav.runtime.node", "surveilnav.runtime.settings",
     "surveilnav.runtime.traffic",
 }  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.load import load_scene
-from benchmark.dataset.make import make
+from benchmark.dataset.make import make, write_manifest
 from benchmark.dataset.splits import SceneSpec, SplitSpec
 from benchmark.episode import REASONS, FusedCameras, run_episode
 from benchmark.runner import play
@@ -80,17 +80,40 @@ def test_a_broken_episode_is_named_and_not_counted(dataset, tmp_path, monkeypatc
     assert "a bug" in records.broken()[0].error
 
 
-def test_a_scene_that_cant_be_opened_is_named(dataset, tmp_path, monkeypatch):
+@pytest.fixture
+def edited(dataset):
+    """``edited(manifest)`` names a building that isn't in a scene's file, and mends the manifest if asked; put right after."""
     path = dataset / "val_mini" / "scenes" / "parametric_flat-s0.json"
     kept = path.read_text()
-    path.write_text(kept.replace('"parametric_flat"', '"parametric_castle"'))
-    try:
-        finished = run(dataset, tmp_path, SETTINGS, workers=1)
-    finally:
-        path.write_text(kept)
+
+    def edit(manifest):
+        path.write_text(kept.replace('"parametric_flat"', '"parametric_castle"'))
+        if manifest:
+            write_manifest(dataset)
+
+    yield edit
+    path.write_text(kept)
+    write_manifest(dataset)
+
+
+def test_a_scene_that_cant_be_opened_is_named(dataset, edited, tmp_path):
+    edited(manifest=True)
+    finished = run(dataset, tmp_path, SETTINGS, workers=1)
     assert not finished.complete
     assert "parametric_castle" in finished.unopened["parametric_flat-s0"]
     assert len(finished.records) == 3
+
+
+def test_files_that_the_manifest_doesnt_know_arent_played(dataset, edited, tmp_path):
+    edited(manifest=False)
+    with pytest.raises(ConfigError, match=r"parametric_flat-s0.json was changed.*dataset check"):
+        run(dataset, tmp_path, SETTINGS, workers=1)
+
+
+def test_a_density_that_isnt_there_is_said_before_anything_is_kept(dataset, tmp_path):
+    with pytest.raises(ConfigError, match="cameras per 100, 200 m2, not per 150"):
+        run(dataset, tmp_path / "run", msgspec.structs.replace(SETTINGS, density_m2=150), workers=1)
+    assert not (tmp_path / "run").exists()
 
 
 def test_fused_once_is_as_good_as_fused_live(dataset):

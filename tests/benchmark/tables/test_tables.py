@@ -6,8 +6,11 @@ import msgspec
 import pytest
 
 from benchmark.dataset.splits import SPLITS
+from benchmark.runner.records import Broken
+from benchmark.runner.run import Finished
 from benchmark.runner.settings import RunSettings
 from benchmark.tables.arms import TABLES, Arm, Table
+from benchmark.tables.make import make
 from benchmark.tables.page import Line, page, plot
 from surveilnav.errors import ConfigError
 from tests.benchmark.runner.test_records import FAILED, RECORD
@@ -66,6 +69,39 @@ def test_components_are_crossed_the_fewest_changes_first():
 
 def test_an_unfinished_arm_says_so():
     assert "| with | 1 (unfinished) |" in page(TABLE, [Line.of(ARMS[0], [RECORD])], 2, MODELS)
+
+
+def test_an_arm_that_wasnt_played_is_listed_and_nothing_is_compared_with_another():
+    text = page(TABLE, [Line.of(ARMS[1], [RECORD])], 1, MODELS)
+    assert "| with | 0 | |" in text.replace("  ", " ")
+    assert "| without | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] | 60.0 |  |  | 10 |" in text
+    nothing = page(TABLE, [], 1, MODELS)
+    assert "| with | 0 |" in nothing
+    assert "| without | 0 |" in nothing
+
+
+def test_differences_say_of_how_many_episodes_they_are():
+    lines = [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])]
+    assert "| +0.0 [+0.0, +0.0] (of 1) |" in page(TABLE, lines, 2, MODELS)
+    apart = [Line.of(ARMS[0], [RECORD]), Line.of(ARMS[1], [FAILED])]
+    assert "| without | 1 (unfinished) | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 |  |  |" in page(
+        TABLE, apart, 2, MODELS
+    )
+
+
+def test_what_is_not_counted_stands_on_the_page(tmp_path, monkeypatch):
+    def run(root, out, settings, **_):
+        if settings.surveillance:
+            return Finished([RECORD], [Broken(scene="flat-s0", episode_id="10", error="Traceback\nOops: bug")], {}, 2)
+        return Finished([], [], {"flat-s0": "can't be opened"}, 2)
+
+    monkeypatch.setattr("benchmark.tables.make.run", run)
+    monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
+    made = make(TABLE, tmp_path, tmp_path, workers=1)
+    assert not made.complete
+    text = made.page.read_text()
+    assert "- with: flat-s0 episode 10 broke: Oops: bug" in text
+    assert "- without: flat-s0 could not be played: can't be opened" in text
 
 
 def test_the_plot_is_the_same_twice(tmp_path):

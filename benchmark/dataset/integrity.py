@@ -1,0 +1,47 @@
+"""Whether a dataset's files are those that its manifest was written for."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmark.dataset import format as files
+from benchmark.dataset.format import Manifest
+from benchmark.dataset.load import load_scene
+from surveilnav.errors import ConfigError
+
+
+def damage(root: Path, manifest: Manifest, split: str = "") -> Iterator[tuple[str, str]]:
+    """Files that are missing, can't be read or were changed, by their path within the dataset, and what is wrong with each.
+
+    Args:
+        split: look at this one's files alone.
+    """
+    for name, expected in manifest.sha256.items():
+        if split and not name.startswith(f"{split}/"):
+            continue
+        try:
+            found = hash_of(root / name)
+        except ConfigError as error:
+            yield name, str(error)
+            continue
+        if found != expected:
+            yield name, f"was changed: SHA-256 {found[:12]}, the manifest says {expected[:12]}"
+
+
+def hash_of(path: Path) -> str:
+    """SHA-256 of a file's JSON, uncompressed. ConfigError: it is missing or can't be read."""
+    try:
+        return files.sha256_of(path)
+    except zlib.error as error:
+        raise ConfigError(f"{path} can't be read ({error}); build the dataset anew") from error
+
+
+def is_whole(root: Path, split: str, scene: str) -> bool:
+    """Whether a scene's three files are there and of this version's format."""
+    try:
+        load_scene(root, split, scene)
+    except (ConfigError, zlib.error):
+        return False
+    return True
