@@ -3,7 +3,7 @@
     <root>/dataset.json                     what this is: version, rules, counts, hashes of the files
     <root>/<split>/<split>.json.gz          Habitat: categories; its episodes lie in content/
     <root>/<split>/content/<scene>.json.gz  Habitat: episodes and goals of a scene
-    <root>/<split>/scenes.json              ours: how to open each scene, its floors
+    <root>/<split>/scenes/<scene>.json      ours: how to open a scene, its floors
     <root>/<split>/cameras/<scene>.json.gz  ours: the surveillance cameras, by density
 
 Habitat makes its objects of the JSON's fields by keyword, so a field that it doesn't know is an error there
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import zlib
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -191,7 +192,7 @@ def raw(path: Path) -> bytes:
         return gzip.decompress(data) if path.suffix == ".gz" else data
     except FileNotFoundError:
         raise ConfigError(f"{path} is missing; build the dataset with `surveilnav dataset build`") from None
-    except (OSError, EOFError, ValueError) as error:
+    except (OSError, EOFError, ValueError, zlib.error) as error:
         raise ConfigError(f"{path} can't be read ({error}); build the dataset anew") from error
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,7 +21,7 @@ def damage(root: Path, manifest: Manifest, split: str = "") -> Iterator[tuple[st
         if split and not name.startswith(f"{split}/"):
             continue
         try:
-            found = hash_of(root / name)
+            found = files.sha256_of(root / name)
         except ConfigError as error:
             yield name, str(error)
             continue
@@ -30,18 +29,10 @@ def damage(root: Path, manifest: Manifest, split: str = "") -> Iterator[tuple[st
             yield name, f"was changed: SHA-256 {found[:12]}, the manifest says {expected[:12]}"
 
 
-def hash_of(path: Path) -> str:
-    """SHA-256 of a file's JSON, uncompressed. ConfigError: it is missing or can't be read."""
-    try:
-        return files.sha256_of(path)
-    except zlib.error as error:
-        raise ConfigError(f"{path} can't be read ({error}); build the dataset anew") from error
-
-
 def is_whole(root: Path, split: str, scene: str) -> bool:
     """Whether a scene's three files are there and of this version's format."""
     try:
         load_scene(root, split, scene)
-    except (ConfigError, zlib.error):
+    except ConfigError:
         return False
     return True

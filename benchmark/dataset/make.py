@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmark.dataset import format as files
 from benchmark.dataset.build import MADE_BY, RULES, build_scene
 from benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCounts
-from benchmark.dataset.integrity import hash_of, is_whole
+from benchmark.dataset.integrity import is_whole
 from benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
 from benchmark.workers import in_workers
 from surveilnav.errors import ConfigError, SurveilNavError
@@ -77,7 +77,7 @@ def write_manifest(root: Path) -> Manifest:
     """Hashes the files of all splits that are whole, those with an index, and writes ``dataset.json``."""
     whole = [index.parent for index in root.glob("*/*.json.gz") if index.name == f"{index.parent.name}.json.gz"]
     names = sorted(p.relative_to(root).as_posix() for split in whole for p in split.rglob("*.json*") if p.is_file())
-    sha256 = {name: hash_of(root / name) for name in names}
+    sha256 = {name: files.sha256_of(root / name) for name in names}
     splits = {split.name: counts(root, split.name) for split in sorted(whole)}
     manifest = Manifest(version=files.VERSION, made_by=MADE_BY, rules=RULES, splits=splits, sha256=sha256)
     files.write(root / "dataset.json", manifest)

@@ -167,7 +167,7 @@ def _is_hard(now: Now, x_m: float, y_m: float, way_m: float) -> bool:
     straight_m = math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m)
     if way_m <= now.config.hard_way_m + 2.0 * straight_m:
         return False
-    wide_m = float(now.wide_arrival()[now.terrain.disc(x_m, y_m, now.config.same_place_m)].min(initial=math.inf))
+    wide_m = now.terrain.least_near(now.wide_arrival(), x_m, y_m, now.config.same_place_m)
     return wide_m > way_m + 1.0
 
 
@@ -175,5 +175,5 @@ def way_to(now: Now, record: ObjectRecord) -> float:
     """Travel time [m] to about where one would stand before an object; twice the distance where no way is known."""
     x_m, y_m, _ = record.center_m
     reach_m = 1.0 + 0.5 * min(record.size_m[:2])
-    way_m = float(now.arrival[now.terrain.disc(x_m, y_m, reach_m)].min(initial=math.inf))
+    way_m = now.terrain.least_near(now.arrival, x_m, y_m, reach_m)
     return 2.0 * math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m) if math.isinf(way_m) else way_m

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -38,7 +38,8 @@ class Standoff:
 
     Attributes:
         goals: bool of the terrain's shape, cells to stand on: as near as a way leads that is no detour, the object in sight.
-        distance_m: float32 of the terrain's shape, plan distance of every cell to the object's nearest point.
+        distance_m: float32 of the terrain's shape, plan distance of every cell to the object's nearest point; inf where
+            that is farther than anybody asks for.
         sight: bool of the terrain's shape: nothing known stands between the cell and the object
             (reachable cells within ``farthest_stop_m`` of it, and the robot's own within ``inspect_m``).
         nearest_m: distance of the ring that the goals lie on.
@@ -202,26 +203,28 @@ def standoff(
     cells = cells[terrain.grid.contains(cells)]
     if not len(cells):
         return None
+    near_m = max(config.farthest_stop_m, config.inspect_m, config.standoff_m, config.stop_m, 1.0)
+    part = _Part.around(terrain, cells, near_m)
     r = terrain.grid.resolution_m
-    mask = np.ones(terrain.grid.shape, dtype=np.uint8)
-    mask[cells[:, 0], cells[:, 1]] = 0
+    mask = np.ones(part.shape, dtype=np.uint8)
+    mask[cells[:, 0] - part.row0, cells[:, 1] - part.col0] = 0
     distance, nearest = cv2.distanceTransformWithLabels(mask, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
     distance_m = (distance * r).astype(np.float32)
-    reachable = np.isfinite(arrival)
+    way_m = arrival[part.window]
+    reachable = np.isfinite(way_m)
     near = reachable & (distance_m <= config.farthest_stop_m)
-    here = terrain.cell(robot.x_m, robot.y_m)
-    near[here] = distance_m[here] <= config.inspect_m
-    first = over = sight = _sight(terrain, mask, nearest, near, points)
+    if (here := part.cell(terrain.cell(robot.x_m, robot.y_m))) is not None:
+        near[here] = distance_m[here] <= config.inspect_m
+    first = over = sight = _sight(terrain, part, mask, nearest, near, points)
     if record.center_m[2] - record.size_m[2] / 2 - floor_z_m >= _RAISED_M:
         # a wall isn't furniture: what hangs on its other side is seen from there only
         one_side = math.hypot(*record.seen_from) >= _ONE_SIDE
-        before = near & _on_the_side_seen(terrain, record) if one_side else near
-        over = sight | _sight(terrain, mask, nearest, before, points, _FURNITURE_M)
+        before = near & _on_the_side_seen(terrain, part, record) if one_side else near
+        over = sight | _sight(terrain, part, mask, nearest, before, points, _FURNITURE_M)
         first = over if one_side else sight
-    known = terrain.known
-    roomy, nearly = (
-        terrain.clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, terrain.grid.resolution_m)
-    )
+    known = terrain.known[part.window]
+    clearance_m = terrain.clearance_m[part.window]
+    roomy, nearly = (clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, r))
     rings_m = config.standoff_m, config.stop_m, _RING_M
     for tries_m, ground in (
         (rings_m, first & known & roomy), (rings_m, over & known & roomy), ((_RING_M,), sight & roomy),
@@ -229,29 +232,65 @@ def standoff(
         ((_RING_M,), sight), ((config.farthest_stop_m,), over & known), ((1.0,), known & roomy), ((1.0,), known),
     ):  # fmt: skip
         places = [(ring_m, ground & reachable & (distance_m <= ring_m)) for ring_m in tries_m]
-        ways_m = [float(arrival[goals].min(initial=math.inf)) for _, goals in places]
-        for (ring_m, goals), way_m in zip(places, ways_m, strict=True):
-            if math.isfinite(way_m) and way_m <= ways_m[-1] + _NEARER_M:
-                return Standoff(goals, distance_m, over, ring_m)
+        ways_m = [float(way_m[goals].min(initial=math.inf)) for _, goals in places]
+        for (ring_m, goals), least_m in zip(places, ways_m, strict=True):
+            if math.isfinite(least_m) and least_m <= ways_m[-1] + _NEARER_M:
+                far_m = np.float32(np.inf)
+                return Standoff(
+                    part.whole(goals, False), part.whole(distance_m, far_m), part.whole(over, False), ring_m
+                )
     return None
 
 
-def _on_the_side_seen(terrain: Terrain, record: ObjectRecord) -> NDArray[np.bool_]:
-    """Cells (the terrain's shape) on the side of an object from which it was seen."""
+class _Part(NamedTuple):
+    """A window of a terrain; ``row0``, ``col0``: its corner in it."""
+
+    terrain: Terrain
+    row0: int
+    col0: int
+    shape: tuple[int, int]
+
+    @classmethod
+    def around(cls, terrain: Terrain, cells: NDArray[np.int64], margin_m: float) -> _Part:
+        """All within ``margin_m`` of cells (n, 2), and a little more."""
+        margin = math.ceil(margin_m / terrain.grid.resolution_m) + 2
+        low = np.maximum(cells.min(axis=0) - margin, 0)
+        high = np.minimum(cells.max(axis=0) + margin + 1, terrain.grid.shape)
+        return cls(terrain, int(low[0]), int(low[1]), (int(high[0] - low[0]), int(high[1] - low[1])))
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """What to take of an array of the terrain's shape."""
+        return slice(self.row0, self.row0 + self.shape[0]), slice(self.col0, self.col0 + self.shape[1])
+
+    def cell(self, cell: tuple[int, int]) -> tuple[int, int] | None:
+        """A cell of the terrain in this window; None: it lies outside."""
+        row, col = cell[0] - self.row0, cell[1] - self.col0
+        return (row, col) if 0 <= row < self.shape[0] and 0 <= col < self.shape[1] else None
+
+    def whole(self, values: NDArray[Any], outside: Any) -> NDArray[Any]:
+        """An array of the terrain's shape."""
+        array = np.full(self.terrain.grid.shape, outside, dtype=values.dtype)
+        array[self.window] = values
+        return array
+
+
+def _on_the_side_seen(terrain: Terrain, part: _Part, record: ObjectRecord) -> NDArray[np.bool_]:
+    """Cells (the part's shape) on the side of an object from which it was seen."""
     x, y = record.seen_from
-    rows, cols = np.indices(terrain.grid.shape, sparse=True)
+    rows, cols = np.indices(part.shape, sparse=True)
     r, grid = terrain.grid.resolution_m, terrain.grid
-    along_x = (grid.origin_x_m + (cols + 0.5) * r - record.center_m[0]) * x
-    along_y = (grid.origin_y_m + (rows + 0.5) * r - record.center_m[1]) * y
+    along_x = (grid.origin_x_m + (cols + part.col0 + 0.5) * r - record.center_m[0]) * x
+    along_y = (grid.origin_y_m + (rows + part.row0 + 0.5) * r - record.center_m[1]) * y
     return np.asarray(along_x + along_y > 0.0)
 
 
 def _sight(
-    terrain: Terrain, mask: NDArray[np.uint8], nearest: NDArray[np.int32], near: NDArray[np.bool_],
+    terrain: Terrain, part: _Part, mask: NDArray[np.uint8], nearest: NDArray[np.int32], near: NDArray[np.bool_],
     points: NDArray[np.float64], furniture_m: float = 0.0,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """For cells in ``near``: whether the straight line to the object's nearest cell is free of obstacles, but for those
-    next to the object that reach no farther than ``furniture_m``.
+    """For cells of the part in ``near``: whether the straight line to the object's nearest cell is free of obstacles, but
+    for those next to the object that reach no farther than ``furniture_m``.
 
     Obstacles inside the object's own box (one cell wider) are the object itself. ``nearest`` labels the zero cells of
     ``mask`` as OpenCV numbers them.
@@ -263,11 +302,11 @@ def _sight(
     start = np.argwhere(near)
     end = of_label[nearest[start[:, 0], start[:, 1]]]
 
-    obstacles = terrain.occupied.copy()
-    row0, col0 = terrain.grid.cells_of(points.min(axis=0) - r)
-    row1, col1 = terrain.grid.cells_of(points.max(axis=0) + r)
+    obstacles = terrain.occupied[part.window].copy()
+    row0, col0 = terrain.grid.cells_of(points.min(axis=0) - r) - (part.row0, part.col0)
+    row1, col1 = terrain.grid.cells_of(points.max(axis=0) + r) - (part.row0, part.col0)
     obstacles[max(0, row0) : row1 + 1, max(0, col0) : col1 + 1] = False
-    sight = np.zeros(terrain.grid.shape, dtype=bool)
+    sight = np.zeros(part.shape, dtype=bool)
     sight[start[:, 0], start[:, 1]] = clear_lines(obstacles, start, end, furniture_m / r)
     return sight
 

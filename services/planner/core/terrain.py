@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -61,9 +62,13 @@ class Terrain:
 
     def disc(self, x_m: float, y_m: float, radius_m: float) -> NDArray[np.bool_]:
         """Cells whose centre lies within ``radius_m`` of a place, bool of the window's shape."""
-        mask = np.zeros(self.grid.shape, dtype=np.uint8)
-        _paint(mask, self.grid, [(x_m, y_m)], radius_m)
-        return mask.astype(bool)
+        mask = np.zeros(self.grid.shape, dtype=bool)
+        mask[_within(self.grid, [(x_m, y_m)], radius_m)] = True
+        return mask
+
+    def least_near(self, layer: NDArray[np.float64], x_m: float, y_m: float, radius_m: float) -> float:
+        """The least value of a layer of the window's shape in such a disc; inf if it has no cell."""
+        return float(layer[_within(self.grid, [(x_m, y_m)], radius_m)].min(initial=math.inf))
 
 
 def build_terrain(
@@ -192,17 +197,28 @@ def _known_window(
 
 
 def _paint(
-    mask: NDArray[np.uint8], grid: Grid, places_m: list[tuple[float, float]], radius_m: float, value: int = 1
+    mask: NDArray[np.uint8], grid: Grid, places_m: Sequence[tuple[float, float]], radius_m: float, value: int = 1
 ) -> None:
     """Sets all cells within ``radius_m`` of the places (at least the cell each lies in)."""
-    if not places_m:
-        return
-    radius = radius_m / grid.resolution_m
-    half = int(radius)
-    offsets = np.arange(-half, half + 1)
-    near = np.argwhere(offsets[:, None] ** 2 + offsets[None, :] ** 2 <= radius * radius + 1e-9) - half
-    if half == 0:
-        near = np.zeros((1, 2), dtype=np.int64)
+    if places_m:
+        mask[_within(grid, places_m, radius_m)] = value
+
+
+def _within(
+    grid: Grid, places_m: Sequence[tuple[float, float]], radius_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the cells within ``radius_m`` of the places (at least the cell each lies in), some repeated."""
+    near = _disc_offsets(radius_m / grid.resolution_m)
     cells = (grid.cells_of(np.asarray(places_m))[:, None, :] + near[None, :, :]).reshape(-1, 2)
     cells = cells[grid.contains(cells)]
-    mask[cells[:, 0], cells[:, 1]] = value
+    return cells[:, 0], cells[:, 1]
+
+
+@lru_cache(maxsize=64)
+def _disc_offsets(radius: float) -> NDArray[np.int64]:
+    """(n, 2): (row, col) of the cells within ``radius`` cells of a cell."""
+    half = int(radius)
+    if half == 0:
+        return np.zeros((1, 2), dtype=np.int64)
+    offsets = np.arange(-half, half + 1)
+    return np.argwhere(offsets[:, None] ** 2 + offsets[None, :] ** 2 <= radius * radius + 1e-9) - half

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
+from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, objects, step
 from services.planner.core.choose import choose_frontier, choose_object
 from services.planner.core.drive import Route
 from services.planner.core.frontiers import Frontier, find_frontiers, rank, worth_exploiting
@@ -217,6 +217,36 @@ def test_no_standoff_in_a_closed_room(make_record):
     terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
     arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
     assert standoff(terrain, arrival, make_record(at=(5.0, 8.0)), HERE, CONFIG) is None
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_standoff_is_the_same_looked_for_nearby_or_everywhere(make_record, monkeypatch, seed):
+    """Only the surroundings of an object are looked at: that is an optimisation and changes nothing."""
+    rng = np.random.default_rng(seed)
+    occupancy = np.zeros(GRID.shape, np.uint8)
+    for row, col in rng.integers(0, 190, size=(25, 2)):
+        occupancy[row : row + rng.integers(2, 12), col : col + rng.integers(2, 40)] = 1
+    m = maps(occupancy=occupancy)
+    terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
+    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    x, y = rng.uniform(0.0, 10.0, size=2)  # at the map's edge, too
+    points = rng.normal((x, y, 1.0), (0.4, 0.2, 0.2), size=(60, 3)).astype(np.float32)
+    low = rng.integers(2) == 0
+    thing = make_record(
+        center_m=(x, y, 0.5 if low else 1.0), size_m=(0.8, 0.4, 0.8), seen_from=(0.0, 0.8), points=points.tobytes()
+    )
+    nearby = standoff(terrain, arrival, thing, HERE, CONFIG)
+    whole = objects._Part(terrain, 0, 0, terrain.grid.shape)
+    monkeypatch.setattr(objects._Part, "around", classmethod(lambda cls, terrain, cells, margin_m: whole))
+    everywhere = standoff(terrain, arrival, thing, HERE, CONFIG)
+    assert (nearby is None) == (everywhere is None)
+    if nearby is not None:
+        assert np.array_equal(nearby.goals, everywhere.goals)
+        assert np.array_equal(nearby.sight, everywhere.sight)
+        assert nearby.nearest_m == everywhere.nearest_m
+        asked = everywhere.distance_m <= CONFIG.inspect_m
+        assert np.array_equal(nearby.distance_m[asked], everywhere.distance_m[asked])
+        assert (nearby.distance_m[~asked] > CONFIG.inspect_m).all()
 
 
 def standing(make_record, occupancy, **facts):
