@@ -112,15 +112,6 @@ def _ends(values: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
     return values[:k], values[-k:]
 
 
-def _work(job: Job) -> str:
-    """What kept a home from being replayed; empty: nothing."""
-    try:
-        replay_all(job)
-    except SurveilNavError as error:
-        return str(error)
-    return ""
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmark.association", description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("docs/results/association"), help="where the page goes")
@@ -136,9 +127,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     failed = []
     if not options.table:
         jobs = [Job(home, t, options.perception, options.recordings) for t in options.tours for home in options.homes]
-        for ended in in_workers(_work, jobs, options.workers):
-            if ended is not None and (error := ended.error or ended.result):
-                failed.append(f"{ended.job.home}: {error}")
+        for ended in in_workers(replay_all, jobs, options.workers):
+            if ended is not None and ended.error:
+                failed.append(f"{ended.job.home}: {ended.error}")
     for error in failed:
         _say(error)
     records = [

@@ -248,13 +248,8 @@ def claim(options: argparse.Namespace) -> str:
 # --- running ------------------------------------------------------------------------------------------------------
 
 
-def _work(arguments: tuple[Job, frozenset[tuple[str, int, str, str]], Path]) -> str:
-    """What kept a home's episodes from being played; empty: nothing."""
-    try:
-        run_job(*arguments)
-    except SurveilNavError as error:
-        return str(error)
-    return ""
+def _work(arguments: tuple[Job, frozenset[tuple[str, int, str, str]], Path]) -> None:
+    run_job(*arguments)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -289,10 +284,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     done = frozenset(key_of(r) for r in load(options.out))
     failed = 0
     for ended in in_workers(_work, [(job, done, options.out) for job in jobs], options.workers, 30.0):
-        if ended is not None and (error := ended.error or ended.result):
+        if ended is not None and ended.error:
             failed += 1
             job = ended.job[0]
-            print(f"{job.building} seed {job.seed} could not be played: {error}", file=sys.stderr)
+            print(f"{job.building} seed {job.seed} could not be played: {ended.error}", file=sys.stderr)
         records = load(options.out)
         page.write_text(table(records, command))
         new = len(records) - before

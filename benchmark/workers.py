@@ -17,17 +17,23 @@ from multiprocessing.context import SpawnProcess
 from typing import Generic, NamedTuple, TypeVar
 
 from surveilnav.building.shading import use_threads
+from surveilnav.errors import SurveilNavError
 
 J = TypeVar("J")
 R = TypeVar("R")
 
 
 class Done(NamedTuple, Generic[J, R]):
-    """A job that ended: what it returned, or ``error``: the traceback, or how its process died."""
+    """A job that ended: what it returned, or ``error``: what a user is to be told, the traceback, or how its process died."""
 
     job: J
     result: R | None
     error: str
+
+    @property
+    def why(self) -> str:
+        """The error's last line; empty: there was none."""
+        return self.error.strip().rpartition("\n")[2]
 
 
 def in_workers(
@@ -77,6 +83,8 @@ def _run(work: Callable[[J], R], job: J, sending: Connection, threads: int) -> N
     use_threads(threads)
     try:
         said: tuple[R | None, str] = work(job), ""
+    except SurveilNavError as error:
+        said = None, str(error)
     except Exception:  # whatever it is, whoever asked must hear of it
         said = None, traceback.format_exc()
     sending.send(said)

@@ -12,12 +12,12 @@ import numpy as np
 
 from benchmark.dataset import format as files
 from benchmark.dataset.build import open_scene
-from benchmark.dataset.integrity import damage, is_whole
+from benchmark.dataset.integrity import damage
 from benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
 from benchmark.dataset.make import counts
 from surveilnav.building.goals import MIN_DETOUR
 from surveilnav.building.raycast import RayCaster
-from surveilnav.errors import SurveilNavError
+from surveilnav.errors import ConfigError, SurveilNavError
 
 _TOLERANCE_M = 0.02
 
@@ -55,15 +55,15 @@ def check(
 
 
 def _scene(root: Path, split: str, scene: str, deep: bool) -> Iterator[Fault]:
-    if not is_whole(root, split, scene):  # which file it is was said already
+    try:
+        data = load_scene(root, split, scene)
+    except ConfigError:  # which file it is was said already
         yield Fault("error", f"{split}/{scene}", "can't be looked at: a file of it is missing or damaged")
         return
-    data = load_scene(root, split, scene)
     faults = list(_episodes(split, data))
     yield from faults
-    if deep and not any(
-        f.level == "error" for f in faults
-    ):  # else what is to be compared with the building isn't there
+    sound = all(f.level != "error" for f in faults)  # else what is to be compared with the building isn't there
+    if deep and sound:
         yield from _building(split, data)
 
 

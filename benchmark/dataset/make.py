@@ -11,7 +11,7 @@ from benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCo
 from benchmark.dataset.integrity import is_whole
 from benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
 from benchmark.workers import in_workers
-from surveilnav.errors import ConfigError, SurveilNavError
+from surveilnav.errors import ConfigError
 
 
 def make(
@@ -50,8 +50,8 @@ def make(
     for ended in in_workers(_work, jobs, workers):
         if ended is not None:
             done, scene = done + 1, ended.job[2].scene
-            if error := ended.error or ended.result:
-                failed[scene] = error.strip().splitlines()[-1]
+            if ended.error:
+                failed[scene] = ended.why
             on_progress(done, len(jobs), scene)
     if failed:
         raise ConfigError("; ".join(f"{scene}: {error}" for scene, error in sorted(failed.items())))
@@ -102,10 +102,8 @@ def _check_counts(root: Path, split: SplitSpec) -> None:
         )
 
 
-def _work(job: tuple[Path, str, SceneSpec, int]) -> str:
-    """What kept a scene from being built; empty: nothing."""
+def _work(job: tuple[Path, str, SceneSpec, int]) -> None:
     try:
         build_scene(*job)
-    except (SurveilNavError, OSError) as error:
-        return str(error)
-    return ""
+    except OSError as error:  # a full disk
+        raise ConfigError(str(error)) from error

@@ -14,7 +14,7 @@ from benchmark.runner.play import parent_lives, play_scene
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
 from benchmark.workers import in_workers
-from surveilnav.errors import SurveilNavError
+from surveilnav.errors import ConfigError
 
 _POLL_S = 2.0
 
@@ -71,22 +71,17 @@ def run(
     began_s, before = time.monotonic(), len(done)
     unopened: dict[str, str] = {}
     for ended in in_workers(_work, jobs, workers, _POLL_S):
-        if ended is not None and (error := ended.error or ended.result):
-            unopened[ended.job[4]] = error.strip().splitlines()[-1]
+        if ended is not None and ended.error:
+            unopened[ended.job[4]] = ended.why
         n = len(records.done())
         each_s = (time.monotonic() - began_s) / (n - before) if n > before else None
         on_progress(Progress(n, total, each_s and each_s * (total - n)))
     return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), total)
 
 
-def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> str:
-    """What kept a scene from being played; empty: nothing."""
+def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> None:
     root, out, basis, settings, scene, ids = job
     parent = os.getppid()
     if program_hash() != basis.program:  # a worker reads the program anew for every scene
-        return "the program was changed since this run began: begin it anew, with another --out"
-    try:
-        play_scene(root, out, basis, settings, scene, ids, lambda: parent_lives(parent))
-    except SurveilNavError as error:
-        return str(error)
-    return ""
+        raise ConfigError("the program was changed since this run began: begin it anew, with another --out")
+    play_scene(root, out, basis, settings, scene, ids, lambda: parent_lives(parent))

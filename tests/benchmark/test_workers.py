@@ -8,11 +8,14 @@ import sys
 import time
 
 from benchmark.workers import in_workers
+from surveilnav.errors import ConfigError
 
 
 def _job(what):
     if what == "raises":
         raise ZeroDivisionError("a bug")
+    if what == "refuses":
+        raise ConfigError("take another")
     if what == "killed":
         os.kill(os.getpid(), signal.SIGKILL)
     if what == "exits":
@@ -23,11 +26,16 @@ def _job(what):
 
 
 def test_what_happens_to_one_job_is_said_and_the_others_are_done():
-    ended = {d.job: d for d in in_workers(_job, ["one", "raises", "killed", "two", "exits", "three"], 2) if d}
+    ended = {
+        d.job: d for d in in_workers(_job, ["one", "raises", "refuses", "killed", "two", "exits", "three"], 2) if d
+    }
     assert {job: d.result for job, d in ended.items() if not d.error} == {
         "one": "one, done", "two": "two, done", "three": "three, done",
     }  # fmt: skip
     assert "ZeroDivisionError: a bug" in ended["raises"].error
+    assert ended["raises"].why == "ZeroDivisionError: a bug"
+    assert ended["refuses"].error == ended["refuses"].why == "take another"
+    assert ended["one"].why == ""
     assert ended["killed"].error == "its process died (killed by SIGKILL)"
     assert ended["exits"].error == "its process died (exit code 3)"
 
