@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
@@ -23,6 +24,9 @@ _QUANTILES = np.array([0.0, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 1.0])
 _BOXES = 48
 _PAIRS = 40_000
 _DRAWS = 16
+_FEW_PAIRS = 20
+_NAMES = 5.0  # as many of every name count as if they had come out as measured
+_GAIN = 0.6  # of a name's being kept, by what near views agree too little
 
 
 def fit_probit(x: Floats, labels: NDArray[np.str_], y: NDArray[np.bool_]) -> dict[str, list[float]]:
@@ -176,15 +180,23 @@ def _names(wrong: Rows) -> dict[str, dict[str, float]]:
 
 def _name_kept(wrong: Rows, names: dict[str, dict[str, float]], rng: np.random.Generator) -> float:
     """How often an instance's own draw of a name is taken: near views agree by kept^2 + (1 - kept^2) sum of shares^2."""
-    pairs = pairs_of(wrong, rng)
-    chord, ratio = apart(wrong, pairs)
-    pairs = pairs[(chord < 0.5) & (ratio < 0.35)]
-    if len(pairs) < 20:
+    pairs = _near_pairs(wrong, rng)
+    if len(pairs) < _FEW_PAIRS:
         return 0.8
-    agreed = float((wrong.name[pairs[:, 0]] == wrong.name[pairs[:, 1]]).mean())
     chance = {label: sum(p * p for p in shares.values()) for label, shares in names.items()}
     by_chance = float(np.mean([chance[label] for label in wrong.labels[pairs[:, 0]].tolist()]))
-    return round(float(np.sqrt(np.clip((agreed - by_chance) / (1 - by_chance), 0.0, 1.0))), 3)
+    return round(float(np.sqrt(np.clip((_agreed(wrong, pairs) - by_chance) / (1 - by_chance), 0.0, 1.0))), 3)
+
+
+def _near_pairs(rows: Rows, rng: np.random.Generator) -> NDArray[np.int64]:
+    pairs = pairs_of(rows, rng)
+    chord, ratio = apart(rows, pairs)
+    near: NDArray[np.int64] = pairs[(chord < 0.5) & (ratio < 0.35)]
+    return near
+
+
+def _agreed(rows: Rows, pairs: NDArray[np.int64]) -> float:
+    return float((rows.name[pairs[:, 0]] == rows.name[pairs[:, 1]]).mean())
 
 
 def _missed(rows: Rows, presence: NDArray[np.float32], right: bool) -> Floats:
@@ -240,6 +252,32 @@ def fit(rows: dict[str, Rows], presence: NDArray[np.float32], source: str) -> Er
         unsaid[view, COCO.index(name)] = np.nan
     kinds = {kind: fit_kind(r, unsaid) for kind, r in rows.items()}
     return ErrorModel(what, source, MIN_SCORE, MIN_SIZE_RAD, kinds, _haze(rows["thing"], unsaid))
+
+
+def renamed(model: ErrorModel, measured: dict[str, Rows], drawn: dict[str, Rows]) -> ErrorModel:
+    """The model with wrong names moved so that they come out as often, and as alike in near views, as measured.
+
+    ``simulated`` calls nothing what it is too large or too small for: a name whose things are rarely of the size of
+    what is mistaken for it would come out too seldom, and one instance would be called too many names. ``drawn``: what
+    the model made of the same views.
+    """
+    kinds = {}
+    for of, kind in model.kinds.items():
+        wrong = [r[of].where(r[of].found & ~r[of].right) for r in (measured, drawn)]
+        is_, was = (Counter(r.name.tolist()) for r in wrong)
+        per_draw = len(wrong[1].name) / max(1, len(wrong[0].name))
+        factor = {name: (is_[name] * per_draw + _NAMES) / (was[name] + _NAMES) for name in is_}
+        names = {}
+        for label, shares in kind.names.items():
+            moved = {name: share * factor.get(name, 1.0) for name, share in shares.items()}
+            total = sum(moved.values())
+            names[label] = {name: round(share / total, 4) for name, share in moved.items()}
+        kept, pairs = kind.name_kept, [_near_pairs(r, np.random.default_rng(0)) for r in wrong]
+        if min(len(p) for p in pairs) >= _FEW_PAIRS:
+            too_few = _agreed(wrong[0], pairs[0]) - _agreed(wrong[1], pairs[1])
+            kept = round(float(np.clip(kept + _GAIN * too_few, 0.0, 1.0)), 3)
+        kinds[of] = replace(kind, names=names, name_kept=kept)
+    return replace(model, kinds=kinds)
 
 
 def _haze(things: Rows, unsaid: NDArray[np.float32]) -> dict[str, list[float]]:

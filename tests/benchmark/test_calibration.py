@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from benchmark import calibration_views as views
 from benchmark.calibration import main
-from benchmark.calibration_fit import both_above, fit, fit_luck, fit_probit
+from benchmark.calibration_fit import both_above, fit, fit_luck, fit_probit, renamed
 from benchmark.calibration_page import Side, compare
 from benchmark.calibration_views import Found, Rows
 from benchmark.recordings import Tour, record
@@ -63,6 +64,27 @@ def test_a_model_fitted_to_the_simulated_detector_is_like_it(flat: tuple[views.L
     page = compare(real, [again], model)
     assert "a test" in page
     assert page.count("\n| ") > 15
+
+
+def test_names_come_out_as_measured(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+    """False alarms that a model calls something else every second time they are seen again, and so less often what was
+    measured: both are moved towards what was measured."""
+    looks, _ = flat
+    measured = views.rows_of([looks])
+    model = fit(measured, np.array([look.presence for look in looks.looks], np.float32), "a test")
+    wrong = np.flatnonzero(measured["other"].found)
+    measured["other"] = measured["other"].where(np.tile(wrong, 20))
+    names = measured["other"].name.astype("<U20")
+    common = max(set(names.tolist()), key=names.tolist().count)
+    names[(names == common) & (np.arange(len(names)) // len(wrong) % 2 == 0)] = "vase"
+    drawn = measured | {"other": replace(measured["other"], name=names)}
+    before, after = model.kinds["other"], renamed(model, measured, drawn).kinds["other"]
+    assert after.name_kept > before.name_kept
+    assert sum(after.names[""].values()) == pytest.approx(1.0, abs=1e-3)
+    assert after.names[""][common] > before.names[""][common]
+    assert all(after.names[""][name] < share for name, share in before.names[""].items() if name != common)
+    same = renamed(model, measured, measured).kinds["other"]
+    assert (same.names, same.name_kept) == (before.names, before.name_kept)
 
 
 def test_a_detection_goes_to_the_thing_that_it_fits_or_shows() -> None:

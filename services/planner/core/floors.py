@@ -3,7 +3,7 @@
 The cameras of every floor report what they last saw (``summaries``, a few hundred bytes a camera). A robot with nothing
 to go for on its own floor goes where they saw the target; one that has searched its floor goes on to the next. It never
 swings between floors: one is left unsearched only for a floor not visited before whose cameras' evidence is better by a
-margin, a searched floor isn't searched again, and visits are counted.
+margin, if exploring on here isn't worth more; a searched floor isn't searched again, and visits are counted.
 """
 
 from __future__ import annotations
@@ -155,13 +155,25 @@ def _tempting(now: Now) -> Errand | None:
     found = {floor: evidence for floor, evidence in found.items() if evidence >= enough}
     ways = _ways(now) if found else {}
     best = max((floor for floor in found if floor in ways), key=lambda floor: found[floor], default=None)
-    # looking around a corner here may be worth more than so long a way
     if best is None:
         return None
-    worth = objects.chance_of(found[best], state.target, config) / (ways[best][0] + config.floor_m)
-    if exploring_is_worth(now, more_than=worth):
+    # going there pays where there is none here: if there is one, exploring finds it on a shorter way
+    here = _chance_here(now)
+    worth = (1.0 - here) * objects.chance_of(found[best], state.target, config) / (ways[best][0] + config.floor_m)
+    if exploring_is_worth(now, more_than=worth / here):
         return None
     return Errand(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}", worth)
+
+
+def _chance_here(now: Now) -> float:
+    """How likely the target is on the robot's floor although its cameras didn't see it: at first as floors of training
+    buildings have one, then, by Bayes, the less, the longer exploring hasn't found it."""
+    target, config = now.state.target, now.config
+    prior = config.floor_chances.get(target, config.floor_chance)
+    found_per_m = config.explore_chances.get(target, config.explore_chance) / config.explore_m
+    walked_m = sum(math.dist(a, b) for a, b in itertools.pairwise(now.state.here.visited))
+    missed = math.exp(-found_per_m * walked_m)
+    return max(prior * missed / (prior * missed + 1.0 - prior), 1e-6)
 
 
 def _stands(now: Now, errand: Errand) -> bool:

@@ -45,6 +45,8 @@ class PlannerConfig:
         floor_confidence: another floor whose cameras saw the target this surely is gone to, if it beats this floor's
             cameras by ``floor_margin``, nothing confirmed or promising is known here, and exploring here isn't worth
             more; ``floor_m`` is about how far the target is from the stairs.
+        floor_chance, floor_chances: how often a floor has the target although its cameras don't see it (by class: the
+            floors of training buildings), before the robot explored any of it.
         stairs_reach_m: so near to a stair's end it can be taken; halved with every refusal, ``stairs_tries`` in all.
         floor_visits: how often the robot comes to a floor at most.
         patience_steps: a waypoint that the robot gets no nearer to for so long is given up for ``dormant_steps``.
@@ -132,6 +134,12 @@ class PlannerConfig:
     floor_confidence: float = 0.4
     floor_margin: float = 0.15
     floor_m: float = 12.0
+    floor_chance: float = 0.8
+    floor_chances: Mapping[str, float] = field(
+        default_factory=lambda: {
+            "bed": 0.6, "chair": 0.5, "couch": 0.55, "potted plant": 0.95, "toilet": 0.95, "tv": 0.75,
+        }
+    )  # fmt: skip
     stairs_reach_m: float = 0.45
     stairs_tries: int = 3
     floor_visits: int = 3

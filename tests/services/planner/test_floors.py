@@ -70,6 +70,29 @@ def test_evidence_must_be_better_by_a_margin(two_floors, here, there, leaves):
     assert decisions[0].phase == ("changing floor" if leaves else "scanning")
 
 
+def test_what_most_floors_have_is_searched_for_here_first(two_floors):
+    """The surer a floor has the target anyway, the more of it is explored before the robot leaves; but leave it does."""
+    phases, left_at = {}, {}
+    for chance in (0.2, 0.999):
+        config = PlannerConfig(stairs_known="plan", floor_chances={"chair": chance}, explore_chances={"chair": 0.15})
+        decisions = []
+        state, decision = two_floors(SEEN).run(config=config, watch=lambda s, d, to=decisions: to.append(d))
+        assert decision.found, decision.message
+        phases[chance], left_at[chance] = decisions[0].phase, state.changes[0].step
+    assert phases == {0.2: "changing floor", 0.999: "scanning"}
+    assert left_at[0.2] + 12 < left_at[0.999], "more than a look around is done here first"
+
+
+def test_the_chance_here_is_by_bayes():
+    """Against the formula written out: one in 11 m of exploring, 22 m walked, where half of the floors have one."""
+    walked = [(0.25 * i, 0.0) for i in range(89)]
+    state = MissionState("chair", floor="0", floors={"0": FloorMemory(visited=walked)})
+    config = PlannerConfig(floor_chances={"chair": 0.5}, explore_chances={"chair": 3.0 / 11.0}, explore_m=3.0)
+    now = SimpleNamespace(state=state, config=config)
+    missed = math.exp(-2.0)
+    assert floors._chance_here(now) == pytest.approx(0.5 * missed / (0.5 * missed + 0.5))
+
+
 def test_an_unseen_stair_is_not_headed_for_unless_the_plan_is_known(two_floors):
     """The robot faces west: the stair in the east isn't explored at first."""
     first = {}
