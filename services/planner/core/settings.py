@@ -110,7 +110,7 @@ class PlannerConfig:
     even_relevance: float = 0.30
     even_relevances: Mapping[str, float] = field(
         default_factory=lambda: {
-            "bed": 0.37, "chair": 0.10, "couch": 0.17, "potted plant": 0.21, "toilet": 0.24, "tv": 0.27,
+            "bed": 0.40, "chair": 0.15, "couch": 0.15, "potted plant": 0.19, "toilet": 0.32, "tv": 0.32,
         }
     )  # fmt: skip
     single_shift: float = 0.095
