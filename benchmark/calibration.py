@@ -1,11 +1,11 @@
-"""Measures a real detector on rendered views of the train homes and fits the backend ``simulated`` to it.
+"""Measures a real detector on rendered views of the train buildings and fits the backend ``simulated`` to it.
 
-    python -m benchmark.calibration [--homes 2_bedroom ...] [--views 240] [--models train] [--seed 11]
+    python -m benchmark.calibration [--buildings 2_bedroom ...] [--views 240] [--models train] [--seed 11]
 
-Every home is seen by its cameras and by a robot on a tour, pixels with baked light; what ``onnx-coco`` finds of what
-each view truly shows goes to runs/calibration, home by home, and isn't measured again. Then the error model is fitted
-to all homes but two, and compared with the detector on these, until every home was left out once
-(docs/results/calibration); and fitted to all of them (data/simulated_errors.json; not with ``--dry``).
+Every building is seen by its cameras and by a robot on a tour, pixels with baked light; what ``onnx-coco`` finds of
+what each view truly shows goes to runs/calibration, building by building, and isn't measured again. Then the error
+model is fitted to two thirds of the buildings and compared with the detector on the others, until every one was left
+out once (docs/results/calibration); and fitted to all of them (data/simulated_errors.json; not with ``--dry``).
 """
 
 from __future__ import annotations
@@ -22,27 +22,28 @@ import msgspec
 import numpy as np
 
 from benchmark import calibration_views as views
-from benchmark.calibration_fit import fit, renamed
+from benchmark.calibration_fit import fit, matched
 from benchmark.calibration_page import Side, compare
 from benchmark.calibration_plots import plots
+from benchmark.dataset.splits import SPLITS
 from benchmark.recordings import Tour, record
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
-from surveilnav.building.sources import TRAIN_HOMES
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception import error_model
 from surveilnav.perception.choose import choose_backend
 from surveilnav.perception.error_model import ErrorModel
 
+TRAIN = tuple(dict.fromkeys(scene.building for scene in SPLITS["train"].scenes))
 FOLDS = 3
 CAMERAS = 4
-ROUNDS = 5  # of bringing the names that are drawn to those that were measured
+ROUNDS = 5  # of bringing the false alarms that are drawn to those that were measured
 OUT = Path("docs/results/calibration")
 DATA = Path("runs/calibration")
 _ROW = re.compile(r"\[[^\[\]{}]*\]")  # of numbers: kept on one line
 
 
 def measured(name: str, args: argparse.Namespace) -> views.Looks:
-    """The looks of one home: kept ones, or new ones."""
+    """The looks of one building: kept ones, or new ones."""
     path = DATA / f"{name}-s{args.seed}-{args.models}-{args.views}.looks"
     kept = views.load(path)
     if kept is not None:
@@ -63,50 +64,51 @@ def measured(name: str, args: argparse.Namespace) -> views.Looks:
     return looks
 
 
-def fitted(homes: Sequence[views.Looks], args: argparse.Namespace) -> ErrorModel:
-    """The model of some homes."""
-    rows = views.rows_of(homes)
-    n_camera = sum(look.is_camera for home in homes for look in home.looks)
-    n = sum(len(home.looks) for home in homes)
+def fitted(buildings: Sequence[views.Looks], args: argparse.Namespace) -> ErrorModel:
+    """The model of some buildings."""
+    rows = views.rows_of(buildings)
+    n_camera = sum(look.is_camera for building in buildings for look in building.looks)
+    n = sum(len(building.looks) for building in buildings)
+    names = ", ".join(building.name for building in buildings)
     counts = ", ".join(f"{len(r.ids)} {kind}s, {int(r.found.sum())} found" for kind, r in rows.items())
     source = (
         f"python -m benchmark.calibration --seed {args.seed} --models {args.models} --views {args.views}: onnx-coco on "
-        f"{n - n_camera} robot views and {n_camera} camera views of {', '.join(home.name for home in homes)}; {counts}"
+        f"{n - n_camera} robot views and {n_camera} camera views of {names}; {counts}"
     )
-    model = fit(rows, presence_of(homes), source)
+    model = fit(rows, presence_of(buildings), source)
     for seed in range(100, 100 + ROUNDS):
-        drawn = [views.simulated(home, model, seed)[0] for home in homes]
-        model = renamed(model, rows, views.rows_of(homes, drawn))
+        drawn = [views.simulated(building, model, seed)[0] for building in buildings]
+        model = matched(model, rows, views.rows_of(buildings, drawn))
     return model
 
 
-def presence_of(homes: Sequence[views.Looks]) -> np.ndarray:
-    return np.array([look.presence for home in homes for look in home.looks], np.float32)
+def presence_of(buildings: Sequence[views.Looks]) -> np.ndarray:
+    return np.array([look.presence for building in buildings for look in building.looks], np.float32)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="benchmark.calibration", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--homes", nargs="+", default=list(TRAIN_HOMES))
-    parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every home")
+    parser.add_argument("--buildings", nargs="+", default=list(TRAIN))
+    parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every building")
     parser.add_argument("--models", choices=("all", "train", "val"), default="train")
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--dry", action="store_true", help="don't replace the committed model")
     args = parser.parse_args(argv)
-    if len(args.homes) < FOLDS:
-        print(f"calibration: give at least {FOLDS} homes: each is compared with a model of others", file=sys.stderr)
+    if len(args.buildings) < FOLDS:
+        print(f"calibration: give at least {FOLDS} buildings: each is compared with a model of others", file=sys.stderr)
         return 2
     try:
-        homes = [measured(name, args) for name in args.homes]
+        buildings = [measured(name, args) for name in args.buildings]
     except SurveilNavError as error:
         print(f"calibration: {error}", file=sys.stderr)
         return 2
     unseen = {}
     for fold in range(FOLDS):
-        model = fitted([home for i, home in enumerate(homes) if i % FOLDS != fold], args)
-        unseen.update({home.name: model for home in homes[fold::FOLDS]})
-    model = fitted(homes, args)
-    real, sims = Side.real(homes), [Side.simulated(homes, unseen, seed) for seed in range(4)]
+        model = fitted([building for i, building in enumerate(buildings) if i % FOLDS != fold], args)
+        unseen.update({building.name: model for building in buildings[fold::FOLDS]})
+    model = fitted(buildings, args)
+    real, sims = Side.real(buildings), [Side.simulated(buildings, unseen, seed) for seed in range(4)]
     args.out.mkdir(parents=True, exist_ok=True)
     page = compare(real, sims, model)
     (args.out / "README.md").write_text(page, encoding="utf-8")

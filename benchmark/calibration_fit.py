@@ -9,11 +9,11 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import log_ndtr, ndtr
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from benchmark.calibration_views import MIN_SIZE_RAD, Rows
 from surveilnav.categories import COCO
-from surveilnav.perception.error_model import FEATURES, ErrorModel, Floats, Kind, Luck
+from surveilnav.perception.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Kind, Luck
 
 MIN_SCORE = 0.25
 #: Standard deviations of the priors of all weights, and of a class's own part of them.
@@ -22,10 +22,13 @@ _CLASS_SD = {"one": 0.8, "size": 0.4, "size_squared": 0.2, "range": 0.4, "camera
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _QUANTILES = np.array([0.0, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 1.0])
 _BOXES = 48
+_FEW_BOXES = 12
 _PAIRS = 40_000
 _DRAWS = 16
 _FEW_PAIRS = 20
 _NAMES = 5.0  # as many of every name count as if they had come out as measured
+_Shares = dict[str, float]
+_CLASS_PRIOR, _SIGHT_PRIOR = 3.0, 10.0  # as many wrong names are thought to have been those of more things
 _GAIN = 0.6  # of a name's being kept, by what near views agree too little
 
 
@@ -72,7 +75,7 @@ def both_above(a: Floats, b: Floats, r: Floats) -> Floats:
 def pairs_of(rows: Rows, rng: np.random.Generator, most: int = _PAIRS) -> NDArray[np.int64]:
     """(N, 2) rows that show the same instance in two views: half of an instance's pairs are of the nearest views."""
     groups: dict[tuple[int, int], list[int]] = {}
-    for i, key in enumerate(zip(rows.home.tolist(), rows.ids.tolist(), strict=True)):
+    for i, key in enumerate(zip(rows.building.tolist(), rows.ids.tolist(), strict=True)):
         groups.setdefault(key, []).append(i)
     members = [np.array(g) for g in groups.values() if len(g) > 1]
     if not members:
@@ -136,7 +139,7 @@ def fit_kind(rows: Rows, presence: NDArray[np.float32], seed: int = 0) -> Kind:
     """One kind's model. ``presence``: (views, 80) what too weak scores make of each class in a view; NaN: not weak."""
     rng = np.random.default_rng(seed)
     weights = fit_probit(rows.x, rows.labels, rows.found)
-    kind = Kind(weights, Luck(0, 0, 1, 2), {"": {"chair": 1.0}}, 0.0, {}, {}, {})
+    kind = Kind(weights, Luck(0, 0, 1, 2), {}, 0.0, {}, {}, {})
     eta = kind.ease(rows.x, rows.labels)
     luck = fit_luck(rows, eta, rows.found, rng)
     found = rows.where(rows.found)
@@ -158,33 +161,49 @@ def fit_kind(rows: Rows, presence: NDArray[np.float32], seed: int = 0) -> Kind:
         {of: _score_knots(ease[is_own == (of == "right")], found.score[m], _missed(rows, presence, of == "right"))
          for of, m in certain.items()},
         {of: _rounded(np.quantile(found.certainty[m], _QUANTILES)) if m.any() else [1.0] for of, m in certain.items()},
-        {of: _boxes(found.box[m]) for of, m in certain.items()},
+        {of: _boxes(found.box[m]) for of, m in certain.items()} | _boxes_by_name(wrong),
         own, own_luck,
     )  # fmt: skip
 
 
-def _names(wrong: Rows) -> dict[str, dict[str, float]]:
-    """By class, shares of what it is mistaken for, drawn to those of all classes by as much as three sightings are."""
-    everything = Counter(wrong.name.tolist())
-    total = sum(everything.values()) + 1e-9
-    names = {}
-    for label in ["", *sorted(set(wrong.labels) - {""})]:
-        counts = Counter(wrong.name[wrong.labels == label].tolist()) if label else everything
-        prior = 3.0 if label else 0.0
-        n = sum(counts.values()) + prior
-        shares = {s: (counts[s] + prior * everything[s] / total) / n for s in everything if s != label}
-        kept = {s: round(p, 4) for s, p in sorted(shares.items(), key=lambda pair: (-pair[1], pair[0])) if p >= 0.005}
-        names[label] = kept
-    return names if names[""] else {"": {"chair": 1.0}}
+def _names(wrong: Rows) -> dict[str, dict[str, _Shares]]:
+    """By sight and class, shares of what it is mistaken for; where sightings are few, those of more things count."""
+    everything = _shares(wrong, {"chair": 1.0}, 1.0)
+    of_class = {label: _shares(wrong.where(wrong.labels == label), everything, _CLASS_PRIOR) for label in wrong.classes}
+    sight, names = wrong.sight, {}
+    for view in ("robot", "camera"):
+        of_view = _shares(wrong.where(np.char.startswith(sight, view)), everything, _SIGHT_PRIOR)
+        for at in (s for s in SIGHTS if s.startswith(view)):
+            seen = wrong.where(sight == at)
+            of_sight = _shares(seen, of_view, _SIGHT_PRIOR)
+            names[at] = {"": _rare_dropped(of_sight, "")}
+            for label in wrong.classes:
+                both = {s: (of_sight.get(s, 0.0) + of_class[label].get(s, 0.0)) / 2 for s in everything}
+                names[at][label] = _rare_dropped(_shares(seen.where(seen.labels == label), both, _CLASS_PRIOR), label)
+    return names
 
 
-def _name_kept(wrong: Rows, names: dict[str, dict[str, float]], rng: np.random.Generator) -> float:
+def _shares(wrong: Rows, prior: _Shares, weight: float) -> _Shares:
+    counts = Counter(wrong.name.tolist())
+    n = sum(counts.values()) + weight
+    return {s: (counts[s] + weight * prior.get(s, 0.0)) / n for s in {**prior, **counts}}
+
+
+def _rare_dropped(shares: _Shares, label: str) -> _Shares:
+    """The commonest first; nothing is mistaken for what it is."""
+    ordered = sorted(shares.items(), key=lambda pair: (-pair[1], pair[0]))
+    kept = {s: round(p, 4) for s, p in ordered if p >= 0.005 and s != label}
+    return kept or {"chair" if label != "chair" else "couch": 1.0}
+
+
+def _name_kept(wrong: Rows, names: dict[str, dict[str, _Shares]], rng: np.random.Generator) -> float:
     """How often an instance's own draw of a name is taken: near views agree by kept^2 + (1 - kept^2) sum of shares^2."""
     pairs = _near_pairs(wrong, rng)
     if len(pairs) < _FEW_PAIRS:
         return 0.8
-    chance = {label: sum(p * p for p in shares.values()) for label, shares in names.items()}
-    by_chance = float(np.mean([chance[label] for label in wrong.labels[pairs[:, 0]].tolist()]))
+    first = wrong.where(pairs[:, 0])
+    chance = {at: {label: sum(p * p for p in s.values()) for label, s in of.items()} for at, of in names.items()}
+    by_chance = float(np.mean([chance[at][label] for at, label in zip(first.sight, first.labels, strict=True)]))
     return round(float(np.sqrt(np.clip((_agreed(wrong, pairs) - by_chance) / (1 - by_chance), 0.0, 1.0))), 3)
 
 
@@ -237,6 +256,11 @@ def _boxes(boxes: Floats) -> list[list[float]]:
     return [_rounded(boxes[i]) for i in chosen]
 
 
+def _boxes_by_name(wrong: Rows) -> dict[str, list[list[float]]]:
+    counts = Counter(wrong.name.tolist())
+    return {name: _boxes(wrong.box[wrong.name == name]) for name in sorted(counts) if counts[name] >= _FEW_BOXES}
+
+
 def _rounded(values: Iterable[float]) -> list[float]:
     return [round(float(v), 3) for v in values]
 
@@ -254,30 +278,56 @@ def fit(rows: dict[str, Rows], presence: NDArray[np.float32], source: str) -> Er
     return ErrorModel(what, source, MIN_SCORE, MIN_SIZE_RAD, kinds, _haze(rows["thing"], unsaid))
 
 
-def renamed(model: ErrorModel, measured: dict[str, Rows], drawn: dict[str, Rows]) -> ErrorModel:
-    """The model with wrong names moved so that they come out as often, and as alike in near views, as measured.
+def matched(model: ErrorModel, measured: dict[str, Rows], drawn: dict[str, Rows]) -> ErrorModel:
+    """The model with false alarms and their names moved so that they come out as often, and names as alike in near
+    views, as measured.
 
-    ``simulated`` calls nothing what it is too large or too small for: a name whose things are rarely of the size of
-    what is mistaken for it would come out too seldom, and one instance would be called too many names. ``drawn``: what
-    the model made of the same views.
+    ``simulated`` calls nothing what it is too large or too small for: what has no name, and a name whose things are
+    rarely of the size of what is mistaken for it, would come out too seldom, and one instance would be called too many
+    names. ``drawn``: what the model made of the same views.
     """
     kinds = {}
     for of, kind in model.kinds.items():
         wrong = [r[of].where(r[of].found & ~r[of].right) for r in (measured, drawn)]
-        is_, was = (Counter(r.name.tolist()) for r in wrong)
-        per_draw = len(wrong[1].name) / max(1, len(wrong[0].name))
-        factor = {name: (is_[name] * per_draw + _NAMES) / (was[name] + _NAMES) for name in is_}
-        names = {}
-        for label, shares in kind.names.items():
-            moved = {name: share * factor.get(name, 1.0) for name, share in shares.items()}
-            total = sum(moved.values())
-            names[label] = {name: round(share / total, 4) for name, share in moved.items()}
+        sight = [r.sight for r in wrong]
+        names = {
+            at: _moved(of_class, *(r.where(s == at) for r, s in zip(wrong, sight, strict=True)))
+            for at, of_class in kind.names.items()
+        }
         kept, pairs = kind.name_kept, [_near_pairs(r, np.random.default_rng(0)) for r in wrong]
         if min(len(p) for p in pairs) >= _FEW_PAIRS:
             too_few = _agreed(wrong[0], pairs[0]) - _agreed(wrong[1], pairs[1])
             kept = round(float(np.clip(kept + _GAIN * too_few, 0.0, 1.0)), 3)
-        kinds[of] = replace(kind, names=names, name_kept=kept)
+        weights = kind.weights if kind.own else _as_often(kind.weights, measured[of], drawn[of])
+        kinds[of] = replace(kind, weights=weights, names=names, name_kept=kept)
     return replace(model, kinds=kinds)
+
+
+def _as_often(weights: dict[str, list[float]], measured: Rows, drawn: Rows) -> dict[str, list[float]]:
+    """Weights that find as much as measured in robots' and in cameras' views."""
+    camera = measured.x[:, FEATURES.index("camera")] > 0
+    robot_, camera_ = (
+        ndtri((measured.found[of].sum() + 1) / (of.sum() + 2)) - ndtri((drawn.found[of].sum() + 1) / (of.sum() + 2))
+        for of in (~camera, camera)
+    )
+    more = {"one": robot_, "camera": camera_ - robot_}
+    return {
+        label: [round(w + float(more.get(name, 0.0)), 3) for name, w in zip(FEATURES, row, strict=True)]
+        for label, row in weights.items()
+    }
+
+
+def _moved(names: dict[str, _Shares], measured: Rows, drawn: Rows) -> dict[str, _Shares]:
+    """Shares of names by as much more or less as they came out too seldom or too often."""
+    is_, was = (Counter(r.name.tolist()) for r in (measured, drawn))
+    per_draw = len(drawn.name) / max(1, len(measured.name))
+    factor = {name: (is_[name] * per_draw + _NAMES) / (was[name] + _NAMES) for name in is_}
+    out = {}
+    for label, shares in names.items():
+        moved = {name: share * factor.get(name, 1.0) for name, share in shares.items()}
+        total = sum(moved.values())
+        out[label] = {name: round(share / total, 4) for name, share in moved.items()}
+    return out
 
 
 def _haze(things: Rows, unsaid: NDArray[np.float32]) -> dict[str, list[float]]:

@@ -1,4 +1,4 @@
-"""How alike the backend ``simulated`` and the real detector are on homes that the model wasn't fitted to."""
+"""How alike the backend ``simulated`` and the real detector are on buildings that the model wasn't fitted to."""
 
 from __future__ import annotations
 
@@ -23,32 +23,34 @@ CHORDS = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Side:
-    """What one detector, real or simulated, made of the same views. ``presence``: (views, 80)."""
+    """What one detector, real or simulated, made of the same views. ``presence``: (views, 80); ``building``: (views,)."""
 
     rows: dict[str, Rows]
     presence: NDArray[np.float32]
     is_camera: NDArray[np.bool_]
+    building: NDArray[np.str_]
 
     @classmethod
-    def real(cls, homes: Sequence[Looks]) -> Side:
-        looks = [look for home in homes for look in home.looks]
+    def real(cls, buildings: Sequence[Looks]) -> Side:
+        looks = [look for building in buildings for look in building.looks]
         presence = np.array([look.presence for look in looks], np.float32)
-        return cls(rows_of(homes), presence, np.array([look.is_camera for look in looks]))
+        return cls(rows_of(buildings), presence, np.array([look.is_camera for look in looks]), _names(buildings))
 
     @classmethod
-    def simulated(cls, homes: Sequence[Looks], models: Mapping[str, ErrorModel], seed: int) -> Side:
-        """By the model of each home."""
-        seen = [simulated(home, models[home.name], seed) for home in homes]
-        is_camera = np.array([look.is_camera for home in homes for look in home.looks])
-        return cls(rows_of(homes, [found for found, _ in seen]), np.concatenate([p for _, p in seen]), is_camera)
+    def simulated(cls, buildings: Sequence[Looks], models: Mapping[str, ErrorModel], seed: int) -> Side:
+        """By the model of each building."""
+        seen = [simulated(building, models[building.name], seed) for building in buildings]
+        is_camera = np.array([look.is_camera for building in buildings for look in building.looks])
+        rows = rows_of(buildings, [found for found, _ in seen])
+        return cls(rows, np.concatenate([p for _, p in seen]), is_camera, _names(buildings))
 
     def named(self, keep: NDArray[np.bool_]) -> float:
         """The share of some things that were found and called by their own name."""
         return float((self.rows["thing"].found & self.rows["thing"].right)[keep].mean())
 
-    def false_rate(self, camera: bool) -> float:
-        """False targets a view."""
-        return sum(self.false(camera).values()) / max(1, int((self.is_camera == camera).sum()))
+    def false_rate(self, views: NDArray[np.bool_]) -> float:
+        """False targets a view, of some views."""
+        return sum(self.false(views).values()) / max(1, int(views.sum()))
 
     def right_scores(self) -> Floats:
         """Scores of targets that were called by their name."""
@@ -59,11 +61,11 @@ class Side:
         """Scores of false targets."""
         return np.concatenate([r.score[r.found & ~r.right & np.isin(r.name, TARGETS)] for r in self.rows.values()])
 
-    def false(self, camera: bool) -> Counter[str]:
-        """Wrong names of targets, by name, in robots' or cameras' views."""
+    def false(self, views: NDArray[np.bool_]) -> Counter[str]:
+        """Wrong names of targets, by name, in some views."""
         names: list[str] = []
         for rows in self.rows.values():
-            names += rows.name[rows.found & ~rows.right & (self.is_camera[rows.view] == camera)].tolist()
+            names += rows.name[rows.found & ~rows.right & views[rows.view]].tolist()
         return Counter(n for n in names if n in TARGETS)
 
     def repeated(self) -> tuple[float, int]:
@@ -90,6 +92,10 @@ class Side:
         images /= np.linalg.norm(images, axis=1, keepdims=True)
         texts = closed_set.embed_texts([f"seems like there is a {target}" for target in TARGETS])
         return np.asarray(images @ texts.T, np.float64)
+
+
+def _names(buildings: Sequence[Looks]) -> NDArray[np.str_]:
+    return np.repeat([building.name for building in buildings], [len(building.looks) for building in buildings])
 
 
 def _near(rows: Rows, most: int) -> NDArray[np.int64]:
@@ -131,9 +137,9 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel) -> str:
     return "\n".join([
         "# The simulated detector against the real one", "",
         f"Source: {model.source}.", "",
-        f"Every home is compared with a model of other homes: {int((~real.is_camera).sum())} robot views and "
+        f"Every building is compared with a model of other buildings: {int((~real.is_camera).sum())} robot views and "
         f"{int(real.is_camera.sum())} camera views. Real: `onnx-coco` on pixels. Simulated: mean of {len(sims)} seeds "
-        "(least–most). The committed model is fitted to all homes.", "",
+        "(least–most). The committed model is fitted to all buildings.", "",
         "![found under its name, by distance, size and occlusion](reliability.png)", "",
         "![luck, scores, false alarms, value](behaviour.png)", "",
         "## Found, and called by its own name", "",
@@ -143,8 +149,8 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel) -> str:
         named("targets, camera views", target & by_camera), "",
         "## False targets, persistence, value", "",
         "| measure | pairs | real | simulated |", "|---|---|---|---|",
-        row("false targets a robot view", lambda side: side.false_rate(False)),
-        row("false targets a camera view", lambda side: side.false_rate(True)),
+        row("false targets a robot view", lambda side: side.false_rate(~real.is_camera)),
+        row("false targets a camera view", lambda side: side.false_rate(real.is_camera)),
         row("a second view within 1 m and 30° repeats a false target", lambda s: s.repeated()[0], real.repeated()[1]),
         *_persistence(row),
         row("mean score of right names", lambda side: float(side.right_scores().mean())),
@@ -153,7 +159,23 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel) -> str:
         row("value: median", lambda s: float(np.median(s.values()))),
         row("value: 90 % quantile", lambda s: float(np.quantile(s.values(), 0.9))),
         row("value: correlation with the real one's", lambda s: _correlation(s.values(), real.values())), "",
+        "## By building", "",
+        "False targets a view, and the share of visible targets that are called by their name.", "",
+        "| building | views | false, real | simulated | named | real | simulated |", "|---|---|---|---|---|---|---|",
+        *(_building(name, real, sims) for name in dict.fromkeys(real.building.tolist())), "",
     ])  # fmt: skip
+
+
+def _building(name: str, real: Side, sims: Sequence[Side]) -> str:
+    views = real.building == name
+    things = real.rows["thing"]
+    targets = np.isin(things.labels, TARGETS) & views[things.view]
+
+    def cells(of: Callable[[Side], float]) -> str:
+        return f"{of(real):.2f} | {np.mean([of(side) for side in sims]):.2f}"
+
+    false, named = cells(lambda side: side.false_rate(views)), cells(lambda side: side.named(targets))
+    return f"| {name} | {int(views.sum())} | {false} | {int(targets.sum())} | {named} |"
 
 
 def _persistence(row: Callable[[str, Callable[[Side], float]], str]) -> list[str]:

@@ -62,10 +62,11 @@ def plots(real: Side, sims: Sequence[Side], model: ErrorModel, out: Path) -> Non
         axis.legend()
     at = np.arange(len(TARGETS))
     for shift, camera in ((-0.3, False), (0.1, True)):
-        n = max(1, int((real.is_camera == camera).sum()))
+        seen = real.is_camera == camera
+        n = max(1, int(seen.sum()))
         kind = "camera" if camera else "robot"
-        e.bar(at + shift, [real.false(camera)[t] / n for t in TARGETS], 0.18, label=f"real, {kind}")
-        rates = [[s.false(camera)[t] / n for t in TARGETS] for s in sims]
+        e.bar(at + shift, [real.false(seen)[t] / n for t in TARGETS], 0.18, label=f"real, {kind}")
+        rates = [[s.false(seen)[t] / n for t in TARGETS] for s in sims]
         e.bar(at + shift + 0.18, np.mean(rates, axis=0), 0.18, label=f"simulated, {kind}", alpha=0.6)
     e.set_xticks(at, TARGETS, rotation=20)
     e.set_title("false targets a view")

@@ -17,7 +17,7 @@ from surveilnav.building.stored import read_parts, write_parts
 from surveilnav.categories import COCO
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.perception.boxes import overlaps
-from surveilnav.perception.error_model import ErrorModel, Floats
+from surveilnav.perception.error_model import ErrorModel, Floats, sights
 from surveilnav.perception.truth import Simulated
 from surveilnav.perception.visible import Candidates, Place, VisibleThing, candidates, world_points
 from surveilnav.sensing.views import Detected, TrueInstances, box_cells
@@ -79,7 +79,7 @@ class _Home(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Looks:
-    """All views of one home."""
+    """All views of one building."""
 
     name: str
     labels: dict[int, str]
@@ -87,7 +87,7 @@ class Looks:
 
 
 def looks_of(name: str, recording: Recording, building: SimulatedBuilding) -> Looks:
-    """Adds to a home's recording what its views truly show."""
+    """Adds to a building's recording what its views truly show."""
     if recording.facts.scene_hash != building.scene.content_hash:
         raise ValueError(f"the recording of {name} shows another building: delete it")
     seen = [_look(s, building) for s in recording.views if s.perception is not None]
@@ -130,8 +130,8 @@ def _found(d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], s
 
 
 def save(looks: Looks, path: Path) -> None:
-    home = _Home(looks.name, looks.labels)
-    write_parts(path, _FORMAT, [msgspec.msgpack.encode(part) for part in (home, *looks.looks)])
+    building = _Home(looks.name, looks.labels)
+    write_parts(path, _FORMAT, [msgspec.msgpack.encode(part) for part in (building, *looks.looks)])
 
 
 def load(path: Path) -> Looks | None:
@@ -139,8 +139,8 @@ def load(path: Path) -> Looks | None:
     parts = read_parts(path, _FORMAT)
     if parts is None:
         return None
-    home = msgspec.msgpack.decode(parts[0], type=_Home)
-    return Looks(home.name, home.labels, [msgspec.msgpack.decode(p, type=Look) for p in parts[1:]])
+    building = msgspec.msgpack.decode(parts[0], type=_Home)
+    return Looks(building.name, building.labels, [msgspec.msgpack.decode(p, type=Look) for p in parts[1:]])
 
 
 def simulated(looks: Looks, model: ErrorModel, seed: int = 0) -> tuple[list[list[Found]], NDArray[np.float32]]:
@@ -166,7 +166,7 @@ def _presence(image: NDArray[np.float32]) -> NDArray[np.float32]:
 class Rows:
     """All candidates of one kind in many views, and what became of each.
 
-    ``view``: (N,) number of the view; ``home``: (N,); ``name``: what it was called, "" if it wasn't found; ``box``:
+    ``view``: (N,) number of the view; ``building``: (N,); ``name``: what it was called, "" if it wasn't found; ``box``:
     (N, 4) of the detection: corners relative to the visible box, or for places (width, height, 0, 0) at 1 m [rad].
     """
 
@@ -177,7 +177,7 @@ class Rows:
     direction: Floats
     range_m: Floats
     view: NDArray[np.int64]
-    home: NDArray[np.int64]
+    building: NDArray[np.int64]
     name: NDArray[np.str_]
     score: Floats
     certainty: Floats
@@ -191,18 +191,27 @@ class Rows:
     def right(self) -> NDArray[np.bool_]:
         return np.asarray(self.name == self.labels)
 
+    @property
+    def classes(self) -> list[str]:
+        """Those that things have of which the detector knows the name."""
+        return sorted(set(self.labels.tolist()) - {""})
+
+    @property
+    def sight(self) -> NDArray[np.str_]:
+        return np.array(sights(self.x))
+
     def where(self, keep: NDArray) -> Rows:
         values = (getattr(self, name)[keep] for name in self.__dataclass_fields__ if name != "kind")
         return Rows(self.kind, *values)
 
 
-def rows_of(homes: Sequence[Looks], found: Sequence[Sequence[Sequence[Found]]] | None = None) -> dict[str, Rows]:
-    """The rows of homes, by kind; ``found`` replaces what was found (of every view of every home)."""
+def rows_of(buildings: Sequence[Looks], found: Sequence[Sequence[Sequence[Found]]] | None = None) -> dict[str, Rows]:
+    """The rows of buildings, by kind; ``found`` replaces what was found (of every view of every building)."""
     parts: dict[str, list[tuple]] = {}
     number = 0
-    for h, home in enumerate(homes):
-        for i, look in enumerate(home.looks):
-            truth, depth_m = look.truth(home.labels)
+    for h, building in enumerate(buildings):
+        for i, look in enumerate(building.looks):
+            truth, depth_m = look.truth(building.labels)
             said = look.found if found is None else found[h][i]
             shown = candidates(truth, depth_m, look.camera, look.is_camera, MIN_SIZE_RAD)
             for c, outcomes in zip(shown, _assigned(shown, said, look), strict=True):

@@ -32,7 +32,7 @@ class PlannerConfig:
         even_relevance, even_relevances, single_shift, other_shift, relevance_scale, confirmed_chance: the chance that an
             object is the target is even at this relevance (of the target's class), or so much higher for a single
             detection and for what looks more like something else; logistic around it, and at least that much for a
-            confirmed one. Fitted to 6,000 objects of searches in training buildings (chairs mostly are what they look
+            confirmed one. Fitted to objects of searches in training buildings (chairs mostly are what they look
             like, beds are not).
         verify_m, explore_m, explore_chance: waypoints compare by their chance per metre: the way to an object and what
             looking at it costs; the way to a frontier and what exploring beyond it costs, for this chance.

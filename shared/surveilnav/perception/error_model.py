@@ -28,6 +28,11 @@ Floats = NDArray[np.float64]
 
 #: What ease depends on, in the order of every row of weights.
 FEATURES = ("one", "size", "size_squared", "range", "hidden", "cut", "elevation", "camera", "camera_size")
+#: Wrong names depend on how large a thing shows: bands of visible size [rad], by their lower ends.
+BANDS_RAD = (0.0, 0.2, 0.4, 0.6)
+#: Kinds of view and bands, as ``sights`` names them.
+SIGHTS = tuple(f"{view} {low_rad}" for view in ("robot", "camera") for low_rad in BANDS_RAD)
+_SIZE_RAD = 0.15
 _WAVES = 12  # Fourier features of a field
 _ROUND = {"splitmix": (0xBF58476D1CE4E5B9, 0x94D049BB133111EB), "step": (0x9E3779B97F4A7C15,)}
 
@@ -37,12 +42,20 @@ def features(
 ) -> Floats:
     """(N, len(FEATURES)) of N things: square root of the solid angle that shows, distance, share of the outline behind
     which it goes on, sides at the picture's edge, angle of sight below the horizon; ``camera``: not a robot's view."""
-    size = np.clip(np.log(size_rad / 0.15), -2.5, 2.0)
+    size = np.clip(np.log(size_rad / _SIZE_RAD), -2.5, 2.0)
     one, camera_ = np.ones_like(size), np.full_like(size, float(camera))
     range_ = np.log(np.clip(range_m, 0.4, 12.0) / 2.5)
     return np.stack(
         [one, size, size**2, range_, hidden, cut / 2, np.sin(elevation_rad), camera_, camera_ * size], axis=-1
     )
+
+
+def sights(x: Floats) -> list[str]:
+    """Of (N, F) features, the kind of view and the band of visible size, for instance "robot 0.2"."""
+    size_rad = _SIZE_RAD * np.exp(x[:, FEATURES.index("size")])
+    band = np.searchsorted(BANDS_RAD, size_rad, side="right") - 1
+    camera = x[:, FEATURES.index("camera")] > 0
+    return [SIGHTS[i] for i in (band + camera * len(BANDS_RAD)).tolist()]
 
 
 class Luck(msgspec.Struct, frozen=True):
@@ -58,15 +71,15 @@ class Kind(msgspec.Struct, frozen=True):
     """One kind of thing. ``weights``: of ``FEATURES`` by class, "" for all others; ``luck``: of finding.
 
     ``own``, ``own_luck``: the same for being called by its own name, for things that have one. ``names``: what things of
-    a class are called else, and how often; ``name_kept``: how often an instance's name is the same draw.
+    a class are called else, and how often, by ``sights``; ``name_kept``: how often an instance's name is the same draw.
     ``scores``: (ease, score); ``certainty``: quantiles of the name's share in the scores of all classes; ``boxes``:
     measured ones, by size: corners relative to the visible thing's box, or (width, height) [m] for places. These three
-    for "right" and "wrong" names.
+    for "right" and "wrong" names, boxes also for those wrong names that were seen often.
     """
 
     weights: dict[str, list[float]]
     luck: Luck
-    names: dict[str, dict[str, float]]
+    names: dict[str, dict[str, dict[str, float]]]
     name_kept: float
     scores: dict[str, list[tuple[float, float]]]
     certainty: dict[str, list[float]]
@@ -87,18 +100,23 @@ class Kind(msgspec.Struct, frozen=True):
         knots = np.array(self.scores["right" if right else "wrong"])
         return np.asarray(np.interp(ease, knots[:, 0], knots[:, 1]))
 
-    def rest(self, label: str) -> Floats:
+    def rest(self, label: str, sight: str) -> Floats:
         """(80,) what classes share the scores that a thing's name leaves: those that it is mistaken for, and its own."""
         rest = np.zeros(len(COCO))
-        for name, share in (self.names.get(label) or self.names[""]).items():
+        for name, share in self.names_of(label, sight).items():
             rest[COCO.index(name)] += share
         if label in COCO:
             rest[COCO.index(label)] += rest.sum()
         return rest
 
-    def name(self, label: str, luck: float, but: str = "") -> str:
+    def names_of(self, label: str, sight: str) -> dict[str, float]:
+        """What a thing of a class is called else, and how often."""
+        names = self.names[sight]
+        return names.get(label) or names[""]
+
+    def name(self, label: str, sight: str, luck: float, but: str = "") -> str:
         """What a thing is called, with a luck from 0 to 1; never ``but``."""
-        shares = self.names.get(label) or self.names[""]
+        shares = self.names_of(label, sight)
         total = sum(share for name, share in shares.items() if name != but)
         left = luck * total
         for name, share in shares.items():

@@ -16,7 +16,7 @@ from surveilnav.categories import COCO, canonical
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.perception import closed_set
-from surveilnav.perception.error_model import Draws, ErrorModel, Luck, error_model, hashed, uniforms
+from surveilnav.perception.error_model import Draws, ErrorModel, Luck, error_model, hashed, sights, uniforms
 from surveilnav.perception.masks import mask_of
 from surveilnav.perception.sizes import extent_m, plausible
 from surveilnav.perception.visible import Box, Candidates, Place, VisibleThing, candidates, mask_within, visible_things
@@ -146,24 +146,26 @@ class Simulated:
         scores = np.where(right, kind.score(ease, True), kind.score(ease, False))
         names = draws.mostly(kind.name_kept, 2)
         once, always = uniforms(view, c.ids, 4, 2), uniforms(scene, c.ids, 40)
+        sight_of = sights(c.x)
         for i in np.flatnonzero(scores >= _WEAKEST).tolist():
-            label, of = c.labels[i], "right" if right[i] else "wrong"
-            said = label if right[i] else kind.name(label, names[i], but=label)
+            label, sight, of = c.labels[i], sight_of[i], "right" if right[i] else "wrong"
+            said = label if right[i] else kind.name(label, sight, names[i], label)
             score = float(scores[i])
             box, mask, fits = None, None, True
             if ease[i] > 0 and score >= self._model.min_score:
-                loose = kind.boxes[of][int((once[i, 1] if right[i] else always[i, 0]) * len(kind.boxes[of]))]
+                boxes = kind.boxes[of] if right[i] else kind.boxes.get(said, kind.boxes[of])
+                loose = boxes[int((once[i, 1] if right[i] else always[i, 0]) * len(boxes))]
                 box = _box(c.shown[i], loose, depth_m, camera)
                 if right[i]:
                     mask = _mask_within(c.shown[i], box, depth_m)
                 else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
                     mask = mask_of(depth_m, box, floor())
                     size_m, cut = _size_of(box, mask, depth_m, camera)
-                    others = (kind.name(label, luck, but=label) for luck in np.mod(names[i] + _OTHER_NAMES, 1.0))
+                    others = (kind.name(label, sight, luck, label) for luck in np.mod(names[i] + _OTHER_NAMES, 1.0))
                     fitting = (name for name in (said, *others) if _fits(name, size_m, cut))
                     found = next(fitting, "")
                     said, fits = found or said, found != ""
-            all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label))
+            all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label, sight))
             detected = None
             if box is not None and fits and min(box[2] - box[0], box[3] - box[1]) >= 2:
                 detected = Detected(said, score, box, mask, closed_set.embed_object(all_scores))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from surveilnav.perception.error_model import Draws, Kind, Luck, hashed, uniforms
+from surveilnav.perception.error_model import SIGHTS, Draws, Kind, Luck, features, hashed, sights, uniforms
 
 LUCK = Luck(instance=0.2, field=0.5, angle_rad=0.5, range_ratio=2.0)
 IDS = np.arange(1, 20_001, dtype=np.uint64)
@@ -49,10 +49,21 @@ def test_draws_are_the_same_on_every_machine_and_in_any_company() -> None:
 
 
 def test_names_come_as_often_as_their_shares_and_never_the_excluded_one() -> None:
-    kind = Kind({}, LUCK, {"": {"bed": 0.5, "chair": 0.3, "tv": 0.2}}, 0.0, {}, {}, {})
-    names = [kind.name("couch", u, but="chair") for u in np.linspace(0.001, 0.999, 700)]
+    shares = {"": {"bed": 0.5, "chair": 0.3, "tv": 0.2}, "sink": {"vase": 1.0}}
+    kind = Kind({}, LUCK, {"robot 0.2": shares, "robot 0.4": {"": {"toilet": 1.0}}}, 0.0, {}, {}, {})
+    assert (kind.name("sink", "robot 0.2", 0.5), kind.name("sink", "robot 0.4", 0.5)) == ("vase", "toilet")
+    names = [kind.name("couch", "robot 0.2", u, but="chair") for u in np.linspace(0.001, 0.999, 700)]
     assert "chair" not in names
     assert names.count("bed") / 700 == pytest.approx(5 / 7, abs=0.01)
+
+
+def test_sights_are_the_kind_of_view_and_how_large_things_show() -> None:
+    size_rad = np.array([0.001, 0.19, 0.2, 0.41, 0.59, 0.7, 9.0])  # larger than that of FEATURES: as the largest
+    ones, zeros = np.ones(7), np.zeros(7)
+    robot, camera = (sights(features(size_rad, ones, zeros, zeros, zeros, c)) for c in (False, True))
+    assert robot == [f"robot {low}" for low in (0.0, 0.0, 0.2, 0.4, 0.4, 0.6, 0.6)]
+    assert camera == [sight.replace("robot", "camera") for sight in robot]
+    assert set(robot + camera) == set(SIGHTS)
 
 
 def test_an_instance_keeps_its_own_draw_in_that_share_of_views() -> None:

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from surveilnav.categories import COCO, TARGETS
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
-from surveilnav.perception.error_model import FEATURES, error_model, features
+from surveilnav.perception.error_model import FEATURES, SIGHTS, error_model, features
 from surveilnav.perception.truth import Oracle, Simulated
 from surveilnav.perception.visible import candidates, visible_things
 from surveilnav.sensing.views import TrueInstances, box_cells
@@ -177,7 +177,11 @@ def test_the_error_model_is_complete_and_says_where_it_comes_from() -> None:
     assert set(model.kinds) == {"thing", "other", "place"}
     for kind in model.kinds.values():
         assert {len(row) for row in [*kind.weights.values(), *kind.own.values()]} == {len(FEATURES)}
-        assert {name for names in kind.names.values() for name in names} | set(model.haze) <= set(COCO)
+        assert set(kind.names) == set(SIGHTS)
+        shares = [shares for of_class in kind.names.values() for shares in of_class.values()]
+        assert {name for of_one in shares for name in of_one} | set(model.haze) <= set(COCO)
+        assert [sum(of_one.values()) for of_one in shares] == pytest.approx([1.0] * len(shares), abs=0.02)
+        assert set(kind.boxes) - {"right", "wrong"} <= set(COCO)
         assert 0 <= kind.luck.instance + kind.luck.field < 1, "every view has some luck of its own"
         assert all(np.diff([ease for ease, _ in knots]).min() > 0 for knots in kind.scores.values())
 
