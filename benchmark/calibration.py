@@ -112,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     page = compare(real, sims, model)
     (args.out / "README.md").write_text(page, encoding="utf-8")
-    plots(real, sims, model, args.out)
+    plots(real, sims, args.out)
     print(page)
     if not args.dry:
         path = Path(error_model.__file__).parent / "data" / "simulated_errors.json"

@@ -190,10 +190,10 @@ def _shares(wrong: Rows, prior: _Shares, weight: float) -> _Shares:
 
 
 def _rare_dropped(shares: _Shares, label: str) -> _Shares:
-    """The commonest first; nothing is mistaken for what it is."""
+    """The commonest first; nothing is mistaken for what it is, but always for something."""
     ordered = sorted(shares.items(), key=lambda pair: (-pair[1], pair[0]))
     kept = {s: round(p, 4) for s, p in ordered if p >= 0.005 and s != label}
-    return kept or {"chair" if label != "chair" else "couch": 1.0}
+    return kept if len(kept) > 1 else kept | {s: 0.01 for s in ("chair", "couch", "bed") if s != label}
 
 
 def _name_kept(wrong: Rows, names: dict[str, dict[str, _Shares]], rng: np.random.Generator) -> float:
@@ -204,7 +204,8 @@ def _name_kept(wrong: Rows, names: dict[str, dict[str, _Shares]], rng: np.random
     first = wrong.where(pairs[:, 0])
     chance = {at: {label: sum(p * p for p in s.values()) for label, s in of.items()} for at, of in names.items()}
     by_chance = float(np.mean([chance[at][label] for at, label in zip(first.sight, first.labels, strict=True)]))
-    return round(float(np.sqrt(np.clip((_agreed(wrong, pairs) - by_chance) / (1 - by_chance), 0.0, 1.0))), 3)
+    agreed = (_agreed(wrong, pairs) - by_chance) / max(1e-9, 1 - by_chance)
+    return round(float(np.sqrt(np.clip(agreed, 0.0, 1.0))), 3)
 
 
 def _near_pairs(rows: Rows, rng: np.random.Generator) -> NDArray[np.int64]:
@@ -298,21 +299,29 @@ def matched(model: ErrorModel, measured: dict[str, Rows], drawn: dict[str, Rows]
         if min(len(p) for p in pairs) >= _FEW_PAIRS:
             too_few = _agreed(wrong[0], pairs[0]) - _agreed(wrong[1], pairs[1])
             kept = round(float(np.clip(kept + _GAIN * too_few, 0.0, 1.0)), 3)
-        weights = kind.weights if kind.own else _as_often(kind.weights, measured[of], drawn[of])
-        kinds[of] = replace(kind, weights=weights, names=names, name_kept=kept)
+        both = [(r[of], r[of].found) for r in (measured, drawn)]
+        weights, own = _as_often(kind.weights, *both), kind.own
+        if own:
+            found = [rows.where(is_found) for rows, is_found in both]
+            own = _as_often(own, *((rows, rows.right) for rows in found))
+        kinds[of] = replace(kind, weights=weights, own=own, names=names, name_kept=kept)
     return replace(model, kinds=kinds)
 
 
-def _as_often(weights: dict[str, list[float]], measured: Rows, drawn: Rows) -> dict[str, list[float]]:
-    """Weights that find as much as measured in robots' and in cameras' views."""
-    camera = measured.x[:, FEATURES.index("camera")] > 0
-    robot_, camera_ = (
-        ndtri((measured.found[of].sum() + 1) / (of.sum() + 2)) - ndtri((drawn.found[of].sum() + 1) / (of.sum() + 2))
-        for of in (~camera, camera)
-    )
-    more = {"one": robot_, "camera": camera_ - robot_}
+_Outcomes = tuple[Rows, NDArray[np.bool_]]
+
+
+def _as_often(weights: dict[str, list[float]], measured: _Outcomes, drawn: _Outcomes) -> dict[str, list[float]]:
+    """Weights of an outcome that shall come out as often as measured in robots' and in cameras' views."""
+
+    def of_views(camera: bool) -> float:
+        is_, was = (y[(r.x[:, FEATURES.index("camera")] > 0) == camera] for r, y in (measured, drawn))
+        return float(ndtri((is_.sum() + 1) / (len(is_) + 2)) - ndtri((was.sum() + 1) / (len(was) + 2)))
+
+    robot_ = of_views(camera=False)
+    more = {"one": robot_, "camera": of_views(camera=True) - robot_}
     return {
-        label: [round(w + float(more.get(name, 0.0)), 3) for name, w in zip(FEATURES, row, strict=True)]
+        label: [round(w + more.get(name, 0.0), 3) for name, w in zip(FEATURES, row, strict=True)]
         for label, row in weights.items()
     }
 
@@ -321,7 +330,7 @@ def _moved(names: dict[str, _Shares], measured: Rows, drawn: Rows) -> dict[str, 
     """Shares of names by as much more or less as they came out too seldom or too often."""
     is_, was = (Counter(r.name.tolist()) for r in (measured, drawn))
     per_draw = len(drawn.name) / max(1, len(measured.name))
-    factor = {name: (is_[name] * per_draw + _NAMES) / (was[name] + _NAMES) for name in is_}
+    factor = {name: (is_[name] * per_draw + _NAMES) / (was[name] + _NAMES) for name in is_ | was}
     out = {}
     for label, shares in names.items():
         moved = {name: share * factor.get(name, 1.0) for name, share in shares.items()}

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from benchmark.calibration_fit import apart, pairs_of
+from benchmark.calibration_fit import apart, fit_probit, pairs_of
 from benchmark.calibration_views import Looks, Rows, rows_of, simulated
 from surveilnav.categories import TARGETS
 from surveilnav.perception import closed_set
-from surveilnav.perception.error_model import ErrorModel, Floats
+from surveilnav.perception.error_model import ErrorModel, Floats, Kind, Luck
 
 _NEAR_CHORD, _NEAR_M = 0.52, 1.0  # 30 degrees
 CHORDS = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0)
@@ -106,12 +106,13 @@ def _near(rows: Rows, most: int) -> NDArray[np.int64]:
     return chosen
 
 
-def correlations(side: Side, model: ErrorModel, kind: str) -> list[tuple[float, float]]:
+def correlations(side: Side, kind: str) -> list[tuple[float, float]]:
     """(correlation of the luck of finding, pairs) by the chord between two views of an instance at like ranges."""
     rows = side.rows[kind]
     pairs = pairs_of(rows, np.random.default_rng(0), 400_000)
     chord, ratio = apart(rows, pairs)
-    p = ndtr(model.kinds[kind].ease(rows.x, rows.labels))
+    weights = fit_probit(rows.x, rows.labels, rows.found)
+    p = ndtr(Kind(weights, Luck(0.0, 0.0, 1.0, 2.0), {}, 0.0, {}, {}, {}).ease(rows.x, rows.labels))
     left = (rows.found - p) / np.sqrt(p * (1 - p))
     out = []
     for low, high in itertools.pairwise(CHORDS):

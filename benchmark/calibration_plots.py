@@ -13,14 +13,14 @@ from benchmark.calibration_fit import MIN_SCORE
 from benchmark.calibration_page import CHORDS, Side, correlations
 from benchmark.calibration_views import Rows
 from surveilnav.categories import TARGETS
-from surveilnav.perception.error_model import FEATURES, ErrorModel, Floats
+from surveilnav.perception.error_model import FEATURES, Floats
 
 _RANGES_M = (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 13.0)
 _SIZES_MRAD = (20, 50, 100, 150, 220, 320, 500, 2000)
 _HIDDEN = (0.0, 0.1, 0.25, 0.4, 0.6, 0.8, 1.01)
 
 
-def plots(real: Side, sims: Sequence[Side], model: ErrorModel, out: Path) -> None:
+def plots(real: Side, sims: Sequence[Side], out: Path) -> None:
     """reliability.png and behaviour.png."""
     import matplotlib
 
@@ -49,7 +49,7 @@ def plots(real: Side, sims: Sequence[Side], model: ErrorModel, out: Path) -> Non
 
     figure, ((a, b, c), (d, e, f)) = pyplot.subplots(2, 3, figsize=(16, 8.5))
     for axis, kind in ((a, "thing"), (b, "other")):
-        _luck(axis, kind, real, sims, model)
+        _luck(axis, kind, real, sims)
     bins = np.linspace(MIN_SCORE, 1.0, 16)
     for axis, title, of_scores in (
         (c, "scores of right names", Side.right_scores), (d, "scores of false targets", Side.false_scores),
@@ -107,10 +107,10 @@ def _reliability(
         axis.annotate(str(n), (x, y), fontsize=6, xytext=(3, 3), textcoords="offset points")
 
 
-def _luck(axis: Any, kind: str, real: Side, sims: Sequence[Side], model: ErrorModel) -> None:
+def _luck(axis: Any, kind: str, real: Side, sims: Sequence[Side]) -> None:
     middle = [(low + high) / 2 for low, high in itertools.pairwise(CHORDS)]
-    axis.plot(middle, [r for r, _ in correlations(real, model, kind)], "o-", label="real")
-    values = np.array([[r for r, _ in correlations(s, model, kind)] for s in sims])
+    axis.plot(middle, [r for r, _ in correlations(real, kind)], "o-", label="real")
+    values = np.array([[r for r, _ in correlations(s, kind)] for s in sims])
     axis.plot(middle, values.mean(axis=0), "C1", label="simulated")
     axis.fill_between(middle, values.min(axis=0), values.max(axis=0), color="C1", alpha=0.2)
     axis.set_title(f"correlation of finding in two views: {kind}")

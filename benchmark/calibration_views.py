@@ -198,7 +198,7 @@ class Rows:
 
     @property
     def sight(self) -> NDArray[np.str_]:
-        return np.array(sights(self.x))
+        return np.array(sights(self.x), dtype=np.str_)
 
     def where(self, keep: NDArray) -> Rows:
         values = (getattr(self, name)[keep] for name in self.__dataclass_fields__ if name != "kind")

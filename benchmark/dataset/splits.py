@@ -1,6 +1,6 @@
 """Which buildings make which split, and how many episodes. ``train`` shares neither plans nor furniture with ``val``.
 
-The six train homes are those on which thresholds were tuned and from which the generator's room statistics come.
+Settings and the error model of ``simulated`` were fitted on ``train``; the generator's room statistics come from its homes.
 """
 
 from __future__ import annotations

@@ -159,15 +159,15 @@ def _tempting(now: Now) -> Errand | None:
         return None
     # going there pays where there is none here: if there is one, exploring finds it on a shorter way
     here = _chance_here(now)
-    worth = (1.0 - here) * objects.chance_of(found[best], state.target, config) / (ways[best][0] + config.floor_m)
-    if exploring_is_worth(now, more_than=worth / here):
+    worth = objects.chance_of(found[best], state.target, config) / (ways[best][0] + config.floor_m)
+    if exploring_is_worth(now, more_than=worth * (1.0 - here) / here):
         return None
     return Errand(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}", worth)
 
 
 def _chance_here(now: Now) -> float:
     """How likely the target is on the robot's floor although its cameras didn't see it: at first as floors of training
-    buildings have one, then, by Bayes, the less, the longer exploring hasn't found it."""
+    buildings have one, then, by Bayes, the less, the farther the robot went on it without finding it."""
     target, config = now.state.target, now.config
     prior = config.floor_chances.get(target, config.floor_chance)
     found_per_m = config.explore_chances.get(target, config.explore_chance) / config.explore_m

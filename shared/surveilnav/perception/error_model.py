@@ -12,6 +12,7 @@ The figures stand in data/simulated_errors.json; ``python -m benchmark.calibrati
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -71,7 +72,8 @@ class Kind(msgspec.Struct, frozen=True):
     """One kind of thing. ``weights``: of ``FEATURES`` by class, "" for all others; ``luck``: of finding.
 
     ``own``, ``own_luck``: the same for being called by its own name, for things that have one. ``names``: what things of
-    a class are called else, and how often, by ``sights``; ``name_kept``: how often an instance's name is the same draw.
+    a class are called else, and how often, by ``sights``; ``name_kept``: how often an instance's name is its own draw, not the
+    view's.
     ``scores``: (ease, score); ``certainty``: quantiles of the name's share in the scores of all classes; ``boxes``:
     measured ones, by size: corners relative to the visible thing's box, or (width, height) [m] for places. These three
     for "right" and "wrong" names, boxes also for those wrong names that were seen often.
@@ -114,17 +116,15 @@ class Kind(msgspec.Struct, frozen=True):
         names = self.names[sight]
         return names.get(label) or names[""]
 
-    def name(self, label: str, sight: str, luck: float, but: str = "") -> str:
-        """What a thing is called, with a luck from 0 to 1; never ``but``."""
+    def called(self, label: str, sight: str, lucks: Floats) -> list[str]:
+        """Wrong names of a thing, the drawn one first. ``lucks``: (80,) numbers in (0, 1), one for every class.
+
+        A race: a name's time is exponential with its share as the rate, so it comes first as often as its share; and
+        the same lucks draw the same name from shares that are much alike.
+        """
         shares = self.names_of(label, sight)
-        total = sum(share for name, share in shares.items() if name != but)
-        left = luck * total
-        for name, share in shares.items():
-            if name != but:
-                left -= share
-                if left <= 0:
-                    return name
-        return next(name for name in reversed(shares) if name != but)
+        times = {name: -math.log(lucks[COCO.index(name)]) / share for name, share in shares.items() if name != label}
+        return sorted(times, key=lambda name: times[name])
 
 
 def _weighted(x: Floats, labels: Iterable[str], weights: dict[str, list[float]]) -> Floats:
@@ -204,11 +204,6 @@ class Draws:
         return np.asarray(
             np.sqrt(luck.instance) * own + np.sqrt(luck.field) * self._field(luck, channel) + np.sqrt(rest) * view
         )
-
-    def mostly(self, kept: float, channel: int) -> Floats:
-        """(N,) numbers in (0, 1): the instance's own one in a share ``kept`` of the views, else the view's."""
-        own, view = uniforms(self.scene, self.ids, 3 * channel)[:, 0], uniforms(self.view, self.ids, channel, 2)
-        return np.asarray(np.where(view[:, 0] < kept, own, view[:, 1]))
 
     def _field(self, luck: Luck, channel: int) -> Floats:
         at = np.concatenate(

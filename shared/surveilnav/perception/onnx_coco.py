@@ -19,7 +19,7 @@ from surveilnav.perception import closed_set
 from surveilnav.perception.boxes import Boxes, agreed, merged
 from surveilnav.perception.detectors import Detector
 from surveilnav.perception.masks import floor_of, mask_of
-from surveilnav.perception.sizes import extent_m, plausible
+from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
 
 
@@ -42,7 +42,7 @@ class Thresholds:
     same_thing_iou: float = 0.6
     agreement_iou: float = 0.5
     alone: float = 0.0
-    wrong_size: float = 0.4
+    wrong_size: float = WRONG_SIZE
     tile_from_px: int = 900
     tile_overlap: float = 0.2
     inside: float = 0.8

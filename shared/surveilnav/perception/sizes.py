@@ -19,6 +19,9 @@ SIZES_M: dict[str, tuple[float, float]] = {
     "tv": (0.3, 2.0),
 }
 
+#: What the score of a thing is multiplied with whose size isn't its class's.
+WRONG_SIZE = 0.4
+
 
 def extent_m(
     depth_m: NDArray[np.float32], camera: Pinhole, box_px: tuple[float, ...], mask: NDArray[np.bool_]

@@ -16,14 +16,14 @@ from surveilnav.categories import COCO, canonical
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.perception import closed_set
-from surveilnav.perception.error_model import Draws, ErrorModel, Luck, error_model, hashed, sights, uniforms
+from surveilnav.perception.error_model import Draws, ErrorModel, Kind, Luck, error_model, hashed, sights, uniforms
 from surveilnav.perception.masks import mask_of
-from surveilnav.perception.sizes import extent_m, plausible
+from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
 from surveilnav.perception.visible import Box, Candidates, Place, VisibleThing, candidates, mask_within, visible_things
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
 
 _WEAKEST = 0.05  # weaker scores are noise, which real detectors leave out of a view's embedding too
-_OTHER_NAMES = np.array([0.25, 0.5, 0.75])  # further along the shares of names
+_NAMES = 4  # that are tried for one of which things are as large
 _HAZE_M = 1.5
 _HAZE = Luck(0.2, 0.5, 0.6, 2.0)
 
@@ -135,7 +135,7 @@ class Simulated:
         camera: Pinhole,
         floor: Callable[[], NDArray[np.bool_]],
     ) -> Iterator[tuple[Detected | None, NDArray[np.float32]]]:
-        """Detection (None: too weak to be reported) and class scores of what is found among candidates of one kind."""
+        """Detection (None: nothing is reported) and class scores of what is found among candidates of one kind."""
         kind = self._model.kinds[c.kind]
         draws = Draws(scene, view, c.ids, c.direction, c.range_m)
         easier = -self._harder if c.kind == "thing" else self._harder
@@ -144,32 +144,44 @@ class Simulated:
         if kind.own:
             right = kind.own_ease(c.x, c.labels) + draws.luck(kind.own_luck, 1) + easier > 0
         scores = np.where(right, kind.score(ease, True), kind.score(ease, False))
-        names = draws.mostly(kind.name_kept, 2)
         once, always = uniforms(view, c.ids, 4, 2), uniforms(scene, c.ids, 40)
         sight_of = sights(c.x)
         for i in np.flatnonzero(scores >= _WEAKEST).tolist():
-            label, sight, of = c.labels[i], sight_of[i], "right" if right[i] else "wrong"
-            said = label if right[i] else kind.name(label, sight, names[i], label)
-            score = float(scores[i])
+            label, sight, score = c.labels[i], sight_of[i], float(scores[i])
+            reported = ease[i] > 0 and score >= self._model.min_score
             box, mask, fits = None, None, True
-            if ease[i] > 0 and score >= self._model.min_score:
-                boxes = kind.boxes[of] if right[i] else kind.boxes.get(said, kind.boxes[of])
-                loose = boxes[int((once[i, 1] if right[i] else always[i, 0]) * len(boxes))]
-                box = _box(c.shown[i], loose, depth_m, camera)
-                if right[i]:
+            if right[i]:
+                said, of = label, "right"
+                if reported:
+                    box = _box(c.shown[i], _one_of(kind.boxes[of], once[i, 1]), depth_m, camera)
                     mask = _mask_within(c.shown[i], box, depth_m)
-                else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
+            else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
+                names, of = self._names(kind, c, i, sight, scene, view), "wrong"
+                said = names[0]
+                for name in names if reported else ():
+                    box = _box(c.shown[i], _one_of(kind.boxes.get(name, kind.boxes[of]), always[i, 0]), depth_m, camera)
                     mask = mask_of(depth_m, box, floor())
-                    size_m, cut = _size_of(box, mask, depth_m, camera)
-                    others = (kind.name(label, sight, luck, label) for luck in np.mod(names[i] + _OTHER_NAMES, 1.0))
-                    fitting = (name for name in (said, *others) if _fits(name, size_m, cut))
-                    found = next(fitting, "")
-                    said, fits = found or said, found != ""
+                    fits = _fits(name, *_size_of(box, mask, depth_m, camera))
+                    if fits:
+                        said = name
+                        break
             all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label, sight))
             detected = None
-            if box is not None and fits and min(box[2] - box[0], box[3] - box[1]) >= 2:
+            if not fits:
+                all_scores *= WRONG_SIZE
+            elif box is not None and min(box[2] - box[0], box[3] - box[1]) >= 2:
                 detected = Detected(said, score, box, mask, closed_set.embed_object(all_scores))
             yield detected, all_scores
+
+    def _names(self, kind: Kind, c: Candidates, i: int, sight: str, scene: int, view: int) -> list[str]:
+        """What a thing is wrongly called, and what else if that doesn't fit: mostly the same from everywhere."""
+        id_ = c.ids[i : i + 1]
+        of = scene if uniforms(view, id_, 2)[0, 0] < kind.name_kept else view
+        return kind.called(c.labels[i], sight, uniforms(of, id_, 6, len(COCO))[0])[:_NAMES]
+
+
+def _one_of(boxes: Sequence[Sequence[float]], luck: float) -> Sequence[float]:
+    return boxes[int(luck * len(boxes))]
 
 
 def _quantile(values: Sequence[float], share: float) -> float:

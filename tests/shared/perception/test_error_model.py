@@ -48,13 +48,24 @@ def test_draws_are_the_same_on_every_machine_and_in_any_company() -> None:
     assert few[0].tolist() == pytest.approx([0.267844166451, 0.508923567766, 0.162234882688], abs=1e-9)
 
 
-def test_names_come_as_often_as_their_shares_and_never_the_excluded_one() -> None:
+def test_names_come_as_often_as_their_shares_and_never_the_thing_s_own() -> None:
     shares = {"": {"bed": 0.5, "chair": 0.3, "tv": 0.2}, "sink": {"vase": 1.0}}
     kind = Kind({}, LUCK, {"robot 0.2": shares, "robot 0.4": {"": {"toilet": 1.0}}}, 0.0, {}, {}, {})
-    assert (kind.name("sink", "robot 0.2", 0.5), kind.name("sink", "robot 0.4", 0.5)) == ("vase", "toilet")
-    names = [kind.name("couch", "robot 0.2", u, but="chair") for u in np.linspace(0.001, 0.999, 700)]
-    assert "chair" not in names
-    assert names.count("bed") / 700 == pytest.approx(5 / 7, abs=0.01)
+    assert kind.called("sink", "robot 0.2", np.full(80, 0.5)) == ["vase"]
+    assert kind.called("sink", "robot 0.4", np.full(80, 0.5)) == ["toilet"]
+    lucks = np.random.default_rng(0).random((4000, 80))
+    names = [kind.called("chair", "robot 0.2", u) for u in lucks]
+    assert {tuple(sorted(all_)) for all_ in names} == {("bed", "tv")}
+    assert sum(all_[0] == "bed" for all_ in names) / 4000 == pytest.approx(5 / 7, abs=0.025)
+
+
+def test_the_same_luck_draws_the_same_name_from_like_shares() -> None:
+    """However they are ordered: names keep from band to band as far as their shares do."""
+    near, far = {"bed": 0.5, "chair": 0.3, "tv": 0.2}, {"chair": 0.4, "bed": 0.4, "tv": 0.2}
+    kind = Kind({}, LUCK, {"robot 0.2": {"": far}, "robot 0.4": {"": near}}, 0.0, {}, {}, {})
+    lucks = np.random.default_rng(1).random((4000, 80))
+    same = [kind.called("", "robot 0.2", u)[0] == kind.called("", "robot 0.4", u)[0] for u in lucks]
+    assert np.mean(same) > 0.8
 
 
 def test_sights_are_the_kind_of_view_and_how_large_things_show() -> None:
@@ -64,10 +75,3 @@ def test_sights_are_the_kind_of_view_and_how_large_things_show() -> None:
     assert robot == [f"robot {low}" for low in (0.0, 0.0, 0.2, 0.4, 0.4, 0.6, 0.6)]
     assert camera == [sight.replace("robot", "camera") for sight in robot]
     assert set(robot + camera) == set(SIGHTS)
-
-
-def test_an_instance_keeps_its_own_draw_in_that_share_of_views() -> None:
-    def drawn(view: int) -> np.ndarray:
-        return Draws(5, view, IDS, np.zeros((len(IDS), 3)), np.ones(len(IDS))).mostly(0.8, 2)
-
-    assert (drawn(1) == drawn(2)).mean() == pytest.approx(0.64, abs=0.02)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as structs_replace
 from scipy.special import ndtr
 
 from surveilnav.categories import COCO, TARGETS
@@ -184,6 +185,28 @@ def test_the_error_model_is_complete_and_says_where_it_comes_from() -> None:
         assert set(kind.boxes) - {"right", "wrong"} <= set(COCO)
         assert 0 <= kind.luck.instance + kind.luck.field < 1, "every view has some luck of its own"
         assert all(np.diff([ease for ease, _ in knots]).min() > 0 for knots in kind.scores.values())
+
+
+@pytest.mark.parametrize("kept", [0.0, 1.0])
+def test_a_wrong_name_is_the_instance_s_own_or_the_view_s(kept: float) -> None:
+    """A detector that always finds and never knows: with names that are kept, a thing has one from everywhere."""
+    rgb, (depth, truth) = RGB, scene()
+    model = error_model()
+    known = model.kinds["thing"]
+    sure, never = [9.0, *[0.0] * 8], [-9.0, *[0.0] * 8]
+    names = {sight: {"": dict.fromkeys(("vase", "book", "oven", "clock"), 0.25)} for sight in SIGHTS}
+    kind = structs_replace(known, weights={"": sure}, own={"": never}, names=names, name_kept=kept)
+    backend = Simulated(model=structs_replace(model, kinds={**model.kinds, "thing": kind}))
+    said = [
+        [
+            d.label
+            for d in backend.perceive(rgb, depth, CAMERA, truth=truth, key=(i,)).detections
+            if d.label in names["robot 0.0"][""]
+        ]
+        for i in range(30)
+    ]
+    assert all(said), "found in every view"
+    assert len({tuple(sorted(labels)) for labels in said}) == 1 if kept else len({labels[0] for labels in said}) > 2
 
 
 def test_things_without_depth_are_not_visible() -> None:
