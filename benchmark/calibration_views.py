@@ -24,7 +24,7 @@ from surveilnav.sensing.views import Detected, TrueInstances, box_cells
 
 MIN_SIZE_RAD = 0.02
 _NO_PICTURE = np.zeros((0, 0, 3), np.uint8)
-_FORMAT = b"surveilnav looks 1"
+_FORMAT = b"surveilnav looks 2"
 _SCALE = 2  # views are kept at this fraction of their resolution: that at which ``simulated`` sees them
 
 
@@ -91,7 +91,7 @@ def looks_of(name: str, recording: Recording, building: SimulatedBuilding) -> Lo
     if recording.facts.scene_hash != building.scene.content_hash:
         raise ValueError(f"the recording of {name} shows another building: delete it")
     seen = [_look(s, building) for s in recording.views if s.perception is not None]
-    return Looks(name, dict(building.scene.labels_by_id), seen)
+    return Looks(name, dict(building.scene.truth_labels), seen)
 
 
 def _look(seen: SeenView, building: SimulatedBuilding) -> Look:

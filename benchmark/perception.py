@@ -58,7 +58,7 @@ def views_of(name: str, seed: int, n_robot: int, n_camera: int) -> Iterator[Rend
     caster = RayCaster(scene)
     navigation = NavigationMap.build(scene, caster=caster)
     renderer = Renderer(scene, cache_dir=cache_dir())
-    labels = scene.labels_by_id
+    labels = scene.truth_labels
     rng = np.random.default_rng([seed, 77])
     floors = [floor for floor, area in navigation.robot_area.items() if area.any()]
     poses = []

@@ -133,7 +133,7 @@ class Sight:
         self._view_bytes = view_bytes
         self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
         self._cameras = {camera.name: camera for camera in self._plan.cameras}
-        self._labels = building.scene.labels_by_id if backend.needs_truth else {}
+        self._labels = building.scene.truth_labels if backend.needs_truth else {}
         self.infos = [self._info(camera) for camera in self._plan.cameras]
         self.camera = lru_cache(maxsize=None)(self._camera)
         self.summary = lru_cache(maxsize=None)(self._summary)

@@ -120,7 +120,7 @@ class Eyes:
         truth = None
         if backend.needs_truth:  # oracle and simulated; a real backend never gets it
             truth = TrueInstances(
-                rendered.instance_ids, self._building.scene.labels_by_id, self._camera.views[view].matrix()
+                rendered.instance_ids, self._building.scene.truth_labels, self._camera.views[view].matrix()
             )
         key = (f"camera/{self._camera.name}", view, version + 1)
         intrinsics = self._building.plan.intrinsics

@@ -80,7 +80,7 @@ class CameraService:
         ids = self._building.camera_view(self._camera, view).instance_ids
         truth = Truth(
             stamp_ns=clock_ns(), source=f"camera/{self._camera.name}", view=view, seq=self._seq[view],
-            width_px=ids.shape[1], height_px=ids.shape[0], labels=self._building.scene.labels_by_id,
+            width_px=ids.shape[1], height_px=ids.shape[0], labels=self._building.scene.truth_labels,
             T_world_camera=self._camera.views[view],
         )  # fmt: skip
         self._truths[view].put(truth, pack_array(ids))

@@ -114,7 +114,7 @@ class RobotService:
             height, width = self._ids.shape
             truth = Truth(
                 stamp_ns=clock_ns(), source=f"robot/{self._settings.id}", view=0, seq=state.seq, width_px=width,
-                height_px=height, labels=self._building.scene.labels_by_id,
+                height_px=height, labels=self._building.scene.truth_labels,
                 T_world_camera=Pose.from_matrix(core.camera_pose_of(state)),
             )  # fmt: skip
             self._truth.put(truth, pack_array(self._ids))

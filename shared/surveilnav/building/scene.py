@@ -131,3 +131,8 @@ class Scene:
         """Class name by instance id, for those that have one of their own (no walls and floors)."""
         structural = {"", "wall", "floor", "ceiling", "door", "window", "stairs"}
         return {i.id: i.label for i in self.instances if i.label not in structural}
+
+    @property
+    def truth_labels(self) -> dict[int, str]:
+        """The same with walls, floors and doors: what the perception backends that are told the truth are told."""
+        return {i.id: i.label for i in self.instances if i.label}

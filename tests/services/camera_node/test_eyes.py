@@ -39,7 +39,7 @@ class Building:
     def __init__(self, floors=("0", "1")):
         intrinsics = Pinhole.from_hfov(SIDE, SIDE, math.radians(100.0))
         self.plan = CameraPlan("home", "hash", list(floors), 1.8, intrinsics, [CAMERA])
-        self.scene = SimpleNamespace(labels_by_id={1: "bed"})
+        self.scene = SimpleNamespace(truth_labels={1: "bed"})
         self.settings = SimpleNamespace(seed=0)
         self.rendered = []
 

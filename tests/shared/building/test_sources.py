@@ -289,3 +289,12 @@ def test_a_second_opening_reads_the_parsed_models(tmp_path: Path, assets: Path) 
     for file in files[::2]:  # damaged files are parsed anew, not believed
         file.write_bytes(b"PK nonsense")
     assert open_building("studio", cache_dir=tmp_path).content_hash == first.content_hash
+
+
+def test_the_truth_names_parts_of_the_building_too() -> None:
+    """Else a detector that errs like a real one takes doors for beds as often as it takes desks for beds."""
+    scene = open_building(PARAMETRIC_HOME)
+    parts = {i: label for i, label in scene.truth_labels.items() if i not in scene.labels_by_id}
+    assert set(parts.values()) == {"wall", "floor", "ceiling"}
+    assert scene.truth_labels == parts | scene.labels_by_id
+    assert "" not in scene.truth_labels.values()

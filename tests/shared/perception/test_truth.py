@@ -187,6 +187,12 @@ def test_the_error_model_is_complete_and_says_where_it_comes_from() -> None:
         assert all(np.diff([ease for ease, _ in knots]).min() > 0 for knots in kind.scores.values())
 
 
+def test_doors_and_windows_are_mistaken_less_often_than_furniture() -> None:
+    weights = error_model().kinds["other"].weights
+    assert weights[""][0] > weights["window"][0] + 0.5
+    assert weights[""][0] > weights["door"][0] + 0.5
+
+
 @pytest.mark.parametrize("kept", [0.0, 1.0])
 def test_a_wrong_name_is_the_instance_s_own_or_the_view_s(kept: float) -> None:
     """A detector that always finds and never knows: with names that are kept, a thing has one from everywhere."""
