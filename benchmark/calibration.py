@@ -36,7 +36,7 @@ from surveilnav.perception.error_model import ErrorModel
 TRAIN = tuple(dict.fromkeys(scene.building for scene in SPLITS["train"].scenes))
 FOLDS = 3
 CAMERAS = 4
-ROUNDS = 5  # of bringing the false alarms that are drawn to those that were measured
+ROUNDS = 5  # of bringing what is drawn to what was measured
 OUT = Path("docs/results/calibration")
 DATA = Path("runs/calibration")
 _ROW = re.compile(r"\[[^\[\]{}]*\]")  # of numbers: kept on one line

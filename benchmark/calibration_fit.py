@@ -280,7 +280,7 @@ def fit(rows: dict[str, Rows], presence: NDArray[np.float32], source: str) -> Er
 
 
 def matched(model: ErrorModel, measured: dict[str, Rows], drawn: dict[str, Rows]) -> ErrorModel:
-    """The model with false alarms and their names moved so that they come out as often, and names as alike in near
+    """The model moved so that finds, own names and wrong names come out as often, and wrong names as alike in near
     views, as measured.
 
     ``simulated`` calls nothing what it is too large or too small for: what has no name, and a name whose things are

@@ -193,7 +193,7 @@ class Rows:
 
     @property
     def classes(self) -> list[str]:
-        """Those that things have of which the detector knows the name."""
+        """All labels but none."""
         return sorted(set(self.labels.tolist()) - {""})
 
     @property

@@ -134,5 +134,5 @@ class Scene:
 
     @property
     def truth_labels(self) -> dict[int, str]:
-        """The same with walls, floors and doors: what the perception backends that are told the truth are told."""
+        """The same with the parts of the building: what the perception backends that are told the truth are told."""
         return {i.id: i.label for i in self.instances if i.label}
