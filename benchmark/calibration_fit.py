@@ -26,7 +26,9 @@ _FEW_BOXES = 12
 _PAIRS = 40_000
 _DRAWS = 16
 _FEW_PAIRS = 20
+_FEW_WEAK = 20
 _NAMES = 5.0  # as many of every name count as if they had come out as measured
+_RAREST = 1e-4  # share of a name that is known at all
 _Shares = dict[str, float]
 _CLASS_PRIOR, _SIGHT_PRIOR = 3.0, 10.0  # as many wrong names are thought to have been those of more things
 _GAIN = 0.6  # of a name's being kept, by what near views agree too little
@@ -170,17 +172,27 @@ def _names(wrong: Rows) -> dict[str, dict[str, _Shares]]:
     """By sight and class, shares of what it is mistaken for; where sightings are few, those of more things count."""
     everything = _shares(wrong, {"chair": 1.0}, 1.0)
     of_class = {label: _shares(wrong.where(wrong.labels == label), everything, _CLASS_PRIOR) for label in wrong.classes}
-    sight, names = wrong.sight, {}
-    for view in ("robot", "camera"):
-        of_view = _shares(wrong.where(np.char.startswith(sight, view)), everything, _SIGHT_PRIOR)
-        for at in (s for s in SIGHTS if s.startswith(view)):
-            seen = wrong.where(sight == at)
-            of_sight = _shares(seen, of_view, _SIGHT_PRIOR)
-            names[at] = {"": _rare_dropped(of_sight, "")}
-            for label in wrong.classes:
-                both = {s: (of_sight.get(s, 0.0) + of_class[label].get(s, 0.0)) / 2 for s in everything}
-                names[at][label] = _rare_dropped(_shares(seen.where(seen.labels == label), both, _CLASS_PRIOR), label)
+    names = {}
+    for at in SIGHTS:
+        seen, of_sight = _seen_at(wrong, at), _shares_at(wrong, at, everything)
+        names[at] = {"": _rare_dropped(of_sight, "")}
+        for label in wrong.classes:
+            both = {s: (of_sight.get(s, 0.0) + of_class[label].get(s, 0.0)) / 2 for s in everything}
+            names[at][label] = _rare_dropped(_shares(seen.where(seen.labels == label), both, _CLASS_PRIOR), label)
     return names
+
+
+def _seen_at(wrong: Rows, sight: str) -> Rows:
+    """The rows of one of ``SIGHTS``; of places, whose size is their distance, those of all its kind of view: the piece of
+    wall that a detection's middle lies on isn't what it takes for a bed."""
+    sights, view = wrong.sight, sight.partition(" ")[0]
+    return wrong.where(np.char.startswith(sights, view) if wrong.kind == "place" else sights == sight)
+
+
+def _shares_at(wrong: Rows, sight: str, prior: _Shares) -> _Shares:
+    """Shares of names at one of ``SIGHTS``; where sightings are few, those of its kind of view count."""
+    of_view = wrong.where(np.char.startswith(wrong.sight, sight.partition(" ")[0]))
+    return _shares(_seen_at(wrong, sight), _shares(of_view, prior, _SIGHT_PRIOR), _SIGHT_PRIOR)
 
 
 def _shares(wrong: Rows, prior: _Shares, weight: float) -> _Shares:
@@ -193,7 +205,7 @@ def _rare_dropped(shares: _Shares, label: str) -> _Shares:
     """The commonest first; nothing is mistaken for what it is, but always for something."""
     ordered = sorted(shares.items(), key=lambda pair: (-pair[1], pair[0]))
     kept = {s: round(p, 4) for s, p in ordered if p >= 0.005 and s != label}
-    return kept if len(kept) > 1 else kept | {s: 0.01 for s in ("chair", "couch", "bed") if s != label}
+    return kept if len(kept) > 1 else {s: 0.01 for s in ("chair", "couch", "bed") if s != label} | kept
 
 
 def _name_kept(wrong: Rows, names: dict[str, dict[str, _Shares]], rng: np.random.Generator) -> float:
@@ -233,15 +245,15 @@ def _missed(rows: Rows, presence: NDArray[np.float32], right: bool) -> Floats:
 def _score_knots(ease: Floats, scores: Floats, weak: Floats) -> list[tuple[float, float]]:
     """(ease, score) so that the quantiles of what is found fall on each other; below 0, of what is missed."""
     if not len(scores):
-        return [(0.0, MIN_SCORE), (3.0, 0.6)]
+        return [(-1e-3, 0.0), (0.0, MIN_SCORE), (3.0, 0.6)]
     knots = []
-    if len(weak) > 20:
+    if len(weak) > _FEW_WEAK:
         below = np.quantile(ease[ease < 0], _QUANTILES[2:-1])
         knots = list(zip(below.tolist(), np.quantile(weak, _QUANTILES[2:-1]).tolist(), strict=True))
+    else:
+        knots.append((-1e-3, 0.0))
     above = np.quantile(ease[ease > 0], _QUANTILES)
     knots += [(float(e), float(s)) for e, s in zip(above, np.quantile(scores, _QUANTILES), strict=True)]
-    if not len(weak):
-        knots.insert(0, (-1e-3, 0.0))
     return [(round(e, 3), round(s, 3)) for e, s in knots]
 
 
@@ -290,11 +302,7 @@ def matched(model: ErrorModel, measured: dict[str, Rows], drawn: dict[str, Rows]
     kinds = {}
     for of, kind in model.kinds.items():
         wrong = [r[of].where(r[of].found & ~r[of].right) for r in (measured, drawn)]
-        sight = [r.sight for r in wrong]
-        names = {
-            at: _moved(of_class, *(r.where(s == at) for r, s in zip(wrong, sight, strict=True)))
-            for at, of_class in kind.names.items()
-        }
+        names = {at: _moved(of_class, at, *wrong) for at, of_class in kind.names.items()}
         kept, pairs = kind.name_kept, [_near_pairs(r, np.random.default_rng(0)) for r in wrong]
         if min(len(p) for p in pairs) >= _FEW_PAIRS:
             too_few = _agreed(wrong[0], pairs[0]) - _agreed(wrong[1], pairs[1])
@@ -326,16 +334,18 @@ def _as_often(weights: dict[str, list[float]], measured: _Outcomes, drawn: _Outc
     }
 
 
-def _moved(names: dict[str, _Shares], measured: Rows, drawn: Rows) -> dict[str, _Shares]:
-    """Shares of names by as much more or less as they came out too seldom or too often."""
-    is_, was = (Counter(r.name.tolist()) for r in (measured, drawn))
-    per_draw = len(drawn.name) / max(1, len(measured.name))
-    factor = {name: (is_[name] * per_draw + _NAMES) / (was[name] + _NAMES) for name in is_ | was}
+def _moved(names: dict[str, _Shares], sight: str, measured: Rows, drawn: Rows) -> dict[str, _Shares]:
+    """Shares of names at one of ``SIGHTS`` by as much more or less as they came out too seldom or too often."""
+    if not (len(measured.name) and len(drawn.name)):
+        return names
+    should, was = (_shares_at(r, sight, _shares(r, {}, 0.0)) for r in (measured, drawn))
+    few = _NAMES / max(1, len(_seen_at(drawn, sight).name))
+    factor = {name: (should.get(name, 0.0) + few) / (was.get(name, 0.0) + few) for name in should | was}
     out = {}
     for label, shares in names.items():
         moved = {name: share * factor.get(name, 1.0) for name, share in shares.items()}
         total = sum(moved.values())
-        out[label] = {name: round(share / total, 4) for name, share in moved.items()}
+        out[label] = {name: max(_RAREST, round(share / total, 4)) for name, share in moved.items()}
     return out
 
 

@@ -64,6 +64,7 @@ class Eyes:
         self._busy = busy
         self._node, self._building, self._camera, self._settings, self._load = node, building, camera, settings, load
         self._views = [v for v, pose in enumerate(camera.views) if _pitch_rad(pose.matrix()[2, 2]) >= _NADIR_RAD]
+        self._truth_labels = building.scene.truth_labels
         self._seen: dict[int, core.Seen] = {}
         self._backend: Backend | None = None
         self._publisher = node.publisher(CAMERA_SUMMARY, floor=camera.floor, camera=camera.name)
@@ -119,9 +120,7 @@ class Eyes:
         rendered = self._building.camera_view(self._camera, view)
         truth = None
         if backend.needs_truth:  # oracle and simulated; a real backend never gets it
-            truth = TrueInstances(
-                rendered.instance_ids, self._building.scene.truth_labels, self._camera.views[view].matrix()
-            )
+            truth = TrueInstances(rendered.instance_ids, self._truth_labels, self._camera.views[view].matrix())
         key = (f"camera/{self._camera.name}", view, version + 1)
         intrinsics = self._building.plan.intrinsics
         seen = backend.perceive(rendered.rgb, rendered.depth_m, intrinsics, truth=truth, key=key)

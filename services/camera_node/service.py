@@ -34,6 +34,7 @@ class CameraService:
         #: Frames are on their way: whatever can wait should.
         self.sending = False
         self._seq = dict.fromkeys(views, 0)
+        self._truth_labels = building.scene.truth_labels
         self._encoded = lru_cache(maxsize=len(camera.views))(self._encode)
         node.serve(CAMERA_INFO, lambda _: Answer(self._info()), **self._place)
         node.serve(CAMERA_REQUEST, self._on_request, **self._place)
@@ -80,7 +81,7 @@ class CameraService:
         ids = self._building.camera_view(self._camera, view).instance_ids
         truth = Truth(
             stamp_ns=clock_ns(), source=f"camera/{self._camera.name}", view=view, seq=self._seq[view],
-            width_px=ids.shape[1], height_px=ids.shape[0], labels=self._building.scene.truth_labels,
+            width_px=ids.shape[1], height_px=ids.shape[0], labels=self._truth_labels,
             T_world_camera=self._camera.views[view],
         )  # fmt: skip
         self._truths[view].put(truth, pack_array(ids))

@@ -37,6 +37,7 @@ class RobotService:
         self._latest: tuple[Observation, bytes] | None = None
         self._observation = node.publisher(ROBOT_OBSERVATION, robot=settings.id)
         self._status = node.publisher(ROBOT_STATUS, robot=settings.id)
+        self._truth_labels = building.scene.truth_labels
         self._truth = node.publisher(TRUTH, source=f"robot-{settings.id}", view=0)
         self._status_s = 0.0
         self._message = ""
@@ -114,7 +115,7 @@ class RobotService:
             height, width = self._ids.shape
             truth = Truth(
                 stamp_ns=clock_ns(), source=f"robot/{self._settings.id}", view=0, seq=state.seq, width_px=width,
-                height_px=height, labels=self._building.scene.truth_labels,
+                height_px=height, labels=self._truth_labels,
                 T_world_camera=Pose.from_matrix(core.camera_pose_of(state)),
             )  # fmt: skip
             self._truth.put(truth, pack_array(self._ids))

@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from benchmark import calibration_views as views
 from benchmark.calibration import main
-from benchmark.calibration_fit import both_above, fit, fit_luck, fit_probit, matched
+from benchmark.calibration_fit import _rare_dropped, both_above, fit, fit_luck, fit_probit, matched
 from benchmark.calibration_page import Side, compare
 from benchmark.calibration_views import Found, Rows
 from benchmark.recordings import Tour, record
@@ -136,6 +136,38 @@ def test_a_kind_that_is_never_wrong_still_has_names(flat: tuple[views.Looks, Sim
     kind = fit(rows, np.array([look.presence for look in looks.looks], np.float32), "a test").kinds["place"]
     assert set(kind.names) == set(SIGHTS)
     assert kind.called("chair", "camera 0.0", np.full(80, 0.5))
+    assert kind.score(np.array([-1.0, -0.01]), right=False).tolist() == [0.0, 0.0], "what isn't found has no score"
+
+
+def test_what_was_never_measured_stays_as_fitted(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+    """Names of a sight with no mistake measured are those of its kind of view; with none at all they don't move."""
+    looks, _ = flat
+    measured = views.rows_of([looks])
+    model = fit(measured, np.array([look.presence for look in looks.looks], np.float32), "a test")
+    drawn = dict(measured)
+    measured["other"] = replace(drawn["other"], name=np.full(len(drawn["other"].name), ""))
+    assert matched(model, measured, drawn).kinds["other"].names == model.kinds["other"].names
+    rows = drawn["other"].where(np.tile(np.arange(len(drawn["other"].ids)), 20))
+    at = next(s for s in SIGHTS if (rows.sight[rows.found] == s).any())
+    name, *_ = before = model.kinds["other"].names[at][""]
+    called = np.where(rows.found, name, "")
+    drawn["other"] = replace(rows, name=called)
+    measured["other"] = replace(rows, name=np.where(rows.sight == at, "", called))
+    assert matched(model, measured, drawn).kinds["other"].names[at][""] == pytest.approx(before, rel=0.05)
+
+
+def test_places_are_called_alike_near_and_far(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+    """Whichever piece of wall a false box's middle lies on: a place has no size that says what it may be taken for."""
+    looks, _ = flat
+    model = fit(views.rows_of([looks]), np.array([look.presence for look in looks.looks], np.float32), "a test")
+    names = model.kinds["place"].names
+    for view in ("robot", "camera"):
+        first, *others = [of for at, of in names.items() if at.startswith(view)]
+        assert all(of == first for of in others)
+
+
+def test_a_single_known_wrong_name_stays_the_commonest() -> None:
+    assert _rare_dropped({"bed": 0.9, "tv": 0.001}, "couch") == {"chair": 0.01, "bed": 0.9}
 
 
 def test_a_detection_goes_to_the_thing_that_it_fits_or_shows() -> None:

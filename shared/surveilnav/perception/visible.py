@@ -19,7 +19,7 @@ from surveilnav.sensing.views import TrueInstances, box_cells
 SURFACES = frozenset({"wall", "floor", "ceiling"})
 #: Side of the cells [m] that places are told apart by.
 PLACE_M = 0.75
-_SURFACE_M = 1.2  # what is none of COCO's and looks larger than a square of this side is a surface, too
+_SURFACE_M = 1.2  # what has no name and looks larger than a square of this side is a surface, too
 _SAMPLES = 32  # places are looked for at so many pixels of a row
 _NEARER = 0.03  # what is nearer by this share of the range hides what is behind it
 _FAR_M = {True: 12.0, False: 6.5}  # where things without depth are thought to be
@@ -76,7 +76,7 @@ def things_and_surfaces(
     truth: TrueInstances, depth_m: NDArray[np.float32], min_area_px: float = 1.0, f_px: float = 1.0
 ) -> tuple[list[VisibleThing], set[int]]:
     """The instances that show ``min_area_px`` pixels, with depth or without, by id, and the ids of surfaces: things
-    that are none of COCO's and look larger than ``_SURFACE_M`` at a focal length of ``f_px`` are thought to be some."""
+    without a name that look larger than ``_SURFACE_M`` at a focal length of ``f_px`` are thought to be some."""
     things, surfaces = [], {i for i, label in truth.labels.items() if canonical(label) in SURFACES}
     area_px = np.bincount(truth.ids.ravel())
     with_depth = np.bincount(truth.ids[depth_m > 0], minlength=len(area_px))
@@ -88,7 +88,7 @@ def things_and_surfaces(
         label, (rows, cols) = canonical(truth.labels.get(id_, "")), place
         ids = truth.ids[place]
         range_m = _range_m(ids, id_, depth_m[place]) if with_depth[id_] else math.nan
-        if label not in COCO and math.sqrt(area_px[id_]) / f_px * range_m > _SURFACE_M:
+        if not label and math.sqrt(area_px[id_]) / f_px * range_m > _SURFACE_M:
             surfaces.add(id_)
             continue
         box = (float(cols.start), float(rows.start), float(cols.stop), float(rows.stop))

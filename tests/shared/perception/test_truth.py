@@ -182,6 +182,7 @@ def test_the_error_model_is_complete_and_says_where_it_comes_from() -> None:
         shares = [shares for of_class in kind.names.values() for shares in of_class.values()]
         assert {name for of_one in shares for name in of_one} | set(model.haze) <= set(COCO)
         assert [sum(of_one.values()) for of_one in shares] == pytest.approx([1.0] * len(shares), abs=0.02)
+        assert all(share > 0 for of_one in shares for share in of_one.values())
         assert set(kind.boxes) - {"right", "wrong"} <= set(COCO)
         assert 0 <= kind.luck.instance + kind.luck.field < 1, "every view has some luck of its own"
         assert all(np.diff([ease for ease, _ in knots]).min() > 0 for knots in kind.scores.values())

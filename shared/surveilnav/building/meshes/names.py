@@ -32,10 +32,19 @@ _HM3D: dict[str, tuple[str, ...]] = {
     "potted plant": ("plant", "plants", "potted plant", "flower", "flowers", "bush", "bushes", "tree", "trees"),
 }  # fmt: skip
 _HM3D_LABEL = {name: label for label, names in _HM3D.items() for name in names}
-_HM3D_STRUCTURE = {
-    "wall": "wall", "floor": "floor", "ceiling": "ceiling", "door": "door", "window": "window", "stairs": "stairs",
-    "stair": "stairs", "step": "stairs", "staircase": "stairs",
+#: Parts of the building; frames of windows are none, or rooms would be lit twice through them.
+_HM3D_PARTS: dict[str, tuple[str, ...]] = {
+    "wall": ("wall",),
+    "floor": ("floor",),
+    "ceiling": ("ceiling",),
+    "door": (
+        "door", "doors", "closet door", "door frame", "doorframe", "doorway", "double door", "garage door",
+        "glass door", "shower door", "sliding door",
+    ),
+    "window": ("window", "windows"),
+    "stairs": ("stairs", "stair", "step", "steps", "stair step", "staircase", "stairway"),
 }  # fmt: skip
+_HM3D_STRUCTURE = {name: label for label, names in _HM3D_PARTS.items() for name in names}
 
 
 def plain_name(name: str) -> str:

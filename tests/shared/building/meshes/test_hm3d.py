@@ -147,7 +147,8 @@ def test_folders_that_are_none_of_hm3d(tmp_path: Path, folder: Path) -> None:
         ("sofa", "couch"), ("couch", "couch"), ("Sofa Chair", "chair"), ("armchair", "chair"), ("stool", ""),
         ("plant", "potted plant"), ("potted plant", "potted plant"), ("flower pot", ""), ("bed sheet", ""),
         ("bed", "bed"), ("dog bed", ""), ("toilet", "toilet"), ("toilet paper", ""), ("sink", "sink"),
-        ("wall", "wall"), ("stair", "stairs"), ("door frame", ""), ("unknown", ""),
+        ("wall", "wall"), ("stair", "stairs"), ("door frame", "door"), ("Sliding_Door", "door"), ("window frame", ""),
+        ("unknown", ""),
     ],
 )  # fmt: skip
 def test_names_fold_as_habitat_folds_them(name: str, label: str) -> None:
