@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import msgspec
@@ -19,7 +20,7 @@ from surveilnav.errors import ConfigError
 RECORD = EpisodeRecord(
     scene="flat-s0", episode_id="2", category="tv", success=True, spl=0.5, soft_spl=0.6, steps=10, path_m=4.0,
     shortest_path_m=2.0, distance_m=0.05, reason="", message="found", seen=True, floors=["0"], invoked=["c0-1"],
-    bytes={"jpeg+depth": 1000}, path=[(0, 0), (250, 0)], seconds=1.0,
+    bytes={"jpeg+depth": 1000}, path=[(-700, 310), (-450, 310), (-450, 60)], seconds=1.0,
 )  # fmt: skip
 FAILED = msgspec.structs.replace(RECORD, episode_id="10", success=False, spl=0.0, reason="not_seen", bytes={})
 
@@ -33,6 +34,9 @@ def test_kept_and_read_back_in_the_datasets_order(tmp_path):
     records.add(RECORD)
     again = Records(tmp_path, RunSettings(), BASIS)
     assert again.all() == [RECORD, FAILED]  # 2 before 10
+    nowhere = msgspec.structs.replace(RECORD, path=[])
+    again.add(nowhere)
+    assert again.all() == [nowhere, FAILED]
     assert again.done() == {RECORD.key, FAILED.key}
 
 
@@ -85,18 +89,19 @@ def test_a_damaged_file_is_named(tmp_path):
         Records(tmp_path, RunSettings(), BASIS)
 
 
-def test_a_damaged_record_is_named(tmp_path):
+@pytest.mark.parametrize("blob", [b'{"scene": 3', zlib.compress(b'{"scene": 3')])
+def test_a_damaged_record_is_named(tmp_path, blob):
     records = Records(tmp_path, RunSettings(), BASIS)
     records.add(RECORD)
     with sqlite3.connect(records.path) as db:
-        db.execute("UPDATE episodes SET record = ?", [b'{"scene": 3'])
+        db.execute("UPDATE episodes SET record = ?", [blob])
     with pytest.raises(ConfigError, match="can't be read"):
         records.all()
 
 
 def test_a_full_disk_is_named(tmp_path, monkeypatch):
     records = Records(tmp_path, RunSettings(), BASIS)
-    real = sqlite3.connect
+    real, scattered = sqlite3.connect, [(i * i % 65_537, i * i * i % 65_539) for i in range(50_000)]
 
     def full(*arguments, **options):
         db = real(*arguments, **options)
@@ -105,7 +110,7 @@ def test_a_full_disk_is_named(tmp_path, monkeypatch):
 
     monkeypatch.setattr(sqlite3, "connect", full)
     with pytest.raises(ConfigError, match="full"):
-        records.add(msgspec.structs.replace(RECORD, path=[(1, 1)] * 50_000))
+        records.add(msgspec.structs.replace(RECORD, path=scattered))
     monkeypatch.undo()
     assert all(r.scene == "flat-s0" for r in records.all())  # what was kept can be read
 
