@@ -205,7 +205,7 @@ def _rare_dropped(shares: _Shares, label: str) -> _Shares:
     """The commonest first; nothing is mistaken for what it is, but always for something."""
     ordered = sorted(shares.items(), key=lambda pair: (-pair[1], pair[0]))
     kept = {s: round(p, 4) for s, p in ordered if p >= 0.005 and s != label}
-    return kept if len(kept) > 1 else {s: 0.01 for s in ("chair", "couch", "bed") if s != label} | kept
+    return kept if len(kept) > 1 else kept | {s: 0.01 for s in ("chair", "couch", "bed") if s not in (label, *kept)}
 
 
 def _name_kept(wrong: Rows, names: dict[str, dict[str, _Shares]], rng: np.random.Generator) -> float:

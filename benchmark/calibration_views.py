@@ -193,7 +193,7 @@ class Rows:
 
     @property
     def classes(self) -> list[str]:
-        """All labels but none."""
+        """All labels except the empty one."""
         return sorted(set(self.labels.tolist()) - {""})
 
     @property

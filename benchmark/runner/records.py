@@ -72,7 +72,7 @@ class Records:
         except OSError as error:
             raise ConfigError(f"{folder} can't be made a folder for a run: {error.strerror}") from error
         facts = {"version": VERSION, **basis._asdict(), "settings": msgspec.to_builtins(settings)}
-        with self._open() as db:
+        with _open(self.path) as db:
             db.execute("CREATE TABLE IF NOT EXISTS run (facts TEXT NOT NULL)")
             db.execute(
                 "CREATE TABLE IF NOT EXISTS episodes (scene TEXT, episode_id TEXT, success INTEGER, spl REAL, reason TEXT, "
@@ -91,12 +91,13 @@ class Records:
                 db.execute("DELETE FROM broken")
             else:
                 raise ConfigError(
-                    f"{folder} holds another run ({_difference(json.loads(row[0]), facts)}): take another --out"
+                    f"{folder} holds another run ({_difference(json.loads(row[0]), facts)}): take another --out, "
+                    "or delete that folder to play it anew"
                 )
 
     def add(self, record: EpisodeRecord) -> None:
         """Keeps an episode; when this returns, a kill can't lose it."""
-        with self._open() as db:
+        with _open(self.path) as db:
             db.execute(
                 "INSERT OR REPLACE INTO episodes VALUES (?, ?, ?, ?, ?, ?)",
                 [*record.key, record.success, record.spl, record.reason, _packed(record)],
@@ -104,45 +105,62 @@ class Records:
             db.execute("DELETE FROM broken WHERE scene = ? AND episode_id = ?", record.key)
 
     def add_broken(self, broken: Broken) -> None:
-        with self._open() as db:
+        with _open(self.path) as db:
             db.execute(
                 "INSERT OR REPLACE INTO broken VALUES (?, ?, ?)", [broken.scene, broken.episode_id, broken.error]
             )
 
     def done(self) -> set[tuple[str, str]]:
         """The keys of what is there."""
-        with self._open() as db:
+        with _open(self.path) as db:
             return set(db.execute("SELECT scene, episode_id FROM episodes"))
 
     def all(self) -> list[EpisodeRecord]:
         """All episodes, in the dataset's order."""
-        with self._open() as db:
-            rows = db.execute("SELECT record FROM episodes").fetchall()
-        try:
-            records = [_unpacked(row[0]) for row in rows]
-        except (msgspec.DecodeError, zlib.error) as error:
-            raise ConfigError(f"{self.path} holds a record that can't be read ({error}): {_MOVE_AWAY}") from error
-        return sorted(records, key=lambda r: (r.scene, int(r.episode_id)))
+        return read(self.path.parent)
 
     def broken(self) -> list[Broken]:
-        with self._open() as db:
+        with _open(self.path) as db:
             rows = db.execute("SELECT scene, episode_id, error FROM broken ORDER BY scene, episode_id").fetchall()
         return [Broken(scene=s, episode_id=e, error=error) for s, e, error in rows]
 
-    @contextmanager
-    def _open(self) -> Iterator[sqlite3.Connection]:
-        """One transaction."""
+
+def read(folder: Path) -> list[EpisodeRecord]:
+    """All episodes in a run's folder, whatever program and dataset they were played with, in the dataset's order.
+
+    Raises:
+        ConfigError: there is no such file, it is damaged, or of another version.
+    """
+    path = folder / "episodes.sqlite"
+    if not path.exists():
+        raise ConfigError(f"{folder} holds no run: expected a file episodes.sqlite")
+    with _open(path) as db:
+        facts = db.execute("SELECT facts FROM run").fetchone()
+        rows = db.execute("SELECT record FROM episodes").fetchall()
+    version = json.loads(facts[0]).get("version") if facts else VERSION
+    if version != VERSION:
+        raise ConfigError(f"{path} is of version {version}, expected {VERSION}: read it with the program that wrote it")
+    try:
+        records = [_unpacked(row[0]) for row in rows]
+    except (msgspec.DecodeError, zlib.error) as error:
+        raise ConfigError(f"{path} holds a record that can't be read ({error}): {_MOVE_AWAY}") from error
+    return sorted(records, key=lambda r: (r.scene, int(r.episode_id)))
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[sqlite3.Connection]:
+    """One transaction."""
+    try:
+        db = sqlite3.connect(path, timeout=_BUSY_S)
         try:
-            db = sqlite3.connect(self.path, timeout=_BUSY_S)
-            try:
-                with db:
-                    yield db
-            finally:
-                db.close()
-        except sqlite3.OperationalError as error:
-            raise ConfigError(f"{self.path} can't be used: {error}; is the disk full or read-only?") from error
-        except sqlite3.DatabaseError as error:
-            raise ConfigError(f"{self.path} is damaged: {error}; {_MOVE_AWAY}") from error
+            with db:
+                yield db
+        finally:
+            db.close()
+    except sqlite3.OperationalError as error:
+        raise ConfigError(f"{path} can't be used: {error}; is the disk full or read-only?") from error
+    except sqlite3.DatabaseError as error:
+        raise ConfigError(f"{path} is damaged: {error}; {_MOVE_AWAY}") from error
 
 
 def _packed(record: EpisodeRecord) -> bytes:

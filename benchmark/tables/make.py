@@ -9,6 +9,8 @@ from typing import NamedTuple
 from benchmark.dataset import format as files
 from benchmark.dataset.format import SceneRecord
 from benchmark.dataset.load import scenes_of
+from benchmark.runner.basis import basis_of
+from benchmark.runner.records import Records
 from benchmark.runner.run import Progress, run
 from benchmark.tables.arms import Table
 from benchmark.tables.page import Line, page, plot
@@ -37,6 +39,9 @@ def make(
     """
     lines, faults, models, complete = [], [], models_of(root, table.arms[0].settings.split), True
     path = out / f"{table.name}.md"
+    for arm in table.arms:  # a folder that can't be used is said before hours are spent on another
+        if (out / "runs" / arm.slug).exists():
+            Records(out / "runs" / arm.slug, arm.settings, basis_of(root, arm.settings.split))
     for number, arm in enumerate(table.arms, start=1):
 
         def report(p: Progress, before: int = number - 1, label: str = arm.label) -> None:

@@ -8,10 +8,12 @@ import subprocess
 import sys
 import time
 
+import msgspec
 import pytest
 
 from benchmark.dataset.make import make
 from benchmark.dataset.splits import SceneSpec, SplitSpec
+from benchmark.runner.records import read
 
 
 def surveilnav(*arguments, timeout_s=240):
@@ -45,8 +47,7 @@ def kept(run):
     with sqlite3.connect(run / "episodes.sqlite") as db:
         if not db.execute("SELECT name FROM sqlite_master WHERE name = 'episodes'").fetchone():
             return []
-        rows = db.execute("SELECT record FROM episodes ORDER BY scene, episode_id").fetchall()
-    return [{k: v for k, v in json.loads(record).items() if k != "seconds"} for (record,) in rows]
+    return [msgspec.structs.replace(record, seconds=0.0) for record in read(run)]
 
 
 def test_a_run_that_was_killed_goes_on_and_comes_to_the_same(root, tmp_path):
@@ -55,13 +56,15 @@ def test_a_run_that_was_killed_goes_on_and_comes_to_the_same(root, tmp_path):
 
     killed, whole = tmp_path / "killed", tmp_path / "whole"
     process = subprocess.Popen([sys.executable, "-m", "cli.main", *map(str, arguments(killed))], stderr=subprocess.PIPE)
-    until = time.monotonic() + 200.0
-    while not kept(killed):
-        assert process.poll() is None, process.stderr.read().decode()
-        assert time.monotonic() < until
-        time.sleep(0.02)
-    process.kill()
-    process.communicate()
+    try:
+        until = time.monotonic() + 200.0
+        while not kept(killed):
+            assert process.poll() is None, process.stderr.read().decode()
+            assert time.monotonic() < until
+            time.sleep(0.02)
+    finally:
+        process.kill()
+        process.communicate()
     before = kept(killed)
     assert 1 <= len(before) < 6
     assert surveilnav(*arguments(killed)).returncode == 0

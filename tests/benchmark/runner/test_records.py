@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import msgspec
 import pytest
 
 from benchmark.runner.basis import Basis, hash_of, meaning, program_hash, program_parts
-from benchmark.runner.records import Broken, EpisodeRecord, Records
+from benchmark.runner.records import Broken, EpisodeRecord, Records, read
 from benchmark.runner.settings import RunSettings
 from benchmark.runner.summary import interval, paired, summarise
 from surveilnav.errors import ConfigError
@@ -38,6 +39,19 @@ def test_kept_and_read_back_in_the_datasets_order(tmp_path):
     again.add(nowhere)
     assert again.all() == [nowhere, FAILED]
     assert again.done() == {RECORD.key, FAILED.key}
+
+
+def test_anybody_can_read_a_run_without_its_program_and_dataset(tmp_path):
+    with pytest.raises(ConfigError, match="holds no run"):
+        read(tmp_path)
+    records = Records(tmp_path, RunSettings(max_steps=50), Basis("any", "older"))
+    assert read(tmp_path) == []
+    records.add(RECORD)
+    assert read(tmp_path) == [RECORD]
+    with sqlite3.connect(records.path) as db:
+        db.execute("UPDATE run SET facts = ?", [json.dumps({"version": 2})])
+    with pytest.raises(ConfigError, match="version 2"):
+        read(tmp_path)
 
 
 def test_a_broken_episode_is_kept_apart_until_it_is_played(tmp_path):
@@ -158,6 +172,11 @@ def test_settings_that_cant_be(settings, said):
 )
 def test_only_what_changes_numbers_makes_another_program(changed, same):
     assert (meaning('def f(x):\n    """Says."""\n    return x + 1\n') == meaning(changed)) == same
+
+
+def test_all_versions_of_python_see_the_same_program():
+    """Python 3.12 prints fields of definitions that earlier ones haven't."""
+    assert "type_params" not in meaning("class C:\n    def f(self): pass\nasync def g(): pass\n")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ import msgspec
 import pytest
 
 from benchmark.dataset.splits import SPLITS
-from benchmark.runner.records import Broken
+from benchmark.runner.basis import Basis
+from benchmark.runner.records import Broken, Records
 from benchmark.runner.run import Finished
 from benchmark.runner.settings import RunSettings
 from benchmark.tables.arms import TABLES, Arm, Table
@@ -102,6 +103,19 @@ def test_what_is_not_counted_stands_on_the_page(tmp_path, monkeypatch):
     text = made.page.read_text()
     assert "- with: flat-s0 episode 10 broke: Oops: bug" in text
     assert "- without: flat-s0 could not be played: can't be opened" in text
+
+
+def test_a_folder_of_another_run_is_said_before_anything_is_played(tmp_path, monkeypatch):
+    """Not after the hours that the arms before it take."""
+    played, basis = [], Basis("dataset", "program")
+    monkeypatch.setattr("benchmark.tables.make.run", lambda *arguments, **_: played.append(arguments))
+    monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
+    monkeypatch.setattr("benchmark.tables.make.basis_of", lambda root, split: basis)
+    older = Records(tmp_path / "runs" / ARMS[1].slug, ARMS[1].settings, basis._replace(program="older"))
+    older.add(RECORD)
+    with pytest.raises(ConfigError, match=r"another version of the program.*delete that folder"):
+        make(TABLE, tmp_path, tmp_path, workers=1)
+    assert not played
 
 
 def test_the_plot_is_the_same_twice(tmp_path):

@@ -194,6 +194,16 @@ def test_doors_and_windows_are_mistaken_less_often_than_furniture() -> None:
     assert weights[""][0] > weights["door"][0] + 0.5
 
 
+@pytest.mark.parametrize(("label", "kind"), [("door", "other"), ("window", "other"), ("", "place"), ("wall", "place")])
+def test_what_has_no_name_and_looks_large_is_a_wall_but_a_large_door_is_a_door(label: str, kind: str) -> None:
+    ids = np.zeros((120, 160), np.uint16)
+    ids[10:110, 40:120] = 5
+    truth = TrueInstances(ids, {5: label} if label else {}, _LEVEL)
+    shown = candidates(truth, np.full((120, 160), 4.0, np.float32), CAMERA, False, 0.02)
+    things = [t.number for c in shown if c.kind != "place" for t in c.shown]
+    assert things == ([5] if kind == "other" else [])
+
+
 @pytest.mark.parametrize("kept", [0.0, 1.0])
 def test_a_wrong_name_is_the_instance_s_own_or_the_view_s(kept: float) -> None:
     """A detector that always finds and never knows: with names that are kept, a thing has one from everywhere."""
