@@ -27,6 +27,7 @@ _PAIRS = 40_000
 _DRAWS = 16
 _FEW_PAIRS = 20
 _FEW_WEAK = 20
+_NO_SCORE = (-1e-3, 0.0)  # (ease, score) of what is missed, where too few weak scores tell more
 _NAMES = 5.0  # as many of every name count as if they had come out as measured
 _RAREST = 1e-4  # share of a name that is known at all
 _Shares = dict[str, float]
@@ -185,14 +186,18 @@ def _names(wrong: Rows) -> dict[str, dict[str, _Shares]]:
 def _seen_at(wrong: Rows, sight: str) -> Rows:
     """The rows of one of ``SIGHTS``; of places, whose size is their distance, those of all its kind of view: the piece of
     wall that a detection's middle lies on isn't what it takes for a bed."""
-    sights, view = wrong.sight, sight.partition(" ")[0]
-    return wrong.where(np.char.startswith(sights, view) if wrong.kind == "place" else sights == sight)
+    return _seen_alike(wrong, sight) if wrong.kind == "place" else wrong.where(wrong.sight == sight)
+
+
+def _seen_alike(wrong: Rows, sight: str) -> Rows:
+    """The rows of all its kind of view."""
+    return wrong.where(np.char.startswith(wrong.sight, sight.partition(" ")[0]))
 
 
 def _shares_at(wrong: Rows, sight: str, prior: _Shares) -> _Shares:
     """Shares of names at one of ``SIGHTS``; where sightings are few, those of its kind of view count."""
-    of_view = wrong.where(np.char.startswith(wrong.sight, sight.partition(" ")[0]))
-    return _shares(_seen_at(wrong, sight), _shares(of_view, prior, _SIGHT_PRIOR), _SIGHT_PRIOR)
+    of_view = _shares(_seen_alike(wrong, sight), prior, _SIGHT_PRIOR)
+    return _shares(_seen_at(wrong, sight), of_view, _SIGHT_PRIOR)
 
 
 def _shares(wrong: Rows, prior: _Shares, weight: float) -> _Shares:
@@ -245,13 +250,13 @@ def _missed(rows: Rows, presence: NDArray[np.float32], right: bool) -> Floats:
 def _score_knots(ease: Floats, scores: Floats, weak: Floats) -> list[tuple[float, float]]:
     """(ease, score) so that the quantiles of what is found fall on each other; below 0, of what is missed."""
     if not len(scores):
-        return [(-1e-3, 0.0), (0.0, MIN_SCORE), (3.0, 0.6)]
+        return [_NO_SCORE, (0.0, MIN_SCORE), (3.0, 0.6)]
     knots = []
     if len(weak) > _FEW_WEAK:
         below = np.quantile(ease[ease < 0], _QUANTILES[2:-1])
         knots = list(zip(below.tolist(), np.quantile(weak, _QUANTILES[2:-1]).tolist(), strict=True))
     else:
-        knots.append((-1e-3, 0.0))
+        knots.append(_NO_SCORE)
     above = np.quantile(ease[ease > 0], _QUANTILES)
     knots += [(float(e), float(s)) for e, s in zip(above, np.quantile(scores, _QUANTILES), strict=True)]
     return [(round(e, 3), round(s, 3)) for e, s in knots]

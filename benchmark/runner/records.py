@@ -18,6 +18,7 @@ from benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
 
 VERSION = 3
+_FILE = "episodes.sqlite"
 _BUSY_S = 60.0
 
 
@@ -66,7 +67,7 @@ class Records:
 
     def __init__(self, folder: Path, settings: RunSettings, basis: Basis) -> None:
         """Settings and basis are kept, so runs can't be mixed; a folder without an episode takes any."""
-        self.path = folder / "episodes.sqlite"
+        self.path = folder / _FILE
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -131,9 +132,9 @@ def read(folder: Path) -> list[EpisodeRecord]:
     Raises:
         ConfigError: there is no such file, it is damaged, or of another version.
     """
-    path = folder / "episodes.sqlite"
+    path = folder / _FILE
     if not path.exists():
-        raise ConfigError(f"{folder} holds no run: expected a file episodes.sqlite")
+        raise ConfigError(f"{folder} holds no run: expected a file {_FILE}")
     with _open(path) as db:
         facts = db.execute("SELECT facts FROM run").fetchone()
         rows = db.execute("SELECT record FROM episodes").fetchall()

@@ -39,9 +39,10 @@ def make(
     """
     lines, faults, models, complete = [], [], models_of(root, table.arms[0].settings.split), True
     path = out / f"{table.name}.md"
-    for arm in table.arms:  # a folder that can't be used is said before hours are spent on another
-        if (out / "runs" / arm.slug).exists():
-            Records(out / "runs" / arm.slug, arm.settings, basis_of(root, arm.settings.split))
+    if begun := [arm for arm in table.arms if (out / "runs" / arm.slug).exists()]:
+        basis = basis_of(root, table.arms[0].settings.split)
+        for arm in begun:  # a folder that can't be used is said before hours are spent on another
+            Records(out / "runs" / arm.slug, arm.settings, basis)
     for number, arm in enumerate(table.arms, start=1):
 
         def report(p: Progress, before: int = number - 1, label: str = arm.label) -> None:

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import ndtr
 
 from benchmark import calibration_views as views
-from benchmark.calibration import main
+from benchmark.calibration import main, presence_of
 from benchmark.calibration_fit import _rare_dropped, both_above, fit, fit_luck, fit_probit, matched
 from benchmark.calibration_page import Side, compare
 from benchmark.calibration_views import Found, Rows
@@ -57,7 +57,7 @@ def test_every_detection_of_a_thing_becomes_one_row(flat: tuple[views.Looks, Sim
 
 def test_a_model_fitted_to_the_simulated_detector_is_like_it(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
     looks, _ = flat
-    presence = np.array([look.presence for look in looks.looks], np.float32)
+    presence = presence_of([looks])
     model = fit(views.rows_of([looks]), presence, "a test")
     real, again = Side.real([looks]), Side.simulated([looks], {"flat": model}, 0)
     keep = np.ones(len(real.rows["thing"].ids), bool)
@@ -72,7 +72,7 @@ def test_names_come_out_as_measured(flat: tuple[views.Looks, SimulatedBuilding])
     measured: both are moved towards what was measured."""
     looks, _ = flat
     measured = views.rows_of([looks])
-    model = fit(measured, np.array([look.presence for look in looks.looks], np.float32), "a test")
+    model = fit(measured, presence_of([looks]), "a test")
     wrong = np.flatnonzero(measured["other"].found)
     rows = measured["other"].where(np.tile(wrong, 20))
     common = max(set(rows.name.tolist()), key=rows.name.tolist().count)
@@ -99,7 +99,7 @@ def test_finds_come_as_often_as_measured(flat: tuple[views.Looks, SimulatedBuild
     """Half of what is found in robots' views doesn't come out: as much more is drawn; cameras find as much."""
     looks, _ = flat
     measured = views.rows_of([looks])
-    model = fit(measured, np.array([look.presence for look in looks.looks], np.float32), "a test")
+    model = fit(measured, presence_of([looks]), "a test")
     n = len(measured[of].ids)
     measured[of] = rows = measured[of].where(np.tile(np.arange(n), 20))
     camera = rows.x[:, FEATURES.index("camera")] > 0
@@ -118,7 +118,7 @@ def test_finds_come_as_often_as_measured(flat: tuple[views.Looks, SimulatedBuild
 def test_own_names_come_as_often_as_measured(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
     looks, _ = flat
     measured = views.rows_of([looks])
-    model = fit(measured, np.array([look.presence for look in looks.looks], np.float32), "a test")
+    model = fit(measured, presence_of([looks]), "a test")
     n = len(measured["thing"].ids)
     measured["thing"] = rows = measured["thing"].where(np.tile(np.arange(n), 20))
     every_third = rows.right & (np.cumsum(rows.right) % 3 == 0)
@@ -133,7 +133,7 @@ def test_a_kind_that_is_never_wrong_still_has_names(flat: tuple[views.Looks, Sim
     looks, _ = flat
     rows = views.rows_of([looks])
     rows["place"] = replace(rows["place"], name=np.full(len(rows["place"].name), ""))
-    kind = fit(rows, np.array([look.presence for look in looks.looks], np.float32), "a test").kinds["place"]
+    kind = fit(rows, presence_of([looks]), "a test").kinds["place"]
     assert set(kind.names) == set(SIGHTS)
     assert kind.called("chair", "camera 0.0", np.full(80, 0.5))
     assert kind.score(np.array([-1.0, -0.01]), right=False).tolist() == [0.0, 0.0], "what isn't found has no score"
@@ -143,7 +143,7 @@ def test_what_was_never_measured_stays_as_fitted(flat: tuple[views.Looks, Simula
     """Names of a sight with no mistake measured are those of its kind of view; with none at all they don't move."""
     looks, _ = flat
     measured = views.rows_of([looks])
-    model = fit(measured, np.array([look.presence for look in looks.looks], np.float32), "a test")
+    model = fit(measured, presence_of([looks]), "a test")
     drawn = dict(measured)
     measured["other"] = replace(drawn["other"], name=np.full(len(drawn["other"].name), ""))
     assert matched(model, measured, drawn).kinds["other"].names == model.kinds["other"].names
@@ -162,7 +162,7 @@ def test_places_are_called_alike_near_and_far(flat: tuple[views.Looks, Simulated
     looks, _ = flat
     rows = views.rows_of([looks])
     assert rows["place"].found.any()
-    model = fit(rows, np.array([look.presence for look in looks.looks], np.float32), "a test")
+    model = fit(rows, presence_of([looks]), "a test")
     names = model.kinds["place"].names
     for view in ("robot", "camera"):
         first, *others = [of for at, of in names.items() if at.startswith(view)]
