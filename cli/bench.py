@@ -82,6 +82,11 @@ def table(
     workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
     root: Root = DEFAULT_ROOT,
     out: Annotated[Path, typer.Option(help="Where pages, plots and runs go.")] = Path("docs/results/bench"),
+    arm: Annotated[
+        list[str] | None,
+        typer.Option(help="Play only arms with this in their label; pages show what is there of others."),
+    ] = None,
+    play: Annotated[bool, typer.Option(help="--no-play: only write pages of what was played.")] = True,
 ) -> None:
     """Make tables: play what is missing of their runs, write pages and plots. Exit 0 only if every episode was played."""
     from benchmark.tables.arms import TABLES
@@ -91,10 +96,16 @@ def table(
 
     if unknown := [n for n in name or () if n not in TABLES]:
         raise ConfigError(f"there is no table {unknown[0]!r}; there are {', '.join(TABLES)}")
+    labels = [a.label for one in name or TABLES for a in TABLES[one].arms]
+    if unknown := [text for text in arm or () if not any(text in label for label in labels)]:
+        raise ConfigError(f"no arm has {unknown[0]!r} in its label; there are: {'; '.join(dict.fromkeys(labels))}")
     complete = True
     for one in name or TABLES:
         with counting(console, "episodes") as progress:
-            made = make(TABLES[one], root, out, workers=workers, on_progress=progress)
+            made = make(
+                TABLES[one], root, out, workers=workers, on_progress=progress,
+                wanted=lambda a: play and (not arm or any(text in a.label for text in arm)),
+            )  # fmt: skip
         for fault in made.faults:
             console.print(f"[red]not counted:[/] {fault}")
         console.print(str(made.page))

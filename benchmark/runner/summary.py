@@ -19,7 +19,7 @@ SUCCESS_RULE = f"`stop` within {SUCCESS_M:g} m (geodesic) of a viewpoint of any 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A mean in percent and its 95 % interval."""
+    """A mean in percent, or a ratio of two, and its 95 % interval."""
 
     mean: float
     low: float
@@ -68,11 +68,13 @@ def interval(values: Sequence[float]) -> Interval:
 
 
 class Paired(NamedTuple):
-    """Differences in points over the episodes that two runs both played."""
+    """Differences in points over the episodes that two runs both played; ``spl_ratio``: ours over theirs, None where
+    theirs is 0."""
 
     pairs: int
     sr: Interval
     spl: Interval
+    spl_ratio: Interval | None
 
 
 def paired(ours: Sequence[EpisodeRecord], theirs: Sequence[EpisodeRecord]) -> Paired | None:
@@ -85,10 +87,22 @@ def paired(ours: Sequence[EpisodeRecord], theirs: Sequence[EpisodeRecord]) -> Pa
         len(pairs),
         interval([100.0 * (float(a.success) - float(b.success)) for a, b in pairs]),
         interval([100.0 * (a.spl - b.spl) for a, b in pairs]),
+        _ratio(np.array([(a.spl, b.spl) for a, b in pairs])),
     )
 
 
+def _ratio(spl: NDArray[np.float64]) -> Interval | None:
+    """The ratio of the means of two columns (N, 2) and its interval: pairs are drawn, so it is that of the same searches."""
+    ours, theirs = spl.mean(axis=0)
+    if theirs == 0.0:
+        return None
+    means = _means(spl)
+    low, high = np.percentile(means[:, 0] / np.maximum(means[:, 1], 1e-9), [2.5, 97.5])
+    return Interval(float(ours / theirs), float(low), float(high))
+
+
 def _means(data: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of resampled rows: (``RESAMPLES``, ...)."""
     rng = np.random.default_rng(0)
     chunk = max(1, 4_000_000 // len(data))
     parts = []

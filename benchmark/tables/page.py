@@ -41,7 +41,8 @@ def page(table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[
         f"# {table.title}", "",
         f"Made by `surveilnav bench table {table.name}`, program `{program_hash()[:12]}`. {table.about}", "",
         f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. Means in percent with 95 % "
-        "bootstrap intervals; differences are paired by episode, in points, to the first line.", "",
+        "bootstrap intervals; differences are paired by episode, in points, to the first line; the ratio is the first line's "
+        "SPL over this one's.", "",
         *_comparison(table, lines, total),
     ]  # fmt: skip
     if lines:
@@ -65,12 +66,23 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
     first = next((line for line in lines if line.arm is table.arms[0]), None)
     with_bytes = any(line.summary.bytes for line in lines)
     with_paper = any(arm.paper for arm in table.arms)
-    columns = ["", "episodes", "SR", "SPL", "SoftSPL", "SR difference", "SPL difference", "steps", "path [m]"]
+    columns = [
+        "",
+        "episodes",
+        "SR",
+        "SPL",
+        "SoftSPL",
+        "SR difference",
+        "SPL difference",
+        "SPL ratio",
+        "steps",
+        "path [m]",
+    ]
     columns += ["camera MB an episode"] * with_bytes + ["paper: SR / SPL"] * with_paper
     text = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for line in lines:
         arm, s = line.arm, line.summary
-        difference = ("", "") if first is None or line is first else _difference(line, first)
+        difference = ("", "", "") if first is None or line is first else _difference(line, first)
         cells = [
             arm.label, f"{s.episodes}" + (" (unfinished)" if s.episodes < total else ""), str(s.sr), str(s.spl),
             f"{s.soft_spl.mean:.1f}", *difference, f"{s.steps:.0f}", f"{s.path_m:.1f}",
@@ -84,12 +96,15 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
     return text + ["| " + " | ".join([arm.label, "0", *[""] * (len(columns) - 2)]) + " |" for arm in missing]
 
 
-def _difference(line: Line, first: Line) -> tuple[str, str]:
-    """SR and SPL against the first line's; of how many episodes, where these aren't all."""
+def _difference(line: Line, first: Line) -> tuple[str, str, str]:
+    """SR and SPL against the first line's, and how many times its SPL the first line's is; of how many episodes, where
+    these aren't all."""
     if (found := paired(line.records, first.records)) is None:
-        return "", ""
+        return "", "", ""
     of = "" if found.pairs == line.summary.episodes == first.summary.episodes else f" (of {found.pairs})"
-    return _signed(found.sr) + of, _signed(found.spl) + of
+    r = found.spl_ratio
+    ratio = f"{1 / r.mean:.2f} [{1 / r.high:.2f}, {1 / r.low:.2f}]" + of if r is not None and r.low > 0.0 else ""
+    return _signed(found.sr) + of, _signed(found.spl) + of, ratio
 
 
 def _signed(i: Interval) -> str:

@@ -82,6 +82,7 @@ def test_a_run_that_was_killed_goes_on_and_comes_to_the_same(root, tmp_path):
         (("bench", "run", "--planner", "warp"), "warp"),
         (("bench", "run", "--root", "/nowhere"), "surveilnav dataset build"),
         (("bench", "table", "best"), "there is no table 'best'"),
+        (("bench", "table", "range", "--arm", "720"), "no arm has '720' in its label; there are: 360 degrees"),
         (("dataset", "check", "--root", "/nowhere"), "surveilnav dataset build"),
         (("dataset", "build", "--split", "vla"), "there is no split 'vla'"),
     ],

@@ -10,6 +10,7 @@ import zlib
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from benchmark.runner.basis import Basis, hash_of, meaning, program_hash, program_parts
@@ -147,6 +148,23 @@ def test_paired_differences_use_common_episodes():
     found = paired(ours, [FAILED, msgspec.structs.replace(RECORD, episode_id="99")])
     assert (found.pairs, found.sr.mean, round(found.spl.mean, 6)) == (1, 100.0, 40.0)
     assert paired([RECORD], [FAILED]) is None
+
+
+def test_a_ratio_is_that_of_resampled_pairs():
+    rng = np.random.default_rng(5)
+    spl = rng.uniform(0.1, 1.0, (40, 2))
+    ours, theirs = (
+        [msgspec.structs.replace(RECORD, episode_id=str(i), spl=float(v)) for i, v in enumerate(column)]
+        for column in spl.T
+    )
+    found = paired(ours, theirs).spl_ratio
+    draws = []
+    for _ in range(4000):  # Efron's bootstrap, word by word
+        some = [spl[i] for i in rng.integers(40, size=40)]
+        draws.append(sum(a for a, _ in some) / sum(b for _, b in some))
+    assert found.mean == pytest.approx(spl[:, 0].sum() / spl[:, 1].sum())
+    assert (found.low, found.high) == pytest.approx(np.percentile(draws, [2.5, 97.5]), abs=0.02)
+    assert paired(ours, [msgspec.structs.replace(r, spl=0.0) for r in theirs]).spl_ratio is None
 
 
 @pytest.mark.parametrize(

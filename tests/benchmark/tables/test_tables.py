@@ -40,7 +40,8 @@ def test_a_page_says_what_the_records_say():
     text = page(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], without)], 2, MODELS)
     assert "| with | 2 | 50.0 [0.0, 100.0] | 25.0 [0.0, 50.0] | 60.0 | " in text
     assert (
-        "| without | 2 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 | -50.0 [-100.0, +0.0] | -25.0 [-50.0, +0.0] |" in text
+        "| without | 2 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 | -50.0 [-100.0, +0.0] | -25.0 [-50.0, +0.0] |  | "
+        in text
     )
     assert "67.4 / 34.5" in text
     assert "| with | 1 | 0 |" in text  # reasons
@@ -75,7 +76,7 @@ def test_an_unfinished_arm_says_so():
 def test_an_arm_that_wasnt_played_is_listed_and_nothing_is_compared_with_another():
     text = page(TABLE, [Line.of(ARMS[1], [RECORD])], 1, MODELS)
     assert "| with | 0 | |" in text.replace("  ", " ")
-    assert "| without | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] | 60.0 |  |  | 10 |" in text
+    assert "| without | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] | 60.0 |  |  |  | 10 |" in text
     nothing = page(TABLE, [], 1, MODELS)
     assert "| with | 0 |" in nothing
     assert "| without | 0 |" in nothing
@@ -84,8 +85,10 @@ def test_an_arm_that_wasnt_played_is_listed_and_nothing_is_compared_with_another
 def test_differences_say_of_how_many_episodes_they_are():
     lines = [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])]
     assert "| +0.0 [+0.0, +0.0] (of 1) |" in page(TABLE, lines, 2, MODELS)
+    half = [msgspec.structs.replace(RECORD, spl=0.25)]
+    assert "| 2.00 [2.00, 2.00] (of 1) |" in page(TABLE, [lines[0], Line.of(ARMS[1], half)], 2, MODELS)
     apart = [Line.of(ARMS[0], [RECORD]), Line.of(ARMS[1], [FAILED])]
-    assert "| without | 1 (unfinished) | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 |  |  |" in page(
+    assert "| without | 1 (unfinished) | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 |  |  |  |" in page(
         TABLE, apart, 2, MODELS
     )
 
@@ -98,11 +101,35 @@ def test_what_is_not_counted_stands_on_the_page(tmp_path, monkeypatch):
 
     monkeypatch.setattr("benchmark.tables.make.run", run)
     monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
+    monkeypatch.setattr("benchmark.tables.make.episodes_of", lambda root, split: 2)
     made = make(TABLE, tmp_path, tmp_path, workers=1)
     assert not made.complete
     text = made.page.read_text()
     assert "- with: flat-s0 episode 10 broke: Oops: bug" in text
     assert "- without: flat-s0 could not be played: can't be opened" in text
+
+
+def test_arms_that_arent_wanted_are_not_played_but_shown(tmp_path, monkeypatch):
+    played, basis = [], Basis("dataset", "program")
+
+    def run(root, out, settings, **_):
+        played.append(settings)
+        return Finished([RECORD, FAILED], [], {}, 2)
+
+    monkeypatch.setattr("benchmark.tables.make.run", run)
+    monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
+    monkeypatch.setattr("benchmark.tables.make.basis_of", lambda root, split: basis)
+    monkeypatch.setattr("benchmark.tables.make.episodes_of", lambda root, split: 2)
+    Records(tmp_path / "runs" / ARMS[0].slug, ARMS[0].settings, basis).add(RECORD)
+    made = make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: arm.label == "without")
+    assert played == [ARMS[1].settings]
+    assert not made.complete
+    assert "| with | 1 (unfinished) |" in made.page.read_text()
+    assert "| without | 2 |" in made.page.read_text()
+    untouched = make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: False)
+    assert len(played) == 1
+    assert "| without | 0 |" in untouched.page.read_text()
+    assert not (tmp_path / "runs" / ARMS[1].slug).exists()
 
 
 def test_a_folder_of_another_run_is_said_before_anything_is_played(tmp_path, monkeypatch):
