@@ -122,8 +122,8 @@ def correlations(side: Side, kind: str) -> list[tuple[float, float]]:
     return out
 
 
-def compare(real: Side, sims: Sequence[Side], model: ErrorModel) -> str:
-    """The page."""
+def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> str:
+    """The page; ``about`` says which model each building is compared with."""
 
     def row(name: str, of: Callable[[Side], float], n: int | None = None, digits: int = 2) -> str:
         values = [of(side) for side in sims]
@@ -138,9 +138,8 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel) -> str:
     return "\n".join([
         "# The simulated detector against the real one", "",
         f"Source: {model.source}.", "",
-        f"Every building is compared with a model of other buildings: {int((~real.is_camera).sum())} robot views and "
-        f"{int(real.is_camera.sum())} camera views. Real: `onnx-coco` on pixels. Simulated: mean of {len(sims)} seeds "
-        "(least–most). The committed model is fitted to all buildings.", "",
+        f"{about} {int((~real.is_camera).sum())} robot views and {int(real.is_camera.sum())} camera views. Real: `onnx-coco` "
+        f"on pixels. Simulated: mean of {len(sims)} seeds (least–most).", "",
         "![found under its name, by distance, size and occlusion](reliability.png)", "",
         "![luck, scores, false alarms, value](behaviour.png)", "",
         "## Found, and called by its own name", "",

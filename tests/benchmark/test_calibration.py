@@ -16,6 +16,7 @@ from benchmark.calibration_page import Side, compare
 from benchmark.calibration_views import Found, Rows
 from benchmark.recordings import Tour, record
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.perception import error_model
 from surveilnav.perception.error_model import FEATURES, SIGHTS, Draws, Luck
 from surveilnav.perception.truth import Simulated
 from surveilnav.perception.visible import VisibleThing
@@ -62,7 +63,7 @@ def test_a_model_fitted_to_the_simulated_detector_is_like_it(flat: tuple[views.L
     real, again = Side.real([looks]), Side.simulated([looks], {"flat": model}, 0)
     keep = np.ones(len(real.rows["thing"].ids), bool)
     assert again.named(keep) == pytest.approx(real.named(keep), abs=0.12)
-    page = compare(real, [again], model)
+    page = compare(real, [again], model, "Two buildings:")
     assert "a test" in page
     assert page.count("\n| ") > 15
 
@@ -227,3 +228,19 @@ def test_two_normals_at_once() -> None:
 def test_too_few_buildings_are_refused_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--buildings", "studio"]) == 2
     assert "at least 3 buildings" in capsys.readouterr().err
+
+
+def test_the_committed_model_is_compared_and_left_as_it_is(
+    flat: tuple[views.Looks, SimulatedBuilding], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One building is enough: nothing is fitted."""
+    kept = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
+    before = kept.read_bytes()
+    monkeypatch.setattr("benchmark.calibration.measured", lambda name, args: flat[0])
+    monkeypatch.setattr("benchmark.calibration.fitted", lambda *_: pytest.fail("something was fitted"))
+    assert main(["--committed", "--buildings", "flat", "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "README.md").read_text()
+    assert "compared with the committed model" in page
+    assert error_model.error_model().source in page
+    assert (tmp_path / "reliability.png").exists()
+    assert kept.read_bytes() == before
