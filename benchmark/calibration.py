@@ -1,14 +1,15 @@
 """Measures a real detector on rendered views of the train buildings and fits the backend ``simulated`` to it.
 
-    python -m benchmark.calibration [--buildings 2_bedroom ...] [--views 240] [--models train] [--seed 11] [--committed]
+    python -m benchmark.calibration [--buildings 2_bedroom ...] [--views 240] [--models train] [--seed 11]
+    python -m benchmark.calibration --split val_mini [--views 120]
 
 Every building is seen by its cameras and by a robot on a tour, pixels with baked light; what ``onnx-coco`` finds of
 what each view truly shows goes to runs/calibration, building by building, and isn't measured again. Then the error
 model is fitted to two thirds of the buildings and compared with the detector on the others, until every one was left
 out once (docs/results/calibration); and fitted to all of them (data/simulated_errors.json; not with ``--dry``).
 
-With ``--committed`` nothing is fitted: the model that is in use is compared with the detector on buildings that it may
-never have seen, such as those of ``val`` (``--models val --seed 0``: those of the split).
+With ``--split`` nothing is fitted: the model in use is compared with the detector on the scenes of a split of the dataset
+(docs/results/calibration/<split>). On those of ``val`` it has seen neither plans nor furniture.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from benchmark import calibration_views as views
 from benchmark.calibration_fit import fit, matched
 from benchmark.calibration_page import Side, compare
 from benchmark.calibration_plots import plots
-from benchmark.dataset.splits import SPLITS
+from benchmark.dataset.splits import SPLITS, SceneSpec
 from benchmark.recordings import Tour, record
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.errors import SurveilNavError
@@ -42,12 +43,14 @@ CAMERAS = 4
 ROUNDS = 5  # of bringing what is drawn to what was measured
 OUT = Path("docs/results/calibration")
 DATA = Path("runs/calibration")
+MODEL = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
 _ROW = re.compile(r"\[[^\[\]{}]*\]")  # of numbers: kept on one line
 
 
-def measured(name: str, args: argparse.Namespace) -> views.Looks:
+def measured(scene: SceneSpec, n_views: int) -> views.Looks:
     """The looks of one building: kept ones, or new ones."""
-    path = DATA / f"{name}-s{args.seed}-{args.models}-{args.views}.looks"
+    name = scene.building
+    path = DATA / f"{name}-s{scene.seed}-{scene.models}-{n_views}.looks"
     kept = views.load(path)
     if kept is not None:
         return kept
@@ -57,9 +60,9 @@ def measured(name: str, args: argparse.Namespace) -> views.Looks:
         left_s = (time.monotonic() - began_s) / done * (of - done)
         print(f"\r{name}: {done} of {of} views, about {left_s:.0f} s left ", end="", file=sys.stderr, flush=True)
 
-    settings = SimulationSettings(building=name, seed=args.seed, models=args.models, cameras=CAMERAS)
+    settings = SimulationSettings(building=name, seed=scene.seed, models=scene.models, cameras=CAMERAS)
     building = SimulatedBuilding(settings)
-    recording = record(building, choose_backend("onnx-coco"), Tour(args.views, math.radians(30.0), 0.5), progress)
+    recording = record(building, choose_backend("onnx-coco"), Tour(n_views, math.radians(30.0), 0.5), progress)
     looks = views.looks_of(name, recording, building)
     path.parent.mkdir(parents=True, exist_ok=True)
     views.save(looks, path)
@@ -95,39 +98,45 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every building")
     parser.add_argument("--models", choices=("all", "train", "val"), default="train")
     parser.add_argument("--seed", type=int, default=11)
-    parser.add_argument("--out", type=Path, default=OUT)
+    parser.add_argument("--split", choices=tuple(SPLITS), help="fit nothing: compare the model in use on these scenes")
+    parser.add_argument("--out", type=Path, help=f"{OUT}, with --split the folder of its name therein")
     parser.add_argument("--dry", action="store_true", help="don't replace the committed model")
-    parser.add_argument("--committed", action="store_true", help="fit nothing: is the committed model right here?")
     args = parser.parse_args(argv)
-    if len(args.buildings) < FOLDS and not args.committed:
+    scenes = [SceneSpec(name, args.seed, args.models) for name in args.buildings]
+    if args.split:
+        scenes = list({s.building: s for s in SPLITS[args.split].scenes}.values())  # looks go by building: each once
+    elif len(scenes) < FOLDS:
         print(f"calibration: give at least {FOLDS} buildings: each is compared with a model of others", file=sys.stderr)
         return 2
     try:
-        buildings = [measured(name, args) for name in args.buildings]
+        buildings = [measured(scene, args.views) for scene in scenes]
     except SurveilNavError as error:
         print(f"calibration: {error}", file=sys.stderr)
         return 2
     unseen = {}
-    if args.committed:
+    if args.split:
         model = error_model.error_model()
         unseen = dict.fromkeys((building.name for building in buildings), model)
-        about = "Every building is compared with the committed model, which was fitted to those of the source:"
+        about = (
+            f"Made by `python -m benchmark.calibration --split {args.split} --views {args.views}`. The model in use, fitted to "
+            f"the buildings of the source, is compared with the detector on the scenes of `{args.split}`."
+        )
     else:
         for fold in range(FOLDS):
             model = fitted([building for i, building in enumerate(buildings) if i % FOLDS != fold], args)
             unseen.update({building.name: model for building in buildings[fold::FOLDS]})
         model = fitted(buildings, args)
-        about = "Every building is compared with a model of others; the committed model is fitted to all of them:"
+        about = "Every building is compared with a model of other buildings. The committed model is fitted to all."
     real, sims = Side.real(buildings), [Side.simulated(buildings, unseen, seed) for seed in range(4)]
-    args.out.mkdir(parents=True, exist_ok=True)
+    out = args.out or (OUT / args.split if args.split else OUT)
+    out.mkdir(parents=True, exist_ok=True)
     page = compare(real, sims, model, about)
-    (args.out / "README.md").write_text(page, encoding="utf-8")
-    plots(real, sims, args.out)
+    (out / "README.md").write_text(page, encoding="utf-8")
+    plots(real, sims, out)
     print(page)
-    if not (args.dry or args.committed):
-        path = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
+    if not (args.dry or args.split):
         text = msgspec.json.format(msgspec.json.encode(model), indent=1).decode()
-        path.write_text(_ROW.sub(lambda row: re.sub(r"\s+", " ", row[0]), text) + "\n", encoding="utf-8")
+        MODEL.write_text(_ROW.sub(lambda row: re.sub(r"\s+", " ", row[0]), text) + "\n", encoding="utf-8")
     return 0
 
 

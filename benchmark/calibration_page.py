@@ -137,9 +137,9 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
     target, by_camera = np.isin(things.labels, TARGETS), real.is_camera[things.view]
     return "\n".join([
         "# The simulated detector against the real one", "",
-        f"Source: {model.source}.", "",
-        f"{about} {int((~real.is_camera).sum())} robot views and {int(real.is_camera.sum())} camera views. Real: `onnx-coco` "
-        f"on pixels. Simulated: mean of {len(sims)} seeds (least–most).", "",
+        f"Source of the model: {model.source}.", "",
+        f"{about} Compared: {int((~real.is_camera).sum())} robot views and {int(real.is_camera.sum())} camera views. Real: "
+        f"`onnx-coco` on pixels. Simulated: mean of {len(sims)} seeds (least–most).", "",
         "![found under its name, by distance, size and occlusion](reliability.png)", "",
         "![luck, scores, false alarms, value](behaviour.png)", "",
         "## Found, and called by its own name", "",

@@ -84,11 +84,12 @@ def table(
     out: Annotated[Path, typer.Option(help="Where pages, plots and runs go.")] = Path("docs/results/bench"),
     arm: Annotated[
         list[str] | None,
-        typer.Option(help="Play only arms with this in their label; pages show what is there of others."),
+        typer.Option(help="Play only this arm, or those with this in their label; pages show what is there of others."),
     ] = None,
     play: Annotated[bool, typer.Option(help="--no-play: only write pages of what was played.")] = True,
 ) -> None:
-    """Make tables: play what is missing of their runs, write pages and plots. Exit 0 only if every episode was played."""
+    """Make tables: play what is missing of their runs, write pages and plots. Exit 0 only if every episode that was asked
+    for was played."""
     from benchmark.tables.arms import TABLES
     from benchmark.tables.make import make
     from cli.progress import counting
@@ -96,19 +97,29 @@ def table(
 
     if unknown := [n for n in name or () if n not in TABLES]:
         raise ConfigError(f"there is no table {unknown[0]!r}; there are {', '.join(TABLES)}")
+    if arm and not play:
+        raise ConfigError("--no-play plays nothing, so --arm says nothing: leave one of them out")
     labels = [a.label for one in name or TABLES for a in TABLES[one].arms]
-    if unknown := [text for text in arm or () if not any(text in label for label in labels)]:
-        raise ConfigError(f"no arm has {unknown[0]!r} in its label; there are: {'; '.join(dict.fromkeys(labels))}")
+    chosen = [
+        label for text in arm or () for label in labels if text == label or (text in label and text not in labels)
+    ]
+    for text in arm or ():
+        if not any(text in label for label in chosen):
+            where = f"there are: {'; '.join(labels)}" if name else "name the table, and the arms that it has are listed"
+            raise ConfigError(f"no arm has {text!r} in its label; {where}")
     complete = True
     for one in name or TABLES:
+        if arm and not any(a.label in chosen for a in TABLES[one].arms):
+            continue
         with counting(console, "episodes") as progress:
             made = make(
                 TABLES[one], root, out, workers=workers, on_progress=progress,
-                wanted=lambda a: play and (not arm or any(text in a.label for text in arm)),
+                wanted=lambda a: play and (not arm or a.label in chosen),
             )  # fmt: skip
         for fault in made.faults:
             console.print(f"[red]not counted:[/] {fault}")
-        console.print(str(made.page))
+        there = str(made.page) if made.page.exists() else f"{one}: no page, nothing was played with this program"
+        console.print(f"{there} ({made.played} of {len(TABLES[one].arms)} arms are played)")
         complete &= made.complete
     sys.exit(0 if complete else 1)
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -72,7 +72,7 @@ class Records:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(f"{folder} can't be made a folder for a run: {error.strerror}") from error
-        facts = {"version": VERSION, **basis._asdict(), "settings": msgspec.to_builtins(settings)}
+        facts = _facts(settings, basis)
         with _open(self.path) as db:
             db.execute("CREATE TABLE IF NOT EXISTS run (facts TEXT NOT NULL)")
             db.execute(
@@ -121,9 +121,42 @@ class Records:
         return read(self.path.parent)
 
     def broken(self) -> list[Broken]:
-        with _open(self.path) as db:
-            rows = db.execute("SELECT scene, episode_id, error FROM broken ORDER BY scene, episode_id").fetchall()
-        return [Broken(scene=s, episode_id=e, error=error) for s, e, error in rows]
+        return _broken(self.path)
+
+
+def _facts(settings: RunSettings, basis: Basis) -> dict[str, Any]:
+    """What makes a run this run."""
+    return {"version": VERSION, **basis._asdict(), "settings": msgspec.to_builtins(settings)}
+
+
+def _broken(path: Path) -> list[Broken]:
+    with _open(path) as db:
+        rows = db.execute("SELECT scene, episode_id, error FROM broken ORDER BY scene, episode_id").fetchall()
+    return [Broken(scene=s, episode_id=e, error=error) for s, e, error in rows]
+
+
+class Kept(NamedTuple):
+    """What a folder holds of a run."""
+
+    records: list[EpisodeRecord]
+    broken: list[Broken]
+
+
+def kept(folder: Path, settings: RunSettings, basis: Basis) -> Kept | None:
+    """What was played of this very run, without touching the folder; None: nothing, or it is another run's.
+
+    Raises:
+        ConfigError: the file is damaged.
+    """
+    path = folder / _FILE
+    if not path.exists():
+        return None
+    with _open(path) as db:
+        made = db.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'run'").fetchone() != (0,)
+        row = db.execute("SELECT facts FROM run").fetchone() if made else None
+    if row is None or json.loads(row[0]) != _facts(settings, basis):
+        return None
+    return Kept(read(folder), _broken(path))
 
 
 def read(folder: Path) -> list[EpisodeRecord]:

@@ -68,13 +68,13 @@ def interval(values: Sequence[float]) -> Interval:
 
 
 class Paired(NamedTuple):
-    """Differences in points over the episodes that two runs both played; ``spl_ratio``: ours over theirs, None where
-    theirs is 0."""
+    """Differences in points over the episodes that two runs both played. ``times_ours``: their SPL over ours, None where
+    ours may be 0."""
 
     pairs: int
     sr: Interval
     spl: Interval
-    spl_ratio: Interval | None
+    times_ours: Interval | None
 
 
 def paired(ours: Sequence[EpisodeRecord], theirs: Sequence[EpisodeRecord]) -> Paired | None:
@@ -87,18 +87,18 @@ def paired(ours: Sequence[EpisodeRecord], theirs: Sequence[EpisodeRecord]) -> Pa
         len(pairs),
         interval([100.0 * (float(a.success) - float(b.success)) for a, b in pairs]),
         interval([100.0 * (a.spl - b.spl) for a, b in pairs]),
-        _ratio(np.array([(a.spl, b.spl) for a, b in pairs])),
+        _ratio(np.array([(b.spl, a.spl) for a, b in pairs])),
     )
 
 
 def _ratio(spl: NDArray[np.float64]) -> Interval | None:
-    """The ratio of the means of two columns (N, 2) and its interval: pairs are drawn, so it is that of the same searches."""
-    ours, theirs = spl.mean(axis=0)
-    if theirs == 0.0:
+    """The mean of the first column (N, 2) over that of the second, and its interval: pairs are drawn, so it is a ratio of the
+    same searches. None: no bound can be given."""
+    over, under = _means(spl).T
+    if (under > 0.0).mean() < 0.99:
         return None
-    means = _means(spl)
-    low, high = np.percentile(means[:, 0] / np.maximum(means[:, 1], 1e-9), [2.5, 97.5])
-    return Interval(float(ours / theirs), float(low), float(high))
+    low, high = np.percentile(np.divide(over, under, out=np.full_like(over, np.inf), where=under > 0.0), [2.5, 97.5])
+    return Interval(float(spl[:, 0].mean() / spl[:, 1].mean()), float(low), float(high))
 
 
 def _means(data: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,18 +10,20 @@ from benchmark.dataset import format as files
 from benchmark.dataset.format import SceneRecord
 from benchmark.dataset.load import load_scene, scenes_of
 from benchmark.runner.basis import basis_of
-from benchmark.runner.records import Records
+from benchmark.runner.records import Records, kept
 from benchmark.runner.run import Finished, Progress, run
 from benchmark.tables.arms import Arm, Table
 from benchmark.tables.page import Line, page, plot
 
 
 class Made(NamedTuple):
-    """A table's page, and what is missing of it: ``faults`` name scenes and episodes that aren't counted."""
+    """A table's page, and what is missing of it: ``faults`` name scenes and episodes that aren't counted. ``complete``: of
+    the arms that were wanted nothing is missing. ``played``: how many arms nothing is missing of."""
 
     page: Path
     faults: list[str]
     complete: bool
+    played: int
 
 
 def make(
@@ -35,45 +37,54 @@ def make(
 ) -> Made:
     """Writes ``<out>/<table>.md`` and ``.png``, anew after every arm; runs are kept in ``<out>/runs``.
 
-    Of arms that aren't ``wanted`` nothing is played: the page shows what is there.
+    Arms that aren't ``wanted`` aren't played; the page shows what is there of them. A page without a line isn't written.
 
     Raises:
         ConfigError: settings, dataset or records that can't be used.
     """
-    lines, faults, models, complete = [], [], models_of(root, table.arms[0].settings.split), True
-    path = out / f"{table.name}.md"
-    there: dict[str, Records] = {}
-    if begun := [arm for arm in table.arms if (out / "runs" / arm.slug).exists()]:
-        basis = basis_of(root, table.arms[0].settings.split)
-        for arm in begun:  # a folder that can't be used is said before hours are spent on another
-            there[arm.slug] = Records(out / "runs" / arm.slug, arm.settings, basis)
-    total = episodes_of(root, table.arms[0].settings.split)
-    to_play = [arm for arm in table.arms if wanted(arm)]
+    split, path = table.arms[0].settings.split, out / f"{table.name}.md"
+    models, total, basis = models_of(root, split), episodes_of(root, split), basis_of(root, split)
+    folders = {arm.slug: out / "runs" / arm.slug for arm in table.arms}
+    playing = [arm for arm in table.arms if wanted(arm)]
+    for arm in playing:  # a folder that can't be used is said before hours are spent on another
+        if folders[arm.slug].exists():
+            Records(folders[arm.slug], arm.settings, basis)
+    found: dict[str, Finished] = {}
     for arm in table.arms:
+        if there := kept(folders[arm.slug], arm.settings, basis):
+            found[arm.slug] = Finished(there.records, there.broken, {}, total)
+    faults = _write(table, found, total, models, path)
+    for number, arm in enumerate(playing):
 
-        def report(p: Progress, arm: Arm = arm) -> None:
-            before = to_play.index(arm) * p.total
-            on_progress(before + p.done, len(to_play) * p.total, f"{table.name}: {arm.label}")
+        def report(p: Progress, before: int = number, label: str = arm.label) -> None:
+            on_progress(before * p.total + p.done, len(playing) * p.total, f"{table.name}: {label}")
 
-        if arm in to_play:
-            finished = run(root, out / "runs" / arm.slug, arm.settings, workers=workers, on_progress=report)
-        elif arm.slug in there:
-            finished = Finished(there[arm.slug].all(), there[arm.slug].broken(), {}, total)
-        else:
-            finished = Finished([], [], {}, total)
-        complete &= finished.complete
+        found[arm.slug] = run(root, folders[arm.slug], arm.settings, workers=workers, on_progress=report)
+        faults = _write(table, found, total, models, path)
+    played = sum(arm.slug in found and found[arm.slug].complete for arm in table.arms)
+    return Made(path, faults, all(found[arm.slug].complete for arm in playing), played)
+
+
+def _write(
+    table: Table, found: Mapping[str, Finished], total: int, models: dict[tuple[str, str], list[str]], path: Path
+) -> list[str]:
+    """The page and its plot, of what was found by arm; returns what isn't counted."""
+    there = [(arm, found[arm.slug]) for arm in table.arms if arm.slug in found]
+    lines = [Line.of(arm, finished.records) for arm, finished in there if finished.records]
+    faults = []
+    for arm, finished in there:
         faults += [f"{arm.label}: {scene} could not be played: {why}" for scene, why in finished.unopened.items()]
         faults += [
             f"{arm.label}: {b.scene} episode {b.episode_id} broke: {b.error.strip().splitlines()[-1]}"
             for b in finished.broken
         ]
-        if finished.records:
-            lines.append(Line.of(arm, finished.records))
-            plot(table, lines, path.with_suffix(".png"))
+    if lines:
+        plot(table, lines, path.with_suffix(".png"))
+    if lines or faults:
         text = page(table, lines, total, models)
         text += "\n## Not counted\n\n" + "\n".join(f"- {f}" for f in faults) + "\n" if faults else ""
         path.write_text(text)
-    return Made(path, faults, complete)
+    return faults
 
 
 def episodes_of(root: Path, split: str) -> int:

@@ -41,8 +41,8 @@ def page(table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[
         f"# {table.title}", "",
         f"Made by `surveilnav bench table {table.name}`, program `{program_hash()[:12]}`. {table.about}", "",
         f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. Means in percent with 95 % "
-        "bootstrap intervals; differences are paired by episode, in points, to the first line; the ratio is the first line's "
-        "SPL over this one's.", "",
+        "bootstrap intervals; differences are paired by episode, in points, to the first line; so is the ratio of the first "
+        "line's SPL to a line's own (none where that may be 0).", "",
         *_comparison(table, lines, total),
     ]  # fmt: skip
     if lines:
@@ -66,18 +66,8 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
     first = next((line for line in lines if line.arm is table.arms[0]), None)
     with_bytes = any(line.summary.bytes for line in lines)
     with_paper = any(arm.paper for arm in table.arms)
-    columns = [
-        "",
-        "episodes",
-        "SR",
-        "SPL",
-        "SoftSPL",
-        "SR difference",
-        "SPL difference",
-        "SPL ratio",
-        "steps",
-        "path [m]",
-    ]
+    columns = ["", "episodes", "SR", "SPL", "SoftSPL", "SR difference", "SPL difference", "first's SPL / its"]
+    columns += ["steps", "path [m]"]
     columns += ["camera MB an episode"] * with_bytes + ["paper: SR / SPL"] * with_paper
     text = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for line in lines:
@@ -97,13 +87,13 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
 
 
 def _difference(line: Line, first: Line) -> tuple[str, str, str]:
-    """SR and SPL against the first line's, and how many times its SPL the first line's is; of how many episodes, where
-    these aren't all."""
+    """SR and SPL against the first line's, and that one's SPL over this one's; of how many episodes, where these aren't
+    all."""
     if (found := paired(line.records, first.records)) is None:
         return "", "", ""
     of = "" if found.pairs == line.summary.episodes == first.summary.episodes else f" (of {found.pairs})"
-    r = found.spl_ratio
-    ratio = f"{1 / r.mean:.2f} [{1 / r.high:.2f}, {1 / r.low:.2f}]" + of if r is not None and r.low > 0.0 else ""
+    r = found.times_ours
+    ratio = f"{r.mean:.2f} [{r.low:.2f}, {r.high:.2f}]{of}" if r else ""
     return _signed(found.sr) + of, _signed(found.spl) + of, ratio
 
 

@@ -14,6 +14,7 @@ from benchmark.calibration import main, presence_of
 from benchmark.calibration_fit import _rare_dropped, both_above, fit, fit_luck, fit_probit, matched
 from benchmark.calibration_page import Side, compare
 from benchmark.calibration_views import Found, Rows
+from benchmark.dataset.splits import SPLITS, SplitSpec
 from benchmark.recordings import Tour, record
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.perception import error_model
@@ -230,17 +231,19 @@ def test_too_few_buildings_are_refused_in_a_sentence(capsys: pytest.CaptureFixtu
     assert "at least 3 buildings" in capsys.readouterr().err
 
 
-def test_the_committed_model_is_compared_and_left_as_it_is(
+def test_the_model_in_use_is_compared_on_a_split_and_left_as_it_is(
     flat: tuple[views.Looks, SimulatedBuilding], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One building is enough: nothing is fitted."""
-    kept = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
-    before = kept.read_bytes()
-    monkeypatch.setattr("benchmark.calibration.measured", lambda name, args: flat[0])
+    asked = []
+    monkeypatch.setattr("benchmark.calibration.OUT", tmp_path)
+    monkeypatch.setattr("benchmark.calibration.MODEL", tmp_path / "model.json")
+    monkeypatch.setattr("benchmark.calibration.measured", lambda scene, n: asked.append(scene.scene) or flat[0])
     monkeypatch.setattr("benchmark.calibration.fitted", lambda *_: pytest.fail("something was fitted"))
-    assert main(["--committed", "--buildings", "flat", "--out", str(tmp_path)]) == 0
-    page = (tmp_path / "README.md").read_text()
-    assert "compared with the committed model" in page
+    monkeypatch.setitem(SPLITS, "val_mini", SplitSpec("val_mini", SPLITS["val_mini"].scenes[:2], 10))
+    assert main(["--split", "val_mini"]) == 0
+    assert asked == ["studio-s0", "1_bedroom-s1"]
+    page = (tmp_path / "val_mini" / "README.md").read_text()
+    assert "The model in use" in page
     assert error_model.error_model().source in page
-    assert (tmp_path / "reliability.png").exists()
-    assert kept.read_bytes() == before
+    assert (tmp_path / "val_mini" / "reliability.png").exists()
+    assert not (tmp_path / "model.json").exists()

@@ -10,10 +10,13 @@ import time
 
 import msgspec
 import pytest
+from typer.testing import CliRunner
 
 from benchmark.dataset.make import make
 from benchmark.dataset.splits import SceneSpec, SplitSpec
 from benchmark.runner.records import read
+from benchmark.tables.make import Made
+from cli.bench import app
 
 
 def surveilnav(*arguments, timeout_s=240):
@@ -83,6 +86,8 @@ def test_a_run_that_was_killed_goes_on_and_comes_to_the_same(root, tmp_path):
         (("bench", "run", "--root", "/nowhere"), "surveilnav dataset build"),
         (("bench", "table", "best"), "there is no table 'best'"),
         (("bench", "table", "range", "--arm", "720"), "no arm has '720' in its label; there are: 360 degrees"),
+        (("bench", "table", "--arm", "720"), "name the table"),
+        (("bench", "table", "range", "--arm", "180", "--no-play"), "leave one of them out"),
         (("dataset", "check", "--root", "/nowhere"), "surveilnav dataset build"),
         (("dataset", "build", "--split", "vla"), "there is no split 'vla'"),
     ],
@@ -104,3 +109,29 @@ def test_check_names_faults_and_says_so_by_its_exit(root, tmp_path):
     done = surveilnav("dataset", "check", "--root", copy, "--json")
     assert done.returncode == 1
     assert any("parametric_flat-s0" in f["where"] for f in json.loads(done.stdout))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "asked"),
+    [
+        (["range"], {"range": ["360 degrees", "180 degrees", "no cameras"]}),
+        (["range", "--no-play"], {"range": []}),
+        (["range", "density", "--arm", "degrees"], {"range": ["360 degrees", "180 degrees"]}),
+        (["delay", "--arm", "0 steps"], {"delay": ["0 steps"]}),
+        (["--arm", "VLFM", "--arm", "SP"], {"main": [
+            "ours, with surveillance, SP", "ours, without surveillance, SP", "VLFM's rule",
+        ]}),
+    ],
+)  # fmt: skip
+def test_tables_play_the_arms_that_are_asked_for(arguments, asked, monkeypatch, tmp_path):
+    made = {}
+
+    def make(table, root, out, *, wanted, **_):
+        made[table.name] = [arm.label for arm in table.arms if wanted(arm)]
+        return Made(out / f"{table.name}.md", [], True, 1)
+
+    monkeypatch.setattr("benchmark.tables.make.make", make)
+    done = CliRunner().invoke(app, ["table", *arguments, "--out", str(tmp_path)])
+    assert done.exit_code == 0
+    assert made == asked
+    assert "nothing was played with this program (1 of " in " ".join(done.output.split())

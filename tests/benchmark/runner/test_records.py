@@ -157,14 +157,14 @@ def test_a_ratio_is_that_of_resampled_pairs():
         [msgspec.structs.replace(RECORD, episode_id=str(i), spl=float(v)) for i, v in enumerate(column)]
         for column in spl.T
     )
-    found = paired(ours, theirs).spl_ratio
+    found = paired(ours, theirs).times_ours
     draws = []
     for _ in range(4000):  # Efron's bootstrap, word by word
         some = [spl[i] for i in rng.integers(40, size=40)]
-        draws.append(sum(a for a, _ in some) / sum(b for _, b in some))
-    assert found.mean == pytest.approx(spl[:, 0].sum() / spl[:, 1].sum())
+        draws.append(sum(b for _, b in some) / sum(a for a, _ in some))
+    assert found.mean == pytest.approx(spl[:, 1].sum() / spl[:, 0].sum())
     assert (found.low, found.high) == pytest.approx(np.percentile(draws, [2.5, 97.5]), abs=0.02)
-    assert paired(ours, [msgspec.structs.replace(r, spl=0.0) for r in theirs]).spl_ratio is None
+    assert paired([msgspec.structs.replace(r, spl=0.0) for r in ours], theirs).times_ours is None
 
 
 @pytest.mark.parametrize(

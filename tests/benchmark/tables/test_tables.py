@@ -85,64 +85,110 @@ def test_an_arm_that_wasnt_played_is_listed_and_nothing_is_compared_with_another
 def test_differences_say_of_how_many_episodes_they_are():
     lines = [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])]
     assert "| +0.0 [+0.0, +0.0] (of 1) |" in page(TABLE, lines, 2, MODELS)
-    half = [msgspec.structs.replace(RECORD, spl=0.25)]
-    assert "| 2.00 [2.00, 2.00] (of 1) |" in page(TABLE, [lines[0], Line.of(ARMS[1], half)], 2, MODELS)
+
+
+def test_the_ratio_is_the_first_lines_over_the_others():
+    def line(arm, *spl):
+        return Line.of(arm, [msgspec.structs.replace(RECORD, episode_id=str(i), spl=v) for i, v in enumerate(spl)])
+
+    text = page(TABLE, [line(ARMS[0], 0.6, 0.6), line(ARMS[1], 0.2, 0.3)], 2, MODELS)
+    assert "| 2.40 [2.00, 3.00] |" in text
+    assert "| -35.0 [-40.0, -30.0] |  | 10 |" in page(
+        TABLE, [line(ARMS[0], 0.4, 0.3), line(ARMS[1], 0.0, 0.0)], 2, MODELS
+    )
     apart = [Line.of(ARMS[0], [RECORD]), Line.of(ARMS[1], [FAILED])]
     assert "| without | 1 (unfinished) | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 |  |  |  |" in page(
         TABLE, apart, 2, MODELS
     )
 
 
-def test_what_is_not_counted_stands_on_the_page(tmp_path, monkeypatch):
-    def run(root, out, settings, **_):
-        if settings.surveillance:
-            return Finished([RECORD], [Broken(scene="flat-s0", episode_id="10", error="Traceback\nOops: bug")], {}, 2)
-        return Finished([], [], {"flat-s0": "can't be opened"}, 2)
-
-    monkeypatch.setattr("benchmark.tables.make.run", run)
+@pytest.fixture
+def basis(monkeypatch):
+    """A dataset of two episodes, and this program."""
+    basis = Basis("dataset", "program")
     monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
     monkeypatch.setattr("benchmark.tables.make.episodes_of", lambda root, split: 2)
-    made = make(TABLE, tmp_path, tmp_path, workers=1)
-    assert not made.complete
-    text = made.page.read_text()
-    assert "- with: flat-s0 episode 10 broke: Oops: bug" in text
-    assert "- without: flat-s0 could not be played: can't be opened" in text
+    monkeypatch.setattr("benchmark.tables.make.basis_of", lambda root, split: basis)
+    return basis
 
 
-def test_arms_that_arent_wanted_are_not_played_but_shown(tmp_path, monkeypatch):
-    played, basis = [], Basis("dataset", "program")
+@pytest.fixture
+def played(monkeypatch):
+    """Settings of the runs that were begun; each is played to its end."""
+    played = []
 
     def run(root, out, settings, **_):
         played.append(settings)
         return Finished([RECORD, FAILED], [], {}, 2)
 
     monkeypatch.setattr("benchmark.tables.make.run", run)
-    monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
-    monkeypatch.setattr("benchmark.tables.make.basis_of", lambda root, split: basis)
-    monkeypatch.setattr("benchmark.tables.make.episodes_of", lambda root, split: 2)
-    Records(tmp_path / "runs" / ARMS[0].slug, ARMS[0].settings, basis).add(RECORD)
-    made = make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: arm.label == "without")
-    assert played == [ARMS[1].settings]
+    return played
+
+
+def keep(folder, arm, basis, *records):
+    run = Records(folder / "runs" / arm.slug, arm.settings, basis)
+    for record in records:
+        run.add(record)
+    return run
+
+
+def test_what_is_not_counted_stands_on_the_page(tmp_path, monkeypatch, basis):
+    def run(root, out, settings, **_):
+        if settings.surveillance:
+            return Finished([RECORD], [Broken(scene="flat-s0", episode_id="10", error="Traceback\nOops: bug")], {}, 2)
+        return Finished([], [], {"flat-s0": "can't be opened"}, 2)
+
+    monkeypatch.setattr("benchmark.tables.make.run", run)
+    made = make(TABLE, tmp_path, tmp_path, workers=1)
     assert not made.complete
+    assert made.played == 0
+    text = made.page.read_text()
+    assert "- with: flat-s0 episode 10 broke: Oops: bug" in text
+    assert "- without: flat-s0 could not be played: can't be opened" in text
+
+
+def test_arms_that_arent_wanted_are_not_played_but_shown_from_the_start(tmp_path, monkeypatch, basis, played):
+    keep(tmp_path, ARMS[1], basis, RECORD)
+    pages = []
+    real = page
+    monkeypatch.setattr("benchmark.tables.make.page", lambda *a: pages.append(real(*a)) or pages[-1])
+    made = make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: arm.label == "with")
+    assert played == [ARMS[0].settings]
+    assert made.complete
+    assert made.played == 1
+    assert "| without | 1 (unfinished) |" in pages[0], "also while the arm before it is being played"
+    assert "| with | 2 |" in made.page.read_text()
+    assert "| without | 1 (unfinished) |" in made.page.read_text()
+
+
+def test_a_page_of_what_is_there_touches_no_run(tmp_path, basis, played):
+    run = keep(tmp_path, ARMS[0], basis, RECORD)
+    run.add_broken(Broken(scene="flat-s0", episode_id="10", error="Oops: bug"))
+    older = keep(tmp_path, ARMS[1], basis._replace(program="older"))
+    older.add_broken(Broken(scene="flat-s0", episode_id="9", error="Oops: older"))
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*.sqlite")}
+    made = make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: False)
+    assert not played
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*.sqlite")} == before
     assert "| with | 1 (unfinished) |" in made.page.read_text()
-    assert "| without | 2 |" in made.page.read_text()
-    untouched = make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: False)
-    assert len(played) == 1
-    assert "| without | 0 |" in untouched.page.read_text()
-    assert not (tmp_path / "runs" / ARMS[1].slug).exists()
+    assert "| without | 0 |" in made.page.read_text()
+    assert made.faults == ["with: flat-s0 episode 10 broke: Oops: bug"]
 
 
-def test_a_folder_of_another_run_is_said_before_anything_is_played(tmp_path, monkeypatch):
+def test_a_page_without_a_line_is_not_written(tmp_path, basis, played):
+    (tmp_path / "range.md").write_text("an older page")
+    keep(tmp_path, ARMS[0], basis._replace(program="older"), RECORD)
+    made = make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: False)
+    assert (made.played, made.page.read_text()) == (0, "an older page")
+
+
+def test_a_folder_of_another_run_is_said_before_anything_is_played(tmp_path, basis, played):
     """Not after the hours that the arms before it take."""
-    played, basis = [], Basis("dataset", "program")
-    monkeypatch.setattr("benchmark.tables.make.run", lambda *arguments, **_: played.append(arguments))
-    monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
-    monkeypatch.setattr("benchmark.tables.make.basis_of", lambda root, split: basis)
-    older = Records(tmp_path / "runs" / ARMS[1].slug, ARMS[1].settings, basis._replace(program="older"))
-    older.add(RECORD)
+    keep(tmp_path, ARMS[1], basis._replace(program="older"), RECORD)
     with pytest.raises(ConfigError, match=r"another version of the program.*delete that folder"):
         make(TABLE, tmp_path, tmp_path, workers=1)
     assert not played
+    assert make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: arm.label == "with").complete
 
 
 def test_the_plot_is_the_same_twice(tmp_path):
