@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from benchmark.dataset import format as files
 from benchmark.dataset.format import SceneRecord
-from benchmark.dataset.load import load_scene, scenes_of
+from benchmark.dataset.load import scenes_of
 from benchmark.runner.basis import basis_of
 from benchmark.runner.records import Records, kept
 from benchmark.runner.run import Finished, Progress, run
@@ -61,7 +61,7 @@ def make(
 
         found[arm.slug] = run(root, folders[arm.slug], arm.settings, workers=workers, on_progress=report)
         faults = _write(table, found, total, models, path)
-    played = sum(arm.slug in found and found[arm.slug].complete for arm in table.arms)
+    played = sum(finished.complete for finished in found.values())
     return Made(path, faults, all(found[arm.slug].complete for arm in playing), played)
 
 
@@ -88,8 +88,9 @@ def _write(
 
 
 def episodes_of(root: Path, split: str) -> int:
-    """How many a split has. ConfigError: a file is missing or damaged."""
-    return sum(len(load_scene(root, split, name).content.episodes) for name in scenes_of(root, split))
+    """How many a split has, by the manifest. ConfigError: there is no such dataset or split."""
+    scenes_of(root, split)  # refuses a split that the dataset hasn't
+    return files.manifest_of(root).splits[split].episodes
 
 
 def models_of(root: Path, split: str) -> dict[tuple[str, str], list[str]]:

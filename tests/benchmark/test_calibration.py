@@ -64,7 +64,7 @@ def test_a_model_fitted_to_the_simulated_detector_is_like_it(flat: tuple[views.L
     real, again = Side.real([looks]), Side.simulated([looks], {"flat": model}, 0)
     keep = np.ones(len(real.rows["thing"].ids), bool)
     assert again.named(keep) == pytest.approx(real.named(keep), abs=0.12)
-    page = compare(real, [again], model, "Two buildings:")
+    page = compare(real, [again], model, "One flat.")
     assert "a test" in page
     assert page.count("\n| ") > 15
 
