@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from benchmark.policies.policy import Task
 from services.fusion.core import FusionConfig, ObjectConfig
@@ -22,18 +23,22 @@ from services.planner.core.state import FloorChange
 FIRST_SIGHT_SCORE = 0.5
 
 
+_STAYS: Mapping[str, Any] = {"floor_chance": 1.0, "floor_chances": {}}
+
+
 class Mission:
     """A searcher made of the planner's core.
 
     ``summaries`` False: what the cameras of other floors report isn't looked at. Floors are then searched one by one:
-    when nothing is left to explore on one, ``floors.leave`` sends the robot to the nearest that isn't searched.
+    when nothing is left to explore on one, ``floors.leave`` sends the robot to the nearest that isn't searched, unless
+    the task says that the first one has a goal.
     """
 
     def __init__(
         self, task: Task, config: PlannerConfig, rule: FrontierRule = choose_frontier, *, summaries: bool = False
     ) -> None:
         self._task, self._rule, self._summaries = task, rule, summaries
-        self._config = replace(config, **task.planning)
+        self._config = replace(config, **({**_STAYS, **task.planning} if task.goal_on_floor else task.planning))
         self._state = MissionState(task.target, max_steps=task.max_steps)
 
     @property

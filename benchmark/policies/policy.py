@@ -26,7 +26,8 @@ class Task:
     """What a searcher is told when an episode begins.
 
     ``seed``: this episode's, the only source of chance. ``driver``: drives to goal cells (fmm or sp). ``truth``: None
-    unless the policy ``needs_truth``. ``planning``: settings of the planner's core to change, for policies made of it.
+    unless the policy ``needs_truth``. ``goal_on_floor``: it begins on a floor with a goal, which everybody may know.
+    ``planning``: settings of the planner's core to change, for policies made of it.
     """
 
     target: str
@@ -34,6 +35,7 @@ class Task:
     max_steps: int
     driver: LocalPlanner
     truth: Truth | None = None
+    goal_on_floor: bool = False
     planning: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -2,7 +2,8 @@
 
 The paper: values averaged (eq. 2), association by box IoU (eq. 3), an object confirmed as soon as the higher of both
 confidences passes a threshold and rejected for good when its class changes; a confirmed target first, then a promising
-candidate, then the frontier of the highest value whatever the way costs; no camera chooses a floor. Where it is silent
+candidate, then the frontier of the highest value whatever the way costs; no camera chooses a floor, and what was
+rejected stays so. Where it is silent
 its maps are VLN-Game's and its driving is ours.
 """
 
@@ -18,6 +19,7 @@ from services.planner.core import PlannerConfig
 AS_WRITTEN = PlannerConfig(
     verification="paper", confirmed_chance=1e6, objects_first=True, exploit_min_std=1e-6, exploit_min_ratio=1.0,
     explore_m=1e6, value_gain=1e6, frontier_wide_m=1e-6, switch_ratio=1.0, promising_chance=0.0,
+    settle_chance=2.0,
 )  # fmt: skip
 
 OURS = Policy(

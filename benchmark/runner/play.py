@@ -68,7 +68,8 @@ class ScenePlayer:
         truth = Truth(goals, building.navigation) if self._policy.needs_truth else None
         outcome = run_episode(
             self._sight, goals, start_of(episode, building.scene),
-            self._policy.begin(Task(label, seed, s.max_steps, driver, truth, s.planning)),
+            # Habitat's rule, and the dataset's: a search begins on a floor with a goal
+            self._policy.begin(Task(label, seed, s.max_steps, driver, truth, goal_on_floor=True, planning=s.planning)),
             surveillance=s.surveillance, fusion=self._fusion, fused=self._fused, delay_steps=s.delay_steps, seed=seed,
         )  # fmt: skip
         return self._record(episode, outcome)

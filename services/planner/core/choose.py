@@ -144,7 +144,9 @@ def _sleeps(now: Now, record: ObjectRecord) -> bool:
 
 def _is_doubtful(now: Now, record: ObjectRecord, way_m: float) -> bool:
     """Whether an unconfirmed object had better wait: it stopped being promising more than once with the robot on its way
-    there (views that disagree must not turn it to and fro), or is hard to get to."""
+    there (views that disagree must not turn it to and fro), or is hard to get to. What was settled for isn't."""
+    if record.id == now.state.here.settled_for:
+        return False
     if now.state.here.wavered.get(record.id, 0) > 1:
         return True
     x_m, y_m, _ = record.center_m

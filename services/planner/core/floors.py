@@ -75,9 +75,12 @@ def travel(now: Now) -> Decision | None:
 def leave(now: Now) -> bool:
     """This floor is searched: sends the robot to the one whose cameras saw the target most surely, if they did, else to
     the nearest that isn't searched. False: there is none to be got to."""
+    if _surely_here(now):
+        return False
     state = now.state
-    best = objects.reconsider(now.maps.objects, state, now.config)
-    state.here.exhausted, state.here.reserve = True, best.confidence_robot if best else 0.0
+    best = objects.likeliest(now.maps.objects, state, now.config)
+    state.here.exhausted = True
+    state.here.reserve = objects.chance(best, state.target, now.config) if best else 0.0
     ways = _ways(now)
     left = [floor for floor in sorted(ways) if not _memory(now, floor).exhausted and _may_visit(now, floor)]
     # what is less than sure is no reason to pass by a floor that nobody has looked at
@@ -93,7 +96,7 @@ def leave(now: Now) -> bool:
 
 
 def go_back(now: Now) -> bool:
-    """All floors are searched: sends the robot back to the one with the best that was dropped, if that isn't this."""
+    """All floors are searched: sends the robot back to the one with the likeliest object of all, if that isn't this."""
     state, ways = now.state, _ways(now)
     left = [f for f in sorted(ways) if _memory(now, f).settled_for is None and _may_visit(now, f)]
     best = max(left, key=lambda floor: (_memory(now, floor).reserve, -ways[floor][0]), default=None)
@@ -113,6 +116,8 @@ def seen_elsewhere(now: Now) -> str:
 
 def what_was_barred(now: Now) -> str:
     """Which stairs of this floor to floors not searched the robot couldn't take, for people; "" if none."""
+    if _surely_here(now):
+        return ""
     barred = [
         f"{memory.stair_name(*s.at_m[:2])} to floor {s.to_floor}" for s in now.robot.stairs
         if s.floor == now.state.floor and not _memory(now, s.to_floor).exhausted
@@ -150,6 +155,8 @@ def _tempting(now: Now) -> Errand | None:
     """The floor not visited yet, with a way to it that is worth it, whose cameras saw the target surely, and more surely
     than anything here is it."""
     state, config = now.state, now.config
+    if _surely_here(now):
+        return None
     found = {floor: _evidence(now, floor) for floor in sorted(now.summaries) if not _memory(now, floor).visits}
     enough = max(config.floor_confidence, _evidence_here(now) + config.floor_margin)
     found = {floor: evidence for floor, evidence in found.items() if evidence >= enough}
@@ -165,11 +172,20 @@ def _tempting(now: Now) -> Errand | None:
     return Errand(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}", worth)
 
 
+def _prior(now: Now) -> float:
+    return now.config.floor_chances.get(now.state.target, now.config.floor_chance)
+
+
+def _surely_here(now: Now) -> bool:
+    """Whether the robot was told that its floor has the target: it then never leaves it."""
+    return _prior(now) >= 1.0
+
+
 def _chance_here(now: Now) -> float:
     """How likely the target is on the robot's floor although its cameras didn't see it: at first as floors of training
     buildings have one, then, by Bayes, the less, the farther the robot went on it without finding it."""
     target, config = now.state.target, now.config
-    prior = config.floor_chances.get(target, config.floor_chance)
+    prior = _prior(now)
     found_per_m = config.explore_chances.get(target, config.explore_chance) / config.explore_m
     walked_m = sum(math.dist(a, b) for a, b in itertools.pairwise(now.state.here.visited))
     missed = math.exp(-found_per_m * walked_m)

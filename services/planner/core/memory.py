@@ -64,6 +64,11 @@ def give_up(state: MissionState, x_m: float, y_m: float, config: PlannerConfig, 
     places.append(Dormant(x_m, y_m, times or 1, until))
 
 
+def forget_tries(state: MissionState, x_m: float, y_m: float, config: PlannerConfig) -> None:
+    """A place that was given up is worth new tries."""
+    state.here.dormant = [d for d in state.here.dormant if not _near(d, x_m, y_m, config)]
+
+
 def _near(d: Dormant, x_m: float, y_m: float, config: PlannerConfig) -> bool:
     return math.hypot(d.x_m - x_m, d.y_m - y_m) < config.same_place_m
 

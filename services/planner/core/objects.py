@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from services.planner.core import memory
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import MissionState, RobotView
 from services.planner.core.terrain import Terrain, clear_lines
@@ -76,10 +77,13 @@ def targets_of(
     """Objects that may be the target: confirmed ones, then promising candidates; with ``weak`` all candidates.
 
     What was judged not to be the target stays out, also under a new id at the same place, unless the robot
-    itself has confirmed it since.
+    itself has confirmed it since, or settled for it.
     """
     found = []
     for record in objects:
+        if record.id == state.here.settled_for:
+            found.append(record)
+            continue
         if record.status == "rejected" or not _named(record, state.target) or not _finite(record):
             continue
         confirmed = is_confirmed(record, state.target)
@@ -91,36 +95,38 @@ def targets_of(
             continue
         if record.id in state.here.dropped:
             continue
-        if record.id == state.here.settled_for:
-            found.append(record)
-            continue
         if _near_dropped(record, state, config) and not robot_sees(record, state.target, config):
             continue
         found.append(record)
     return sorted(found, key=lambda o: (not is_confirmed(o, state.target), -relevance(o, state.target)))
 
 
-def reconsider(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> ObjectRecord | None:
-    """Of what was dropped, the object to go back to when nothing else is left, or None.
+def likeliest(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> ObjectRecord | None:
+    """The object to go back to when nothing else is left: of all on this floor that were ever taken for the target,
+    dropped and rejected ones, too, the one with the best chance, if that is ``settle_chance``; else None.
 
-    It was confirmed since, or the robot takes it for the target with ``settle_confidence`` and nothing speaks for
-    another class more.
+    Detectors that see a couch from afar and a bed from near by make fusion reject what it is. What the robot looked at
+    and didn't itself take for the target stays dropped.
     """
-    again = [
-        record for record in objects
-        if record.id in state.here.dropped and record.status != "rejected" and record.label_robot == state.target
-        and (verdict(record, state.target, config) == "verified" or record.confidence_robot >= config.settle_confidence)
+    ever = [
+        (chance(record, state.target, config), -record.id, record) for record in objects
+        if _named(record, state.target) and _finite(record)
+        and (record.status != "confirmed" or is_confirmed(record, state.target))
+        and (record.id not in state.here.dropped or record.label_robot == state.target)
     ]  # fmt: skip
-    return max(again, key=lambda o: (o.confidence_robot, -o.id), default=None)
+    sure, _, best = max(ever, key=lambda found: found[:2], default=(0.0, 0, None))
+    return best if sure >= config.settle_chance else None
 
 
 def settle(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> bool:
-    """Takes the best of what was dropped after all, once on a floor; whether there was one."""
-    best = reconsider(objects, state, config) if state.here.settled_for is None else None
+    """Takes the likeliest object for the target after all, once on a floor; whether there was one."""
+    best = likeliest(objects, state, config) if state.here.settled_for is None else None
     if best is None:
         return False
-    del state.here.dropped[best.id]
+    x_m, y_m, _ = best.center_m
+    state.here.dropped.pop(best.id, None)
     state.here.looks.pop(best.id, None)
+    memory.forget_tries(state, x_m, y_m, config)
     state.here.settled_for = best.id
     return True
 

@@ -42,7 +42,7 @@ def approach(now: Now, record: ObjectRecord) -> Decision | None:
     """Goes near an object, looks at it on the way, and stops if it is the target: two-level verification."""
     state, config, robot = now.state, now.config, now.robot
     judged = objects.verdict(record, state.target, config)
-    if judged == "open" and record.id == state.here.settled_for:
+    if record.id == state.here.settled_for:
         judged = "verified"
     if judged == "contradicted":
         _drop(state, record, f"the robot sees {record.label_robot or 'something else'}")
@@ -91,7 +91,7 @@ def _confirm(now: Now, record: ObjectRecord, judged: objects.Verdict) -> Decisio
     if judged == "verified":
         if turn and waited < config.patience_steps:
             return now.decide(turn, "confirming", f"turning to {_what(record)}")
-        weakly = record.id == state.here.settled_for and not objects.is_confirmed(record, state.target)
+        weakly = objects.verdict(record, state.target, config) != "verified"
         why = "weak evidence, but nothing else is left to look at" if weakly else "seen by the robot itself"
         return _found(now, record, why)
     if spent == 0 and turn and waited < config.patience_steps:

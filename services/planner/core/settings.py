@@ -19,8 +19,9 @@ class PlannerConfig:
         sweep_m: when all is explored and the target wasn't seen, the robot looks around again until every place it can
             get to lies this near to a full look around: a detector needs more than a glance from
             afar. 0: never.
-        settle_confidence: when nothing is left to explore, the best object that the robot takes for the target at least
-            this surely is accepted after all: if the target is anywhere, it is there. Above 1: never.
+        settle_chance: when nothing is left to explore, or no steps are, the object that has the best chance to be the
+            target, if it is this, is accepted after all, though it was dropped or rejected: if the target is anywhere,
+            it is there. Above 1: never.
         tight_m, tight_speed: nearer to a mapped obstacle than the robot's radius, down to ``tight_m``, it may go
             at this speed where there is no other way: maps are thicker than walls by a cell or so.
         unknown_speed: how fast the front runs through unknown space, relative to known free space; 0 forbids it.
@@ -46,7 +47,7 @@ class PlannerConfig:
             cameras by ``floor_margin``, nothing confirmed or promising is known here, and exploring here isn't worth
             more; ``floor_m`` is about how far the target is from the stairs.
         floor_chance, floor_chances: how often a floor has the target although its cameras don't see it (by class: the
-            floors of training buildings), before the robot explored any of it.
+            floors of training buildings), before the robot explored any of it. 1: surely, it never leaves its floor.
         stairs_reach_m: so near to a stair's end it can be taken; halved with every refusal, ``stairs_tries`` in all.
         floor_visits: how often the robot comes to a floor at most.
         patience_steps: a waypoint that the robot gets no nearer to for so long is given up for ``dormant_steps``.
@@ -127,7 +128,7 @@ class PlannerConfig:
     strong_confidence_surveillance: float = 0.80
     strong_detections: int = 3
     max_looks: int = 4
-    settle_confidence: float = 0.30
+    settle_chance: float = 0.30
 
     # floors
     stairs_known: Literal["seen", "plan"] = "seen"

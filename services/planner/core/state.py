@@ -122,7 +122,7 @@ class FloorMemory:
         scans: where the robot looked all around.
         stairs_failed: how often a stair of this floor couldn't be reached or taken, by its name.
         visits: how often the robot came here. ``exhausted``: nothing was left to explore or to look at.
-        reserve: confidence of the best object dropped here that could still be settled for; 0: none.
+        reserve: chance of the likeliest object here that could still be settled for; 0: none.
     """
 
     scan_left: int | None = None

@@ -116,8 +116,8 @@ def _pursue(now: Now) -> Decision:
     whose cameras saw the target or the best frontier.
 
     When none is left, what was only put off gets its second chance, then any weak candidate, then the other floors,
-    then a second look around, then frontiers that are hard to get to, then the best of what was dropped (also when the
-    steps run out); then the mission ends.
+    then a second look around, then frontiers that are hard to get to, then the likeliest object of all, dropped and
+    rejected ones, too (also when the steps run out); then the mission ends.
     """
     state, weak, hard = now.state, False, False
     if _runs_out_of_steps(now):
@@ -153,9 +153,9 @@ def _pursue(now: Now) -> Decision:
 
 
 def _runs_out_of_steps(now: Now) -> bool:
-    """Whether the steps left just about take the robot back to the best of what was dropped."""
+    """Whether the steps left just about take the robot back to the likeliest object of all."""
     state, config = now.state, now.config
-    best = objects.reconsider(now.maps.objects, state, config) if state.here.settled_for is None else None
+    best = objects.likeliest(now.maps.objects, state, config) if state.here.settled_for is None else None
     if best is None:
         return False
     needed = config.steps_per_m * way_to(now, best) + config.patience_steps

@@ -83,6 +83,11 @@ def test_what_most_floors_have_is_searched_for_here_first(two_floors):
     assert left_at[0.2] + 12 < left_at[0.999], "more than a look around is done here first"
 
 
+def test_a_floor_that_surely_has_the_target_is_never_left(two_floors):
+    state, decision = two_floors(SEEN).run(config=PlannerConfig(stairs_known="plan", floor_chances={"chair": 1.0}))
+    assert (decision.error, state.changes) == ("not_found", [])
+
+
 def test_the_chance_here_is_by_bayes():
     """Against the formula written out: one in 11 m of exploring, 22 m walked, where half of the floors have one."""
     walked = [(0.25 * i, 0.0) for i in range(89)]

@@ -454,3 +454,39 @@ def test_the_best_of_what_was_dropped_is_taken_when_the_steps_run_out(make_recor
     after, decision = step(state, m, HERE, CONFIG)
     assert (after.here.settled_for == seen.id) == goes
     assert (decision.object_id == seen.id) == goes
+
+
+@pytest.mark.parametrize(
+    ("status", "dropped", "label_robot", "taken"),
+    [
+        ("candidate", False, "", True),
+        ("rejected", False, "chair", True),
+        ("rejected", True, "chair", True),
+        ("candidate", True, "", False),
+        ("candidate", True, "bed", False),
+    ],
+)
+def test_what_is_settled_for(make_record, status, dropped, label_robot, taken):
+    """The likeliest object of all, though fusion rejected it, but not if the robot looked at it and never saw a chair there."""
+    sure = make_record(id=1, at=(6.0, 1.0), confidence=0.5, label_robot=label_robot, status=status, n_detections=6)
+    unsure = make_record(id=2, at=(7.0, 1.0), confidence=0.16, label_robot="chair", n_detections=6)
+    assert chance(unsure, "chair", CONFIG) >= CONFIG.settle_chance
+    state = MissionState("chair", floor="0")
+    give_up(state, 6.0, 1.0, CONFIG, times=FOR_GOOD_CONFIRMED)
+    state.here.wavered[1] = 5
+    if dropped:
+        state.here.dropped[1] = (6.0, 1.0, "not confirmed")
+    assert objects.settle([unsure, sure], state, CONFIG)
+    assert state.here.settled_for == (1 if taken else 2)
+    assert not objects.settle([unsure, sure], state, CONFIG), "once on a floor"
+    state.here.scan_left = 0
+    _, decision = step(state, maps([(60, c) for c in range(90, 110)], objects=[unsure, sure]), HERE, CONFIG)
+    assert decision.object_id == state.here.settled_for, "it comes before exploring, however often it was given up"
+
+
+def test_less_than_the_chance_asked_for_is_not_settled_for(make_record):
+    record = make_record(at=(6.0, 1.0), confidence=0.3, n_detections=6)
+    sure = chance(record, "chair", CONFIG)
+    for asked, settles in ((sure - 0.01, True), (sure + 0.01, False)):
+        state = MissionState("chair", floor="0")
+        assert objects.settle([record], state, replace(CONFIG, settle_chance=asked)) == settles

@@ -138,7 +138,7 @@ def test_a_dropped_candidate_is_accepted_when_nothing_else_is_left(world, thing)
             msgspec.structs.replace(o, status="candidate", confidence_robot=0.35 * (o.confidence_robot > 0))
             for o in objects()
         ]
-        _, decision = w.run(config=PlannerConfig(settle_confidence=settle))
+        _, decision = w.run(config=PlannerConfig(settle_chance=settle))
         assert decision.found is found, decision.message
         assert not found or "nothing else is left" in decision.message
 
