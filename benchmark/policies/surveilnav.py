@@ -3,8 +3,7 @@
 The paper: values averaged (eq. 2), association by box IoU (eq. 3), an object confirmed as soon as the higher of both
 confidences passes a threshold and rejected for good when its class changes; a confirmed target first, then a promising
 candidate, then the frontier of the highest value whatever the way costs; no camera chooses a floor, and what was
-rejected stays so. Where it is silent
-its maps are VLN-Game's and its driving is ours.
+rejected stays so. Where it is silent its maps are VLN-Game's and its driving is ours.
 """
 
 from __future__ import annotations

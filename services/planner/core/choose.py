@@ -51,6 +51,21 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
     return chosen
 
 
+def settle(now: Now) -> bool:
+    """Takes the likeliest object that a way leads to for the target after all; whether that is news. The one settled for
+    before is kept while it may be."""
+    state = now.state
+    may_be = objects.last_resorts(now.maps.objects, state, now.config)
+    if any(o.id == state.here.settled_for for o in may_be):
+        return False
+    best = next((o for o in may_be if is_reachable(now, o)), None)
+    state.here.settled_for = best.id if best else None
+    if best is None:
+        return False
+    memory.wake(state, *best.center_m[:2], now.config)
+    return True
+
+
 def choose_frontier(now: Now, *, hard: bool) -> Frontier | None:
     """Our ``FrontierRule``: the best frontier by the strategy; the present one is kept unless another is clearly
     better."""
@@ -176,6 +191,15 @@ def _is_hard(now: Now, x_m: float, y_m: float, way_m: float) -> bool:
 def way_to(now: Now, record: ObjectRecord) -> float:
     """Travel time [m] to about where one would stand before an object; twice the distance where no way is known."""
     x_m, y_m, _ = record.center_m
-    reach_m = 1.0 + 0.5 * min(record.size_m[:2])
-    way_m = now.terrain.least_near(now.arrival, x_m, y_m, reach_m)
+    way_m = _known_way_to(now, record)
     return 2.0 * math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m) if math.isinf(way_m) else way_m
+
+
+def is_reachable(now: Now, record: ObjectRecord) -> bool:
+    """Whether a way leads to about where one would stand before an object."""
+    return math.isfinite(_known_way_to(now, record))
+
+
+def _known_way_to(now: Now, record: ObjectRecord) -> float:
+    reach_m = 1.0 + 0.5 * min(record.size_m[:2])
+    return now.terrain.least_near(now.arrival, *record.center_m[:2], reach_m)

@@ -1,9 +1,10 @@
 """Several floors: which one to search next, and the way there over the stairs.
 
 The cameras of every floor report what they last saw (``summaries``, a few hundred bytes a camera). A robot with nothing
-to go for on its own floor goes where they saw the target; one that has searched its floor goes on to the next. It never
-swings between floors: one is left unsearched only for a floor not visited before whose cameras' evidence is better by a
-margin, if exploring on here isn't worth more; a searched floor isn't searched again, and visits are counted.
+to go for on its own floor goes where they saw the target; one that has searched its floor goes on to the next, unless it
+was told that the target is here (``floor_chance`` 1). It never swings between floors: one is left unsearched only for a
+floor not visited before whose cameras' evidence is better by a margin, if exploring on here isn't worth more; a searched
+floor isn't searched again, and visits are counted.
 """
 
 from __future__ import annotations
@@ -59,6 +60,9 @@ def stair_ends(state: MissionState, robot: RobotView, config: PlannerConfig) -> 
 def travel(now: Now) -> Decision | None:
     """On to the floor of the present errand, or of one that this floor's lack of evidence calls for; None: stay."""
     state = now.state
+    if _surely_here(now):
+        state.errand = None
+        return None
     if state.errand is None or not _stands(now, state.errand):
         state.errand = _tempting(now)
     while state.errand is not None:
@@ -78,7 +82,7 @@ def leave(now: Now) -> bool:
     if _surely_here(now):
         return False
     state = now.state
-    best = objects.likeliest(now.maps.objects, state, now.config)
+    best = next(iter(objects.last_resorts(now.maps.objects, state, now.config)), None)
     state.here.exhausted = True
     state.here.reserve = objects.chance(best, state.target, now.config) if best else 0.0
     ways = _ways(now)
@@ -155,8 +159,6 @@ def _tempting(now: Now) -> Errand | None:
     """The floor not visited yet, with a way to it that is worth it, whose cameras saw the target surely, and more surely
     than anything here is it."""
     state, config = now.state, now.config
-    if _surely_here(now):
-        return None
     found = {floor: _evidence(now, floor) for floor in sorted(now.summaries) if not _memory(now, floor).visits}
     enough = max(config.floor_confidence, _evidence_here(now) + config.floor_margin)
     found = {floor: evidence for floor, evidence in found.items() if evidence >= enough}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import Dormant, MissionState, RobotView
@@ -64,9 +65,17 @@ def give_up(state: MissionState, x_m: float, y_m: float, config: PlannerConfig, 
     places.append(Dormant(x_m, y_m, times or 1, until))
 
 
-def forget_tries(state: MissionState, x_m: float, y_m: float, config: PlannerConfig) -> None:
-    """A place that was given up is worth new tries."""
-    state.here.dormant = [d for d in state.here.dormant if not _near(d, x_m, y_m, config)]
+def is_given_up(state: MissionState, x_m: float, y_m: float, config: PlannerConfig, *, confirmed: bool) -> bool:
+    """Whether a place of an object, a confirmed target or not, is given up for good."""
+    for_good = FOR_GOOD_CONFIRMED if confirmed else FOR_GOOD
+    return any(d.times >= for_good for d in state.here.dormant if _near(d, x_m, y_m, config))
+
+
+def wake(state: MissionState, x_m: float, y_m: float, config: PlannerConfig) -> None:
+    """Ends the sleep of a place."""
+    for i, d in enumerate(state.here.dormant):
+        if _near(d, x_m, y_m, config):
+            state.here.dormant[i] = replace(d, until_step=min(d.until_step, state.step))
 
 
 def _near(d: Dormant, x_m: float, y_m: float, config: PlannerConfig) -> bool:

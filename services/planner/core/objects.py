@@ -81,14 +81,16 @@ def targets_of(
     """
     found = []
     for record in objects:
-        if record.id == state.here.settled_for:
-            found.append(record)
-            continue
-        if record.status == "rejected" or not _named(record, state.target) or not _finite(record):
+        if not _named(record, state.target) or not _finite(record):
             continue
         confirmed = is_confirmed(record, state.target)
         if record.status == "confirmed" and not confirmed:
             continue  # surely something else
+        if record.id == state.here.settled_for:
+            found.append(record)
+            continue
+        if record.status == "rejected":
+            continue
         held = state.commitment is not None and state.commitment.object_id == record.id
         enough = config.promising_chance * (_HELD if held else 1.0)
         if not (confirmed or weak or chance(record, state.target, config) >= enough):
@@ -101,34 +103,28 @@ def targets_of(
     return sorted(found, key=lambda o: (not is_confirmed(o, state.target), -relevance(o, state.target)))
 
 
-def likeliest(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> ObjectRecord | None:
-    """The object to go back to when nothing else is left: of all on this floor that were ever taken for the target,
-    dropped and rejected ones, too, the one with the best chance, if that is ``settle_chance``; else None.
-
-    Detectors that see a couch from afar and a bed from near by make fusion reject what it is. What the robot looked at
-    and didn't itself take for the target stays dropped.
+def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> list[ObjectRecord]:
+    """What may be taken for the target when nothing else is left, likeliest first: objects of this floor with a chance of
+    ``settle_chance`` that nobody judged yet, or that the robot itself takes for the target though they were rejected or
+    dropped (detectors that see a couch from afar and a bed from near by make fusion reject what it is). What was given
+    up for good stays so.
     """
-    ever = [
-        (chance(record, state.target, config), -record.id, record) for record in objects
-        if _named(record, state.target) and _finite(record)
-        and (record.status != "confirmed" or is_confirmed(record, state.target))
-        and (record.id not in state.here.dropped or record.label_robot == state.target)
-    ]  # fmt: skip
-    sure, _, best = max(ever, key=lambda found: found[:2], default=(0.0, 0, None))
-    return best if sure >= config.settle_chance else None
-
-
-def settle(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> bool:
-    """Takes the likeliest object for the target after all, once on a floor; whether there was one."""
-    best = likeliest(objects, state, config) if state.here.settled_for is None else None
-    if best is None:
-        return False
-    x_m, y_m, _ = best.center_m
-    state.here.dropped.pop(best.id, None)
-    state.here.looks.pop(best.id, None)
-    memory.forget_tries(state, x_m, y_m, config)
-    state.here.settled_for = best.id
-    return True
+    found = []
+    for record in objects:
+        if not _named(record, state.target) or not _finite(record):
+            continue
+        confirmed = is_confirmed(record, state.target)
+        if record.status == "confirmed" and not confirmed:
+            continue
+        judged = record.status == "rejected" or record.id in state.here.dropped or _near_dropped(record, state, config)
+        if judged and record.label_robot != state.target:
+            continue
+        if memory.is_given_up(state, *record.center_m[:2], config, confirmed=confirmed):
+            continue
+        sure = min(1.0, chance(record, state.target, config))  # above 1: a preset's way to say "before all else"
+        if sure >= config.settle_chance * (_HELD if record.id == state.here.settled_for else 1.0):
+            found.append((-sure, record.id, record))
+    return [record for _, _, record in sorted(found, key=lambda f: f[:2])]
 
 
 def is_confirmed(record: ObjectRecord, target: str) -> bool:

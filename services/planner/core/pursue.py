@@ -42,8 +42,9 @@ def approach(now: Now, record: ObjectRecord) -> Decision | None:
     """Goes near an object, looks at it on the way, and stops if it is the target: two-level verification."""
     state, config, robot = now.state, now.config, now.robot
     judged = objects.verdict(record, state.target, config)
-    if record.id == state.here.settled_for:
-        judged = "verified"
+    settled = record.id == state.here.settled_for
+    if judged == "contradicted" and settled and record.label_robot == state.target:
+        judged = "open"  # rejected by fusion, but the robot itself takes it for the target
     if judged == "contradicted":
         _drop(state, record, f"the robot sees {record.label_robot or 'something else'}")
         return None
@@ -75,8 +76,10 @@ def approach(now: Now, record: ObjectRecord) -> Decision | None:
         return now.decide("turn_left" if off_rad > 0 else "turn_right", "confirming", f"turning to {_what(record)}")
     route = now.drive(place.goals)
     if route is None:
-        as_near_as_it_gets = judged == "verified" and away_m <= config.farthest_stop_m and bool(place.sight[here])
-        return _found(now, record, "seen by the robot itself, and no way leads nearer") if as_near_as_it_gets else None
+        as_near_as_it_gets = away_m <= config.farthest_stop_m and bool(place.sight[here])
+        if as_near_as_it_gets and judged == "verified":
+            return _found(now, record, "seen by the robot itself, and no way leads nearer")
+        return _settled(now, record) if as_near_as_it_gets and settled else None
     return now.decide(route.action, "approaching", f"to {_what(record)}, {route.remaining_m:.1f} m", route)
 
 
@@ -91,9 +94,7 @@ def _confirm(now: Now, record: ObjectRecord, judged: objects.Verdict) -> Decisio
     if judged == "verified":
         if turn and waited < config.patience_steps:
             return now.decide(turn, "confirming", f"turning to {_what(record)}")
-        weakly = objects.verdict(record, state.target, config) != "verified"
-        why = "weak evidence, but nothing else is left to look at" if weakly else "seen by the robot itself"
-        return _found(now, record, why)
+        return _found(now, record, "seen by the robot itself")
     if spent == 0 and turn and waited < config.patience_steps:
         return now.decide(turn, "confirming", f"turning to {_what(record)}")
     away_m = math.hypot(record.center_m[0] - robot.x_m, record.center_m[1] - robot.y_m)
@@ -106,6 +107,8 @@ def _confirm(now: Now, record: ObjectRecord, judged: objects.Verdict) -> Decisio
         return now.decide(looks[spent], "confirming", message)
     if objects.good_enough(record, state.target, config):
         return _found(now, record, "strong surveillance evidence, which the robot's views don't contradict")
+    if record.id == state.here.settled_for:
+        return _settled(now, record)
     _drop(state, record, "the robot's own views didn't confirm it")
     return None
 
@@ -115,7 +118,14 @@ def _found(now: Now, record: ObjectRecord, why: str) -> Decision:
     return replace(decision, finished=True, found=True)
 
 
+def _settled(now: Now, record: ObjectRecord) -> Decision:
+    what = f"took {_what(record)} for {now.state.target!r}: weak evidence, but nothing better was found"
+    return replace(now.decide("stop", "finished", what), finished=True, found=True)
+
+
 def _drop(state: MissionState, record: ObjectRecord, why: str) -> None:
+    if record.id == state.here.settled_for:
+        state.here.settled_for = None
     state.here.dropped[record.id] = (record.center_m[0], record.center_m[1], why)
     state.commitment = None
 

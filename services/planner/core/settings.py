@@ -20,8 +20,8 @@ class PlannerConfig:
             get to lies this near to a full look around: a detector needs more than a glance from
             afar. 0: never.
         settle_chance: when nothing is left to explore, or no steps are, the object that has the best chance to be the
-            target, if it is this, is accepted after all, though it was dropped or rejected: if the target is anywhere,
-            it is there. Above 1: never.
+            target, if it is this, is accepted after all, also one dropped or rejected that the robot itself takes for
+            the target. Above 1: never.
         tight_m, tight_speed: nearer to a mapped obstacle than the robot's radius, down to ``tight_m``, it may go
             at this speed where there is no other way: maps are thicker than walls by a cell or so.
         unknown_speed: how fast the front runs through unknown space, relative to known free space; 0 forbids it.
@@ -47,7 +47,8 @@ class PlannerConfig:
             cameras by ``floor_margin``, nothing confirmed or promising is known here, and exploring here isn't worth
             more; ``floor_m`` is about how far the target is from the stairs.
         floor_chance, floor_chances: how often a floor has the target although its cameras don't see it (by class: the
-            floors of training buildings), before the robot explored any of it. 1: surely, it never leaves its floor.
+            floors of training buildings, before ``floor_chance``), before the robot explored any of it. 1: surely, it
+            never leaves its floor.
         stairs_reach_m: so near to a stair's end it can be taken; halved with every refusal, ``stairs_tries`` in all.
         floor_visits: how often the robot comes to a floor at most.
         patience_steps: a waypoint that the robot gets no nearer to for so long is given up for ``dormant_steps``.

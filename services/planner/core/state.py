@@ -118,7 +118,7 @@ class FloorMemory:
             target, by id: (x, y, why).
         inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
         wavered: how often an object ceased to be promising while the robot was on its way to it.
-        settled_for: the object accepted on weaker evidence because nothing else is left.
+        settled_for: the object to be accepted on weaker evidence because nothing else is left.
         scans: where the robot looked all around.
         stairs_failed: how often a stair of this floor couldn't be reached or taken, by its name.
         visits: how often the robot came here. ``exhausted``: nothing was left to explore or to look at.

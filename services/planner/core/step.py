@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from services.planner.core import floors, memory, objects
-from services.planner.core.choose import choose_frontier, choose_object, way_to
+from services.planner.core.choose import choose_frontier, choose_object, is_reachable, settle, way_to
 from services.planner.core.drive import FmmPlanner, LocalPlanner
 from services.planner.core.now import FrontierRule, Now
 from services.planner.core.pursue import approach, explore
@@ -60,6 +60,7 @@ def step(
     if state.step >= state.max_steps:
         return _finish(state, "out_of_steps", f"{state.max_steps} steps are used up without finding {state.target!r}")
     known_targets = objects.targets_of(maps.objects, state, config, weak=True)
+    known_targets += objects.last_resorts(maps.objects, state, config)
     places = [(o.center_m[0], o.center_m[1]) for o in known_targets] + floors.stair_ends(state, robot, config)
     terrain = build_terrain(maps, robot, state, config, places)
     arrival = coarse_arrival_m(terrain, robot.x_m, robot.y_m)
@@ -121,7 +122,7 @@ def _pursue(now: Now) -> Decision:
     """
     state, weak, hard = now.state, False, False
     if _runs_out_of_steps(now):
-        objects.settle(now.maps.objects, state, now.config)
+        settle(now)
     for _ in range(_MAX_TRIES):
         now.weighed.clear()
         if record := choose_object(now, weak=weak):
@@ -143,7 +144,7 @@ def _pursue(now: Now) -> Decision:
         elif not hard:
             hard = True
             continue
-        elif floors.go_back(now) or objects.settle(now.maps.objects, state, now.config):
+        elif floors.go_back(now) or settle(now):
             continue
         else:
             break
@@ -153,9 +154,10 @@ def _pursue(now: Now) -> Decision:
 
 
 def _runs_out_of_steps(now: Now) -> bool:
-    """Whether the steps left just about take the robot back to the likeliest object of all."""
+    """Whether the steps left just about take the robot to the likeliest object of all."""
     state, config = now.state, now.config
-    best = objects.likeliest(now.maps.objects, state, config) if state.here.settled_for is None else None
+    may_be = objects.last_resorts(now.maps.objects, state, config)
+    best = next((o for o in may_be if is_reachable(now, o)), None)
     if best is None:
         return False
     needed = config.steps_per_m * way_to(now, best) + config.patience_steps

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import msgspec
 import pytest
 
@@ -144,6 +146,15 @@ def test_fused_once_is_as_good_as_fused_live(dataset):
             run_episode(player._sight, goals, start, searcher, fusion=ours.fusion, fused=fused, seed=1, on_step=look)
         runs.append(list(shown))
     assert runs[0] == runs[1]
+
+
+def test_searches_are_told_that_they_begin_on_a_floor_with_a_goal(dataset):
+    player = ScenePlayer(dataset, "parametric_house-s0", SETTINGS)
+    told = []
+    ours = player._policy
+    player._policy = replace(ours, begin=lambda task: told.append(task) or ours.begin(task))
+    player.play(player.episodes[0])
+    assert [task.goal_on_floor for task in told] == [True]
 
 
 def test_bytes_are_those_of_the_rendered_views(dataset, finished):

@@ -221,7 +221,7 @@ def test_the_best_of_what_was_dropped_on_another_floor(world, house, thing):
     _, decision = h.run(max_steps=900)
     assert h.trail == ["0", "1", "0"]
     assert decision.found
-    assert "nothing else is left" in decision.message
+    assert "nothing better was found" in decision.message
 
 
 @pytest.mark.parametrize(("settled_for", "goes"), [(None, False), (3, True)])

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, objects, step
-from services.planner.core.choose import choose_frontier, choose_object
+from services.planner.core.choose import choose_frontier, choose_object, settle
 from services.planner.core.drive import Route
 from services.planner.core.frontiers import Frontier, find_frontiers, rank, worth_exploiting
 from services.planner.core.memory import FOR_GOOD_CONFIRMED, give_up, is_dormant, revive
 from services.planner.core.now import Now
 from services.planner.core.objects import chance, footprint, good_enough, standoff, targets_of, verdict
+from services.planner.core.pursue import approach
 from services.planner.core.state import Commitment, Errand
 from services.planner.core.terrain import build_terrain, coarse_arrival_m
 from surveilnav.geometry import Grid
@@ -457,36 +458,86 @@ def test_the_best_of_what_was_dropped_is_taken_when_the_steps_run_out(make_recor
 
 
 @pytest.mark.parametrize(
-    ("status", "dropped", "label_robot", "taken"),
+    ("status", "dropped", "label_robot", "may_be"),
     [
         ("candidate", False, "", True),
+        ("candidate", False, "bed", True),
         ("rejected", False, "chair", True),
         ("rejected", True, "chair", True),
+        ("rejected", False, "", False),
         ("candidate", True, "", False),
         ("candidate", True, "bed", False),
+        ("confirmed", False, "chair", True),
     ],
 )
-def test_what_is_settled_for(make_record, status, dropped, label_robot, taken):
-    """The likeliest object of all, though fusion rejected it, but not if the robot looked at it and never saw a chair there."""
-    sure = make_record(id=1, at=(6.0, 1.0), confidence=0.5, label_robot=label_robot, status=status, n_detections=6)
-    unsure = make_record(id=2, at=(7.0, 1.0), confidence=0.16, label_robot="chair", n_detections=6)
-    assert chance(unsure, "chair", CONFIG) >= CONFIG.settle_chance
+def test_what_may_be_settled_for(make_record, status, dropped, label_robot, may_be):
+    """What nobody judged, or what the robot itself takes for the target though it was judged."""
+    record = make_record(at=(6.0, 1.0), confidence=0.5, label_robot=label_robot, status=status, n_detections=6)
     state = MissionState("chair", floor="0")
-    give_up(state, 6.0, 1.0, CONFIG, times=FOR_GOOD_CONFIRMED)
-    state.here.wavered[1] = 5
     if dropped:
-        state.here.dropped[1] = (6.0, 1.0, "not confirmed")
-    assert objects.settle([unsure, sure], state, CONFIG)
-    assert state.here.settled_for == (1 if taken else 2)
-    assert not objects.settle([unsure, sure], state, CONFIG), "once on a floor"
-    state.here.scan_left = 0
-    _, decision = step(state, maps([(60, c) for c in range(90, 110)], objects=[unsure, sure]), HERE, CONFIG)
-    assert decision.object_id == state.here.settled_for, "it comes before exploring, however often it was given up"
+        state.here.dropped[record.id] = (6.0, 1.0, "not confirmed")
+    assert objects.last_resorts([record], state, CONFIG) == [record] * may_be
+    under_a_new_id = msgspec.structs.replace(record, id=77)
+    if status != "confirmed":
+        assert objects.last_resorts([under_a_new_id], state, CONFIG) == [under_a_new_id] * may_be
+    surely_a_bed = msgspec.structs.replace(record, label="bed", status="confirmed")
+    assert objects.last_resorts([surely_a_bed], state, CONFIG) == []
 
 
-def test_less_than_the_chance_asked_for_is_not_settled_for(make_record):
-    record = make_record(at=(6.0, 1.0), confidence=0.3, n_detections=6)
+@pytest.mark.parametrize("status", ["candidate", "confirmed"])
+def test_less_than_the_chance_asked_for_is_not_settled_for(make_record, status):
+    record = make_record(at=(6.0, 1.0), confidence=0.3, n_detections=6, status=status)
     sure = chance(record, "chair", CONFIG)
-    for asked, settles in ((sure - 0.01, True), (sure + 0.01, False)):
-        state = MissionState("chair", floor="0")
-        assert objects.settle([record], state, replace(CONFIG, settle_chance=asked)) == settles
+    for asked, may_be in ((sure - 0.01, True), (sure + 0.01, False)):
+        config = replace(CONFIG, settle_chance=asked)
+        assert objects.last_resorts([record], MissionState("chair"), config) == [record] * may_be
+    certain = replace(CONFIG, settle_chance=1.01, confirmed_chance=1e6)
+    assert objects.last_resorts([record], MissionState("chair"), certain) == []
+
+
+def test_the_likeliest_that_a_way_leads_to_is_settled_for(make_record):
+    """The best stands in a closed room; the next was dropped, and wavered; the third is less likely."""
+    walls = np.zeros(GRID.shape, np.uint8)
+    walls[100:161, 100] = walls[100:161, 160] = walls[100, 100:161] = walls[160, 100:161] = 1
+    walled = make_record(id=1, at=(6.5, 6.5), confidence=0.9, n_detections=6)
+    second = make_record(id=2, at=(7.0, 1.0), confidence=0.5, label_robot="chair", n_detections=6)
+    third = make_record(id=3, at=(6.0, 1.0), confidence=0.2, n_detections=6)
+    state = MissionState("chair", floor="0")
+    state.here.dropped[2], state.here.wavered[2] = (7.0, 1.0, "not confirmed"), 5
+    give_up(state, 7.0, 1.0, CONFIG)
+    m = maps(objects=[walled, second, third], occupancy=walls)
+    terrain = build_terrain(m, HERE, state, CONFIG, [(6.5, 6.5)])
+    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    now = Now(state, m, HERE, CONFIG, Routes([]), {}, choose_frontier, terrain, arrival)
+    assert objects.last_resorts(m.objects, state, CONFIG)[0] is walled
+    assert settle(now)
+    assert state.here.settled_for == 2
+    assert choose_object(now, weak=False) is second, "neither sleep nor wavering holds it back"
+    assert not settle(now), "no news"
+    for _ in range(2):
+        give_up(state, 7.0, 1.0, CONFIG)
+    assert settle(now)
+    assert state.here.settled_for == 3, "what was given up for good makes room for the next"
+    m.objects.remove(third)
+    assert not settle(now)
+    assert state.here.settled_for is None, "it was merged into another"
+
+
+def test_what_turns_out_to_be_something_else_is_settled_for_no_longer(make_record):
+    record = make_record(at=(6.0, 1.0), label="bed", confidence=0.6, label_robot="bed", confidence_robot=0.6)
+    state = MissionState("chair", floor="0")
+    state.here.settled_for = record.id
+    assert approach(now_with(record, state), record) is None
+    assert (state.here.settled_for, list(state.here.dropped)) == (None, [record.id])
+
+
+def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
+    """A rejected object 3 m beyond all that is explored, and the steps run out."""
+    seen = make_record(at=(9.0, 1.0), label_robot="chair", confidence=0.5, n_detections=6, status="rejected")
+    explored = np.zeros(GRID.shape, np.uint8)
+    explored[:60, :120] = 1
+    m = replace(maps([(30, c) for c in range(90, 110)], objects=[seen]), explored=explored)
+    state = MissionState("chair", step=450, floor="0")
+    state.here.scan_left = 0
+    after, decision = step(state, m, HERE, CONFIG)
+    assert (after.here.settled_for, decision.object_id) == (seen.id, seen.id)

@@ -129,18 +129,19 @@ def test_what_was_only_glanced_at_is_looked_at_again(world, thing):
     assert found == {0.0: False, 2.0: True}
 
 
-def test_a_dropped_candidate_is_accepted_when_nothing_else_is_left(world, thing):
-    """The robot takes it for the target all along, but fusion never confirms it."""
+@pytest.mark.parametrize("status", ["candidate", "rejected"])
+def test_what_the_robot_takes_for_the_target_is_accepted_when_nothing_else_is_left(world, thing, status):
+    """It does so all along, but fusion never confirms it, or rejects it."""
     for settle, found in ((0.30, True), (1.1, False)):
         w = world(TWO_ROOMS, {"C": thing("chair", looks_like="chair", known={"label": "chair", "confidence": 0.5})})
         objects = w.objects
         w.objects = lambda objects=objects: [
-            msgspec.structs.replace(o, status="candidate", confidence_robot=0.35 * (o.confidence_robot > 0))
+            msgspec.structs.replace(o, status=status, confidence_robot=0.35 * (o.confidence_robot > 0))
             for o in objects()
         ]
         _, decision = w.run(config=PlannerConfig(settle_chance=settle))
         assert decision.found is found, decision.message
-        assert not found or "nothing else is left" in decision.message
+        assert not found or "nothing better was found" in decision.message
 
 
 def test_out_of_steps(world):
