@@ -107,7 +107,7 @@ def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: P
     """What may be taken for the target when nothing else is left, likeliest first: objects of this floor with a chance of
     ``settle_chance`` that nobody judged yet, or that the robot itself takes for the target though they were rejected or
     dropped (detectors that see a couch from afar and a bed from near by make fusion reject what it is). What was given
-    up for good stays so.
+    up for good stays so. The one settled for stays, whatever more views say.
     """
     found = []
     for record in objects:
@@ -116,15 +116,20 @@ def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: P
         confirmed = is_confirmed(record, state.target)
         if record.status == "confirmed" and not confirmed:
             continue
-        judged = record.status == "rejected" or record.id in state.here.dropped or _near_dropped(record, state, config)
-        if judged and record.label_robot != state.target:
+        held = record.id == state.here.settled_for
+        if not held and was_judged(record, state, config) and record.label_robot != state.target:
             continue
         if memory.is_given_up(state, *record.center_m[:2], config, confirmed=confirmed):
             continue
         sure = min(1.0, chance(record, state.target, config))  # above 1: a preset's way to say "before all else"
-        if sure >= config.settle_chance * (_HELD if record.id == state.here.settled_for else 1.0):
+        if held or sure >= config.settle_chance:
             found.append((-sure, record.id, record))
     return [record for _, _, record in sorted(found, key=lambda f: f[:2])]
+
+
+def was_judged(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:
+    """Whether fusion rejected an object, or the robot dropped it or another at its place."""
+    return record.status == "rejected" or record.id in state.here.dropped or _near_dropped(record, state, config)
 
 
 def is_confirmed(record: ObjectRecord, target: str) -> bool:

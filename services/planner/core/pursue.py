@@ -43,8 +43,8 @@ def approach(now: Now, record: ObjectRecord) -> Decision | None:
     state, config, robot = now.state, now.config, now.robot
     judged = objects.verdict(record, state.target, config)
     settled = record.id == state.here.settled_for
-    if judged == "contradicted" and settled and record.label_robot == state.target:
-        judged = "open"  # rejected by fusion, but the robot itself takes it for the target
+    if judged == "contradicted" and settled and objects.was_judged(record, state, config):
+        judged = "open"  # more of the views that disagreed before decide nothing
     if judged == "contradicted":
         _drop(state, record, f"the robot sees {record.label_robot or 'something else'}")
         return None

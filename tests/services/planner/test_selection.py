@@ -523,12 +523,21 @@ def test_the_likeliest_that_a_way_leads_to_is_settled_for(make_record):
     assert state.here.settled_for is None, "it was merged into another"
 
 
-def test_what_turns_out_to_be_something_else_is_settled_for_no_longer(make_record):
+@pytest.mark.parametrize("judged_before", [False, True])
+def test_what_is_settled_for_is_judged_once(make_record, judged_before):
+    """Nobody had looked at it, and it is a bed: dropped. It was dropped before: views that disagree decide nothing."""
     record = make_record(at=(6.0, 1.0), label="bed", confidence=0.6, label_robot="bed", confidence_robot=0.6)
+    record = msgspec.structs.replace(record, label_scores={"bed": 0.6, "chair": 0.3})
     state = MissionState("chair", floor="0")
     state.here.settled_for = record.id
-    assert approach(now_with(record, state), record) is None
-    assert (state.here.settled_for, list(state.here.dropped)) == (None, [record.id])
+    if judged_before:
+        state.here.dropped[record.id] = (6.0, 1.0, "not confirmed")
+    now = now_with(record, state)
+    assert (approach(now, record) is None) is not judged_before
+    assert state.here.settled_for == (record.id if judged_before else None)
+    assert record.id in state.here.dropped
+    assert settle(now) is False
+    assert state.here.settled_for == (record.id if judged_before else None)
 
 
 def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
