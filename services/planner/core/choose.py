@@ -52,18 +52,22 @@ def choose_object(now: Now, *, weak: bool) -> ObjectRecord | None:
 
 
 def settle(now: Now) -> bool:
-    """Takes the likeliest object that a way leads to for the target after all; whether that is news. The one settled for
-    before is kept while it may be."""
-    state = now.state
-    may_be = objects.last_resorts(now.maps.objects, state, now.config)
-    if any(o.id == state.here.settled_for for o in may_be):
+    """Takes the likeliest object of all for the target after all; whether that is news."""
+    state, best = now.state, likeliest(now)
+    if best is not None and best.id == state.here.settled_for:
         return False
-    best = next((o for o in may_be if is_reachable(now, o)), None)
     state.here.settled_for = best.id if best else None
     if best is None:
         return False
     memory.wake(state, *best.center_m[:2], now.config)
     return True
+
+
+def likeliest(now: Now) -> ObjectRecord | None:
+    """The last resort that the robot settled for before, while it is one, else the likeliest that a way leads to."""
+    may_be = objects.last_resorts(now.maps.objects, now.state, now.config)
+    held = next((o for o in may_be if o.id == now.state.here.settled_for), None)
+    return held or next((o for o in may_be if _is_reachable(now, o)), None)
 
 
 def choose_frontier(now: Now, *, hard: bool) -> Frontier | None:
@@ -195,7 +199,7 @@ def way_to(now: Now, record: ObjectRecord) -> float:
     return 2.0 * math.hypot(x_m - now.robot.x_m, y_m - now.robot.y_m) if math.isinf(way_m) else way_m
 
 
-def is_reachable(now: Now, record: ObjectRecord) -> bool:
+def _is_reachable(now: Now, record: ObjectRecord) -> bool:
     """Whether a way leads to about where one would stand before an object."""
     return math.isfinite(_known_way_to(now, record))
 

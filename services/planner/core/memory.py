@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 from services.planner.core.settings import PlannerConfig
@@ -73,9 +74,21 @@ def is_given_up(state: MissionState, x_m: float, y_m: float, config: PlannerConf
 
 def wake(state: MissionState, x_m: float, y_m: float, config: PlannerConfig) -> None:
     """Ends the sleep of a place."""
-    for i, d in enumerate(state.here.dormant):
-        if _near(d, x_m, y_m, config):
-            state.here.dormant[i] = replace(d, until_step=min(d.until_step, state.step))
+    _end_sleep(state, [i for i, d in enumerate(state.here.dormant) if _near(d, x_m, y_m, config)])
+
+
+def revive(state: MissionState) -> bool:
+    """Ends all sleeps that may not be for good; whether there was one. What is given up for good stays so."""
+    places = enumerate(state.here.dormant)
+    asleep = [i for i, d in places if d.times < FOR_GOOD_CONFIRMED and d.until_step > state.step]
+    _end_sleep(state, asleep)
+    return bool(asleep)
+
+
+def _end_sleep(state: MissionState, places: Iterable[int]) -> None:
+    for i in places:
+        d = state.here.dormant[i]
+        state.here.dormant[i] = replace(d, until_step=min(d.until_step, state.step))
 
 
 def _near(d: Dormant, x_m: float, y_m: float, config: PlannerConfig) -> bool:
@@ -119,14 +132,3 @@ def escape(state: MissionState, config: PlannerConfig) -> None:
         state.here.collisions.clear()
         state.here.bumps.clear()
     rest(state)
-
-
-def revive(state: MissionState) -> bool:
-    """Ends all sleeps that may not be for good; whether there was one. What is given up for good stays so."""
-    asleep = [d for d in state.here.dormant if d.times < FOR_GOOD_CONFIRMED and d.until_step > state.step]
-    if asleep:
-        state.here.dormant = [
-            Dormant(d.x_m, d.y_m, d.times, min(d.until_step, state.step)) if d.times < FOR_GOOD_CONFIRMED else d
-            for d in state.here.dormant
-        ]
-    return bool(asleep)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -80,12 +80,7 @@ def targets_of(
     itself has confirmed it since, or settled for it.
     """
     found = []
-    for record in objects:
-        if not _named(record, state.target) or not _finite(record):
-            continue
-        confirmed = is_confirmed(record, state.target)
-        if record.status == "confirmed" and not confirmed:
-            continue  # surely something else
+    for record, confirmed in _may_be(objects, state.target):
         if record.id == state.here.settled_for:
             found.append(record)
             continue
@@ -110,12 +105,7 @@ def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: P
     up for good stays so. The one settled for stays, whatever more views say.
     """
     found = []
-    for record in objects:
-        if not _named(record, state.target) or not _finite(record):
-            continue
-        confirmed = is_confirmed(record, state.target)
-        if record.status == "confirmed" and not confirmed:
-            continue
+    for record, confirmed in _may_be(objects, state.target):
         held = record.id == state.here.settled_for
         if not held and was_judged(record, state, config) and record.label_robot != state.target:
             continue
@@ -125,6 +115,14 @@ def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: P
         if held or sure >= config.settle_chance:
             found.append((-sure, record.id, record))
     return [record for _, _, record in sorted(found, key=lambda f: f[:2])]
+
+
+def _may_be(objects: Iterable[ObjectRecord], target: str) -> Iterator[tuple[ObjectRecord, bool]]:
+    """Objects that some view called the target and that aren't surely something else; whether each is confirmed."""
+    for record in objects:
+        confirmed = is_confirmed(record, target)
+        if _named(record, target) and _finite(record) and (confirmed or record.status != "confirmed"):
+            yield record, confirmed
 
 
 def was_judged(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:

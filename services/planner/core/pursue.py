@@ -78,8 +78,8 @@ def approach(now: Now, record: ObjectRecord) -> Decision | None:
     if route is None:
         as_near_as_it_gets = away_m <= config.farthest_stop_m and bool(place.sight[here])
         if as_near_as_it_gets and judged == "verified":
-            return _found(now, record, "seen by the robot itself, and no way leads nearer")
-        return _settled(now, record) if as_near_as_it_gets and settled else None
+            return _found(now, f"found {_what(record)}: seen by the robot itself, and no way leads nearer")
+        return _found(now, _settled_for(now, record)) if as_near_as_it_gets and settled else None
     return now.decide(route.action, "approaching", f"to {_what(record)}, {route.remaining_m:.1f} m", route)
 
 
@@ -94,7 +94,7 @@ def _confirm(now: Now, record: ObjectRecord, judged: objects.Verdict) -> Decisio
     if judged == "verified":
         if turn and waited < config.patience_steps:
             return now.decide(turn, "confirming", f"turning to {_what(record)}")
-        return _found(now, record, "seen by the robot itself")
+        return _found(now, f"found {_what(record)}: seen by the robot itself")
     if spent == 0 and turn and waited < config.patience_steps:
         return now.decide(turn, "confirming", f"turning to {_what(record)}")
     away_m = math.hypot(record.center_m[0] - robot.x_m, record.center_m[1] - robot.y_m)
@@ -106,21 +106,20 @@ def _confirm(now: Now, record: ObjectRecord, judged: objects.Verdict) -> Decisio
         message = f"looking at {_what(record)} again, {spent + 1} of {len(looks)}"
         return now.decide(looks[spent], "confirming", message)
     if objects.good_enough(record, state.target, config):
-        return _found(now, record, "strong surveillance evidence, which the robot's views don't contradict")
+        why = "strong surveillance evidence, which the robot's views don't contradict"
+        return _found(now, f"found {_what(record)}: {why}")
     if record.id == state.here.settled_for:
-        return _settled(now, record)
+        return _found(now, _settled_for(now, record))
     _drop(state, record, "the robot's own views didn't confirm it")
     return None
 
 
-def _found(now: Now, record: ObjectRecord, why: str) -> Decision:
-    decision = now.decide("stop", "finished", f"found {_what(record)}: {why}")
-    return replace(decision, finished=True, found=True)
+def _found(now: Now, message: str) -> Decision:
+    return replace(now.decide("stop", "finished", message), finished=True, found=True)
 
 
-def _settled(now: Now, record: ObjectRecord) -> Decision:
-    what = f"took {_what(record)} for {now.state.target!r}: weak evidence, but nothing better was found"
-    return replace(now.decide("stop", "finished", what), finished=True, found=True)
+def _settled_for(now: Now, record: ObjectRecord) -> str:
+    return f"took {_what(record)} for {now.state.target!r}: weak evidence, but nothing better was found"
 
 
 def _drop(state: MissionState, record: ObjectRecord, why: str) -> None:

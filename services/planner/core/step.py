@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from services.planner.core import floors, memory, objects
-from services.planner.core.choose import choose_frontier, choose_object, is_reachable, settle, way_to
+from services.planner.core.choose import choose_frontier, choose_object, likeliest, settle, way_to
 from services.planner.core.drive import FmmPlanner, LocalPlanner
 from services.planner.core.now import FrontierRule, Now
 from services.planner.core.pursue import approach, explore
@@ -156,9 +156,7 @@ def _pursue(now: Now) -> Decision:
 def _runs_out_of_steps(now: Now) -> bool:
     """Whether the steps left just about take the robot to the likeliest object of all."""
     state, config = now.state, now.config
-    may_be = objects.last_resorts(now.maps.objects, state, config)
-    best = next((o for o in may_be if is_reachable(now, o)), None)
-    if best is None:
+    if (best := likeliest(now)) is None:
         return False
     needed = config.steps_per_m * way_to(now, best) + config.patience_steps
     return state.max_steps - state.step <= needed
