@@ -14,6 +14,10 @@ from benchmark.runner.records import EpisodeRecord
 from surveilnav.building.goals import SUCCESS_M
 
 RESAMPLES = 10_000
+#: Failures of searches that ended with ``stop``.
+_STOPPED = ("false_positive", "stopped_short")
+#: How far [m] from a viewpoint a stop may be to count beside the success rule.
+WITHIN_M = (0.2, 1.0)
 SUCCESS_RULE = f"`stop` within {SUCCESS_M:g} m (geodesic) of a viewpoint of any goal (Habitat's rule)"
 
 
@@ -31,15 +35,19 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A run's numbers; ``reasons``: failures by name."""
+    """A run's numbers. ``sr_within``: the success rate in percent if ``stop`` may be so far [m] from a viewpoint, of
+    ``WITHIN_M``. ``reasons``: failures by name; ``seen``: how many of them although an object of the target's class lay in
+    the maps where a goal is."""
 
     episodes: int
     sr: Interval
     spl: Interval
     soft_spl: Interval
+    sr_within: dict[float, float]
     steps: float
     path_m: float
     reasons: dict[str, int]
+    seen: dict[str, int]
     bytes: dict[str, float]
 
 
@@ -47,66 +55,78 @@ def summarise(records: Sequence[EpisodeRecord]) -> Summary:
     """The numbers of at least one record. ValueError: none."""
     if not records:
         raise ValueError("there is no episode to sum up")
+    scenes = [r.scene for r in records]
     tiers = sorted({tier for r in records for tier in r.bytes})
     return Summary(
         len(records),
-        interval([100.0 * r.success for r in records]),
-        interval([100.0 * r.spl for r in records]),
-        interval([100.0 * r.soft_spl for r in records]),
+        interval([100.0 * r.success for r in records], scenes),
+        interval([100.0 * r.spl for r in records], scenes),
+        interval([100.0 * r.soft_spl for r in records], scenes),
+        {m: float(np.mean([100.0 * _stopped_within(r, m) for r in records])) for m in WITHIN_M},
         float(np.mean([r.steps for r in records])),
         float(np.mean([r.path_m for r in records])),
         dict(sorted(Counter(r.reason for r in records if r.reason).items())),
+        dict(sorted(Counter(r.reason for r in records if r.reason and r.seen).items())),
         {tier: float(np.mean([r.bytes.get(tier, 0) for r in records])) for tier in tiers},
     )
 
 
-def interval(values: Sequence[float]) -> Interval:
-    """The mean and its percentile bootstrap over episodes (Efron 1979), always the same draws."""
+def _stopped_within(record: EpisodeRecord, limit_m: float) -> bool:
+    stopped = record.success or record.reason in _STOPPED
+    return stopped and record.distance_m is not None and record.distance_m <= limit_m
+
+
+def interval(values: Sequence[float], scenes: Sequence[str]) -> Interval:
+    """The mean and its percentile bootstrap (Efron 1979), always the same draws: of whole scenes, because searches in one
+    share its cameras and its furniture. Of a single scene, its searches are drawn."""
     data = np.asarray(values, dtype=np.float64)
-    low, high = np.percentile(_means(data), [2.5, 97.5])
+    low, high = np.percentile(_means(data[:, None], scenes), [2.5, 97.5])
     return Interval(float(data.mean()), float(low), float(high))
 
 
 class Paired(NamedTuple):
-    """Differences in points over the episodes that two runs both played. ``times_ours``: their SPL over ours, None where
-    ours may be 0."""
+    """Differences in points over the episodes that two runs both played. ``ratio``: the first's SPL over the line's, None
+    where that may be 0."""
 
     pairs: int
     sr: Interval
     spl: Interval
-    times_ours: Interval | None
+    ratio: Interval | None
 
 
-def paired(ours: Sequence[EpisodeRecord], theirs: Sequence[EpisodeRecord]) -> Paired | None:
-    """Ours minus theirs; None: they have no episode in common."""
-    by_key = {r.key: r for r in theirs}
-    pairs = [(r, by_key[r.key]) for r in ours if r.key in by_key]
+def paired(line: Sequence[EpisodeRecord], first: Sequence[EpisodeRecord]) -> Paired | None:
+    """A line's minus the first's; None: they have no episode in common."""
+    by_key = {r.key: r for r in first}
+    pairs = [(r, by_key[r.key]) for r in line if r.key in by_key]
     if not pairs:
         return None
+    scenes = [a.scene for a, _ in pairs]
     return Paired(
         len(pairs),
-        interval([100.0 * (float(a.success) - float(b.success)) for a, b in pairs]),
-        interval([100.0 * (a.spl - b.spl) for a, b in pairs]),
-        _ratio(np.array([(b.spl, a.spl) for a, b in pairs])),
+        interval([100.0 * (float(a.success) - float(b.success)) for a, b in pairs], scenes),
+        interval([100.0 * (a.spl - b.spl) for a, b in pairs], scenes),
+        _ratio(np.array([(b.spl, a.spl) for a, b in pairs]), scenes),
     )
 
 
-def _ratio(spl: NDArray[np.float64]) -> Interval | None:
+def _ratio(spl: NDArray[np.float64], scenes: Sequence[str]) -> Interval | None:
     """The mean of the first column (N, 2) over that of the second, and its interval: pairs are drawn, so it is a ratio of the
     same searches. None: no bound can be given."""
-    over, under = _means(spl).T
+    over, under = _means(spl, scenes).T
     if (under > 0.0).mean() < 0.99:
         return None
     low, high = np.percentile(np.divide(over, under, out=np.full_like(over, np.inf), where=under > 0.0), [2.5, 97.5])
     return Interval(float(spl[:, 0].mean() / spl[:, 1].mean()), float(low), float(high))
 
 
-def _means(data: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of resampled rows: (``RESAMPLES``, ...)."""
-    rng = np.random.default_rng(0)
-    chunk = max(1, 4_000_000 // len(data))
-    parts = []
-    for first in range(0, RESAMPLES, chunk):
-        n = min(chunk, RESAMPLES - first)
-        parts.append(data[rng.integers(len(data), size=(n, len(data)))].mean(axis=1))
-    return np.concatenate(parts)
+def _means(data: NDArray[np.float64], scenes: Sequence[str]) -> NDArray[np.float64]:
+    """Of rows (N, columns) resampled by scene: (``RESAMPLES``, columns)."""
+    names, scene_of_row = np.unique(np.asarray(scenes), return_inverse=True)
+    if len(names) == 1:
+        scene_of_row = np.arange(len(data))
+    n = int(scene_of_row.max()) + 1
+    totals = np.zeros((n, data.shape[1]))
+    np.add.at(totals, scene_of_row, data)
+    drawn = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), size=RESAMPLES).astype(np.float64)
+    means: NDArray[np.float64] = (drawn @ totals) / (drawn @ np.bincount(scene_of_row))[:, None]
+    return means

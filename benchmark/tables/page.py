@@ -9,7 +9,7 @@ from pathlib import Path
 from benchmark.episode import REASONS
 from benchmark.runner.basis import program_hash
 from benchmark.runner.records import EpisodeRecord
-from benchmark.runner.summary import SUCCESS_RULE, Interval, Summary, paired, summarise
+from benchmark.runner.summary import SUCCESS_RULE, WITHIN_M, Interval, Summary, paired, summarise
 from benchmark.tables.arms import Arm, Table
 
 #: Categories of which there are so few furniture models that one of them may decide a number.
@@ -37,12 +37,16 @@ def page(table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[
         total: episodes of the split.
         models: by scene and category, the furniture models of its goals.
     """
+    apart = " and ".join(f"{m:g} m" for m in WITHIN_M)
     text = [
         f"# {table.title}", "",
         f"Made by `surveilnav bench table {table.name}`, program `{program_hash()[:12]}`. {table.about}", "",
-        f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. Means in percent with 95 % "
-        "bootstrap intervals; differences are paired by episode, in points, to the first line; so is the ratio of the first "
-        "line's SPL to a line's own (none where that may be 0).", "",
+        f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. SR at {apart}: if it "
+        "may be so far off. Means in percent with 95 % bootstrap intervals (scenes are drawn, with all their searches); "
+        "differences are paired by episode, in points, to the first line; so is the ratio of the first line's SPL to a "
+        "line's own (none where that may be 0). Every policy is told that the robot's floor has a goal (Habitat's rule). "
+        "Where no real detector looks, depth and instance ids have half the resolution: 320x240 of the robot, 640x640 of a "
+        "camera.", "",
         *_comparison(table, lines, total),
     ]  # fmt: skip
     if lines:
@@ -67,7 +71,7 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
     with_bytes = any(line.summary.bytes for line in lines)
     with_paper = any(arm.paper for arm in table.arms)
     columns = ["", "episodes", "SR", "SPL", "SoftSPL", "SR difference", "SPL difference", "first's SPL / its"]
-    columns += ["steps", "path [m]"]
+    columns += [f"SR at {m:g} m" for m in WITHIN_M] + ["steps", "path [m]"]
     columns += ["camera MB an episode"] * with_bytes + ["paper: SR / SPL"] * with_paper
     text = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for line in lines:
@@ -75,7 +79,8 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
         difference = ("", "", "") if first is None or line is first else _difference(line, first)
         cells = [
             arm.label, f"{s.episodes}" + (" (unfinished)" if s.episodes < total else ""), str(s.sr), str(s.spl),
-            f"{s.soft_spl.mean:.1f}", *difference, f"{s.steps:.0f}", f"{s.path_m:.1f}",
+            f"{s.soft_spl.mean:.1f}", *difference, *(f"{s.sr_within[m]:.1f}" for m in WITHIN_M),
+            f"{s.steps:.0f}", f"{s.path_m:.1f}",
         ]  # fmt: skip
         if with_bytes:
             cells.append(f"{sum(s.bytes.values()) / 1e6:.1f}" if s.bytes else "0.0")
@@ -92,7 +97,7 @@ def _difference(line: Line, first: Line) -> tuple[str, str, str]:
     if (found := paired(line.records, first.records)) is None:
         return "", "", ""
     of = "" if found.pairs == line.summary.episodes == first.summary.episodes else f" (of {found.pairs})"
-    r = found.times_ours
+    r = found.ratio
     ratio = f"{r.mean:.2f} [{r.low:.2f}, {r.high:.2f}]{of}" if r else ""
     return _signed(found.sr) + of, _signed(found.spl) + of, ratio
 
@@ -112,7 +117,10 @@ def _reasons(lines: Sequence[Line]) -> list[str]:
     names = list(REASONS)
     text = ["| | " + " | ".join(names) + " |", "|" + "---|" * (len(names) + 1)]
     for line in lines:
-        text.append(f"| {line.arm.label} | " + " | ".join(str(line.summary.reasons.get(n, 0)) for n in names) + " |")
+        s = line.summary
+        counts = (f"{s.reasons[n]} ({s.seen.get(n, 0)})" if n in s.reasons else "0" for n in names)
+        text.append(f"| {line.arm.label} | " + " | ".join(counts) + " |")
+    text += ["", "In brackets: of these, where an object that some view called the target lay in the maps at a goal."]
     return text + [""] + [f"- `{n}`: {REASONS[n]}" for n in names]
 
 

@@ -134,18 +134,46 @@ def test_numbers_and_their_intervals():
     s = summarise([RECORD, FAILED])
     assert (s.sr.mean, s.spl.mean, s.episodes, s.reasons) == (50.0, 25.0, 2, {"not_seen": 1})
     assert s.bytes == {"jpeg+depth": 500.0}
-    many = [100.0] * 60 + [0.0] * 40
-    i = interval(many)
-    assert i == interval(many)  # the same draws
+    many, scenes = [100.0] * 60 + [0.0] * 40, [f"flat-s{i:02}" for i in range(100)]
+    i = interval(many, scenes)
+    assert i == interval(many, scenes)  # the same draws
     assert i.mean == 60.0
     assert 48 < i.low < 53 < 67 < i.high < 72  # +-1.96 * sqrt(.6 * .4 / 100)
+    assert interval(many, ["flat-s0"] * 100) == i  # of one scene: its searches
     with pytest.raises(ValueError, match="no episode"):
         summarise([])
 
 
+def test_scenes_are_drawn_with_all_their_searches():
+    rng = np.random.default_rng(7)
+    by_scene = {f"flat-s{i}": rng.normal(rng.normal(50, 20), 5, rng.integers(2, 30)) for i in range(12)}
+    draws = []
+    for _ in range(4000):  # word by word
+        some = np.concatenate([by_scene[f"flat-s{i}"] for i in rng.integers(12, size=12)])
+        draws.append(some.mean())
+    found = interval(np.concatenate(list(by_scene.values())), [s for s, v in by_scene.items() for _ in v])
+    assert (found.low, found.high) == pytest.approx(np.percentile(draws, [2.5, 97.5]), abs=0.8)
+    assert found.high - found.low > 15
+
+
+def test_success_farther_off_and_failures_that_were_seen():
+    def stopped(distance_m, **other):
+        facts = {"episode_id": "10", "success": False, "spl": 0.0, "distance_m": distance_m, **other}
+        return msgspec.structs.replace(RECORD, **facts)
+
+    short = stopped(0.15, reason="stopped_short")
+    s = summarise([
+        RECORD, short, stopped(0.9, reason="stopped_short"), stopped(1.1, reason="false_positive", seen=False),
+        stopped(0.1, reason="out_of_steps"), stopped(None, reason="wrong_floor", seen=False),
+    ])  # fmt: skip
+    assert s.sr_within == pytest.approx({0.2: 100 * 2 / 6, 1.0: 50.0})
+    assert s.reasons == {"false_positive": 1, "out_of_steps": 1, "stopped_short": 2, "wrong_floor": 1}
+    assert s.seen == {"out_of_steps": 1, "stopped_short": 2}
+
+
 def test_paired_differences_use_common_episodes():
-    ours = [RECORD, msgspec.structs.replace(FAILED, success=True, spl=0.4)]
-    found = paired(ours, [FAILED, msgspec.structs.replace(RECORD, episode_id="99")])
+    line = [RECORD, msgspec.structs.replace(FAILED, success=True, spl=0.4)]
+    found = paired(line, [FAILED, msgspec.structs.replace(RECORD, episode_id="99")])
     assert (found.pairs, found.sr.mean, round(found.spl.mean, 6)) == (1, 100.0, 40.0)
     assert paired([RECORD], [FAILED]) is None
 
@@ -153,18 +181,18 @@ def test_paired_differences_use_common_episodes():
 def test_a_ratio_is_that_of_resampled_pairs():
     rng = np.random.default_rng(5)
     spl = rng.uniform(0.1, 1.0, (40, 2))
-    ours, theirs = (
-        [msgspec.structs.replace(RECORD, episode_id=str(i), spl=float(v)) for i, v in enumerate(column)]
+    line, first = (
+        [msgspec.structs.replace(RECORD, scene=f"flat-s{i}", spl=float(v)) for i, v in enumerate(column)]
         for column in spl.T
     )
-    found = paired(ours, theirs).times_ours
+    found = paired(line, first).ratio
     draws = []
     for _ in range(4000):  # Efron's bootstrap, word by word
         some = [spl[i] for i in rng.integers(40, size=40)]
         draws.append(sum(b for _, b in some) / sum(a for a, _ in some))
     assert found.mean == pytest.approx(spl[:, 1].sum() / spl[:, 0].sum())
     assert (found.low, found.high) == pytest.approx(np.percentile(draws, [2.5, 97.5]), abs=0.02)
-    assert paired([msgspec.structs.replace(r, spl=0.0) for r in ours], theirs).times_ours is None
+    assert paired([msgspec.structs.replace(r, spl=0.0) for r in line], first).ratio is None
 
 
 @pytest.mark.parametrize(

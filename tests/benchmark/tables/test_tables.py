@@ -44,7 +44,9 @@ def test_a_page_says_what_the_records_say():
         in text
     )
     assert "67.4 / 34.5" in text
-    assert "| with | 1 | 0 |" in text  # reasons
+    assert "| with | 1 (1) | 0 |" in text  # reasons
+    assert "| without | 1 (1) | 0 | 0 | 0 | 0 | 0 | 0 | 1 (1) |" in text
+    assert "SR at 0.2 m and 1 m" in text
     assert "within 0.1 m (geodesic)" in text
     assert "| tv | 50 / 25 (2) | 0 / 0 (2) |" in text
     assert "| tv: Maker#flat-tv, Maker#wall-tv | 50 / 25 (2) | 0 / 0 (2) |" in text
@@ -76,7 +78,7 @@ def test_an_unfinished_arm_says_so():
 def test_an_arm_that_wasnt_played_is_listed_and_nothing_is_compared_with_another():
     text = page(TABLE, [Line.of(ARMS[1], [RECORD])], 1, MODELS)
     assert "| with | 0 | |" in text.replace("  ", " ")
-    assert "| without | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] | 60.0 |  |  |  | 10 |" in text
+    assert "| without | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] | 60.0 |  |  |  | 100.0 | 100.0 | 10 |" in text
     nothing = page(TABLE, [], 1, MODELS)
     assert "| with | 0 |" in nothing
     assert "| without | 0 |" in nothing
@@ -97,7 +99,7 @@ def test_the_ratio_is_the_first_lines_over_the_others():
 
     text = page(TABLE, [line(ARMS[0], 0.6, 0.6), line(ARMS[1], 0.2, 0.3)], 2, MODELS)
     assert "| 2.40 [2.00, 3.00] |" in text
-    assert "| -35.0 [-40.0, -30.0] |  | 10 |" in page(
+    assert "| -35.0 [-40.0, -30.0] |  | 100.0 |" in page(
         TABLE, [line(ARMS[0], 0.4, 0.3), line(ARMS[1], 0.0, 0.0)], 2, MODELS
     )
 
