@@ -90,8 +90,8 @@ def table(
 ) -> None:
     """Make tables: play what is missing of their runs, write pages and plots. Exit 0 only if every episode that was asked
     for was played."""
-    from benchmark.tables.arms import TABLES
-    from benchmark.tables.make import make
+    from benchmark.tables.arms import TABLES, Arm
+    from benchmark.tables.make import expect_own_runs, make
     from cli.progress import counting
     from surveilnav.errors import ConfigError
 
@@ -107,19 +107,21 @@ def table(
         if not any(text in label for label in chosen):
             where = f"there are: {'; '.join(labels)}" if name else "name the table, and the arms that it has are listed"
             raise ConfigError(f"no arm has {text!r} in its label; {where}")
+
+    def wanted(a: Arm) -> bool:
+        return play and (not arm or a.label in chosen)
+
+    tables = [TABLES[one] for one in name or TABLES]
+    tables = [t for t in tables if not arm or any(map(wanted, t.arms))]
+    expect_own_runs(tables, root, out, wanted)
     complete = True
-    for one in name or TABLES:
-        if arm and not any(a.label in chosen for a in TABLES[one].arms):
-            continue
+    for one in tables:
         with counting(console, "episodes") as progress:
-            made = make(
-                TABLES[one], root, out, workers=workers, on_progress=progress,
-                wanted=lambda a: play and (not arm or a.label in chosen),
-            )  # fmt: skip
+            made = make(one, root, out, workers=workers, on_progress=progress, wanted=wanted)
         for fault in made.faults:
             console.print(f"[red]not counted:[/] {fault}")
-        there = str(made.page) if made.page.exists() else f"{one}: no page, nothing was played with this program"
-        console.print(f"{there} ({made.played} of {len(TABLES[one].arms)} arms are played)")
+        there = str(made.page) if made.page.exists() else f"{one.name}: no page, nothing was played with this program"
+        console.print(f"{there} ({made.played} of {len(one.arms)} arms are played)")
         complete &= made.complete
     sys.exit(0 if complete else 1)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from benchmark.runner.records import Records, kept
 from benchmark.runner.run import Finished, Progress, run
 from benchmark.tables.arms import Arm, Table
 from benchmark.tables.page import Line, page, plot
+from surveilnav.building.stored import replacing
 
 
 class Made(NamedTuple):
@@ -42,13 +43,11 @@ def make(
     Raises:
         ConfigError: settings, dataset or records that can't be used.
     """
+    expect_own_runs([table], root, out, wanted)
     split, path = table.arms[0].settings.split, out / f"{table.name}.md"
     models, total, basis = models_of(root, split), episodes_of(root, split), basis_of(root, split)
-    folders = {arm.slug: out / "runs" / arm.slug for arm in table.arms}
+    folders = {arm.slug: _folder(out, arm) for arm in table.arms}
     playing = [arm for arm in table.arms if wanted(arm)]
-    for arm in playing:  # a folder that can't be used is said before hours are spent on another
-        if folders[arm.slug].exists():
-            Records(folders[arm.slug], arm.settings, basis)
     found: dict[str, Finished] = {}
     for arm in table.arms:
         if there := kept(folders[arm.slug], arm.settings, basis):
@@ -65,6 +64,24 @@ def make(
     return Made(path, faults, all(found[arm.slug].complete for arm in playing), played)
 
 
+def expect_own_runs(
+    tables: Iterable[Table], root: Path, out: Path, wanted: Callable[[Arm], bool] = lambda arm: True
+) -> None:
+    """Says what can't be used before hours are spent on something else.
+
+    Raises:
+        ConfigError: a wanted arm's settings or folder can't be used.
+    """
+    for arm in (arm for table in tables for arm in table.arms if wanted(arm)):
+        arm.settings.check()
+        if _folder(out, arm).exists():
+            Records(_folder(out, arm), arm.settings, basis_of(root, arm.settings.split))
+
+
+def _folder(out: Path, arm: Arm) -> Path:
+    return out / "runs" / arm.slug
+
+
 def _write(
     table: Table, found: Mapping[str, Finished], total: int, models: dict[tuple[str, str], list[str]], path: Path
 ) -> list[str]:
@@ -79,11 +96,13 @@ def _write(
             for b in finished.broken
         ]
     if lines:
-        plot(table, lines, path.with_suffix(".png"))
+        with replacing(path.with_suffix(".png")) as file:
+            plot(table, lines, file)
     if lines or faults:
         text = page(table, lines, total, models)
         text += "\n## Not counted\n\n" + "\n".join(f"- {f}" for f in faults) + "\n" if faults else ""
-        path.write_text(text)
+        with replacing(path) as file:
+            file.write(text.encode())
     return faults
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import IO
 
 from benchmark.episode import REASONS
 from benchmark.runner.basis import program_hash
@@ -142,8 +142,8 @@ def _by(lines: Sequence[Line], group: Callable[[EpisodeRecord], str | None]) -> 
     return text
 
 
-def plot(table: Table, lines: Sequence[Line], path: Path) -> None:
-    """SR and SPL of every arm with their intervals, as bars."""
+def plot(table: Table, lines: Sequence[Line], file: IO[bytes]) -> None:
+    """SR and SPL of every arm with their intervals, as bars; PNG."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -162,5 +162,5 @@ def plot(table: Table, lines: Sequence[Line], path: Path) -> None:
         axis.set_xlim(0, 100)
         axis.spines[["top", "right"]].set_visible(False)
     figure.suptitle(table.title)
-    figure.savefig(path, dpi=110, metadata={"Software": ""})
+    figure.savefig(file, format="png", dpi=110, metadata={"Software": ""})
     plt.close(figure)

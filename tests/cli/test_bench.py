@@ -120,6 +120,7 @@ def test_check_names_faults_and_says_so_by_its_exit(root, tmp_path):
         (["delay", "--arm", "0 steps"], {"delay": ["0 steps"]}),
         (["--arm", "VLFM", "--arm", "SP"], {"main": [
             "ours, with surveillance, SP", "ours, without surveillance, SP", "VLFM's rule",
+            "VLFM's rule, our verification",
         ]}),
     ],
 )  # fmt: skip

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import io
+
 import msgspec
 import pytest
 
@@ -11,7 +14,7 @@ from benchmark.runner.records import Broken, Records
 from benchmark.runner.run import Finished
 from benchmark.runner.settings import RunSettings
 from benchmark.tables.arms import TABLES, Arm, Table
-from benchmark.tables.make import make
+from benchmark.tables.make import expect_own_runs, make
 from benchmark.tables.page import Line, page, plot
 from surveilnav.errors import ConfigError
 from tests.benchmark.runner.test_records import FAILED, RECORD
@@ -193,10 +196,33 @@ def test_a_folder_of_another_run_is_said_before_anything_is_played(tmp_path, bas
     assert make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: arm.label == "with").complete
 
 
-def test_the_plot_is_the_same_twice(tmp_path):
-    for name in ("a.png", "b.png"):
-        plot(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])], tmp_path / name)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+def test_a_folder_of_another_run_is_said_before_another_table_is_played(tmp_path, monkeypatch, basis):
+    other = Table("other", "Other", "", (Arm("of an older program", RunSettings(seed=3)),))
+    keep(tmp_path, other.arms[0], basis._replace(program="older"), RECORD)
+    expect_own_runs([TABLE], tmp_path, tmp_path)
+    with pytest.raises(ConfigError, match="another version of the program"):
+        expect_own_runs([TABLE, other], tmp_path, tmp_path)
+
+
+def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypatch, basis, played):
+    make(TABLE, tmp_path, tmp_path, workers=1)
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
+    assert sorted(before) == ["range.md", "range.png"]
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(OSError, match="No space"):
+        make(TABLE, tmp_path, tmp_path, workers=1)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before
+
+
+def test_the_plot_is_the_same_twice():
+    pictures = io.BytesIO(), io.BytesIO()
+    for file in pictures:
+        plot(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])], file)
+    assert pictures[0].getvalue() == pictures[1].getvalue()
 
 
 @pytest.mark.parametrize(
