@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -57,12 +58,12 @@ def check(
 
     with counting(console, "scenes") as progress:
         faults = list(faults_of(root, deep=deep, on_scene=progress))
+    errors = sum(f.level == "error" for f in faults)
     if as_json:
-        print(json.dumps([{"level": f.level, "where": f.where, "what": f.what} for f in faults]))
+        print(json.dumps({"errors": errors, "notes": len(faults) - errors, "faults": [asdict(f) for f in faults]}))
     else:
         for f in faults:
             console.print(f"[{'red' if f.level == 'error' else 'yellow'}]{f.level}[/] {f.where}: {f.what}")
-    errors = sum(f.level == "error" for f in faults)
     console.print(f"{errors} errors, {len(faults) - errors} notes")
     sys.exit(1 if errors else 0)
 

@@ -15,11 +15,14 @@ from benchmark.dataset.build import open_scene
 from benchmark.dataset.integrity import damage
 from benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
 from benchmark.dataset.make import counts
+from surveilnav.building.cameras import AZIMUTHS
 from surveilnav.building.goals import MIN_DETOUR
 from surveilnav.building.raycast import RayCaster
 from surveilnav.errors import ConfigError, SurveilNavError
 
 _TOLERANCE_M = 0.02
+#: Of a camera: around, and straight down.
+_VIEWS = AZIMUTHS + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +63,14 @@ def _scene(root: Path, split: str, scene: str, deep: bool) -> Iterator[Fault]:
     except ConfigError:  # which file it is was said already
         yield Fault("error", f"{split}/{scene}", "can't be looked at: a file of it is missing or damaged")
         return
-    faults = list(_episodes(split, data))
-    yield from faults
-    sound = all(f.level != "error" for f in faults)  # else what is to be compared with the building isn't there
-    if deep and sound:
-        yield from _building(split, data)
+    try:
+        faults = [*_episodes(split, data), *_cameras(split, data)]
+        yield from faults
+        sound = all(f.level != "error" for f in faults)  # else what is to be compared with the building isn't there
+        if deep and sound:
+            yield from _building(split, data)
+    except (ValueError, LookupError) as error:  # of the right format, with values that mean nothing
+        yield Fault("error", f"{split}/{scene}", f"holds what can't be: {error}")
 
 
 def _shared(root: Path) -> Fault | None:
@@ -85,10 +91,6 @@ def _episodes(split: str, data: SceneData) -> Iterator[Fault]:
     present = {files.category_of(key) for key in data.content.goals_by_category}
     if missing := [ours for theirs, ours in files.CATEGORIES.items() if theirs not in present]:
         yield Fault("note", where, f"has no {', '.join(missing)} that a robot can get to")
-    for m2, cameras in data.cameras.cameras.items():
-        counted = sum(f.cameras.get(m2, 0) for f in data.record.floors)
-        if counted != len(cameras):
-            yield Fault("error", where, f"lists {len(cameras)} cameras per {m2} m2, its floors count {counted}")
     for key, goals in data.content.goals_by_category.items():
         for goal in goals:
             if not goal.view_points:
@@ -105,6 +107,23 @@ def _episodes(split: str, data: SceneData) -> Iterator[Fault]:
             yield Fault("error", where, f"episode {episode.episode_id}: no way leads to a goal")
 
 
+def _cameras(split: str, data: SceneData) -> Iterator[Fault]:
+    where = f"{split}/{data.record.scene}"
+    for m2, cameras in data.cameras.cameras.items():
+        counted = sum(f.cameras.get(m2, 0) for f in data.record.floors)
+        if counted != len(cameras):
+            yield Fault("error", where, f"lists {len(cameras)} cameras per {m2} m2, its floors count {counted}")
+        measured = data.cameras.view_bytes.get(m2, {})
+        for camera in cameras:
+            views, bytes_of = len(camera.views), len(measured.get(camera.name, []))
+            if views != _VIEWS:
+                yield Fault("error", where, f"camera {camera.name} per {m2} m2 has {views} views, expected {_VIEWS}")
+            if bytes_of != views:
+                yield Fault(
+                    "error", where, f"camera {camera.name} per {m2} m2: bytes of {bytes_of} views, it has {views}"
+                )
+
+
 def _building(split: str, data: SceneData) -> Iterator[Fault]:
     """What the building says: does it come out the same, do goals and starts lie where they should?"""
     where = f"{split}/{data.record.scene}"
@@ -114,7 +133,7 @@ def _building(split: str, data: SceneData) -> Iterator[Fault]:
         scene, navigation = building.scene, building.navigation
         present = {files.CATEGORIES[files.category_of(key)] for key in data.content.goals_by_category}
         goals = {label: data.goals(label, scene, navigation) for label in sorted(present)}
-        cameras = data.plan(100).cameras
+        cameras = [(m2, camera) for m2 in data.cameras.cameras for camera in data.plan(int(m2)).cameras]
     except SurveilNavError as error:
         yield Fault("error", where, str(error))
         return
@@ -134,10 +153,10 @@ def _building(split: str, data: SceneData) -> Iterator[Fault]:
                 where,
                 f"{name}: a way of {way_m:.2f} m for {straight_m:.2f} m straight breaks the rule of starts",
             )
-    for camera in cameras:
+    for m2, camera in cameras:
         eye = np.array([camera.position_m], dtype=np.float32)
         if not _sees_something(building.caster, eye):
-            yield Fault("error", where, f"camera {camera.name} sees nothing within 10 m")
+            yield Fault("error", where, f"camera {camera.name} per {m2} m2 sees nothing within 10 m")
 
 
 def _sees_something(caster: RayCaster, eye: np.ndarray) -> bool:

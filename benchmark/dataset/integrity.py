@@ -29,6 +29,12 @@ def damage(root: Path, manifest: Manifest, split: str = "") -> Iterator[tuple[st
             yield name, f"was changed: SHA-256 {found[:12]}, the manifest says {expected[:12]}"
 
 
+def damaged_scenes(root: Path, manifest: Manifest, split: str) -> set[tuple[str, str]]:
+    """Split and name of the scenes of a split that have a file which is missing, can't be read or was changed."""
+    names = (Path(name) for name, _ in damage(root, manifest, split))
+    return {(split, name.name.removesuffix(".gz").removesuffix(".json")) for name in names if len(name.parts) == 3}
+
+
 def is_whole(root: Path, split: str, scene: str) -> bool:
     """Whether a scene's three files are there and of this version's format."""
     try:

@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmark.dataset import format as files
 from benchmark.dataset.build import MADE_BY, RULES, build_scene
 from benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCounts
-from benchmark.dataset.integrity import is_whole
+from benchmark.dataset.integrity import damaged_scenes, is_whole
 from benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
 from benchmark.workers import in_workers
 from surveilnav.errors import ConfigError
@@ -22,7 +22,7 @@ def make(
     anew: bool = False,
     on_progress: Callable[[int, int, str], None] = lambda done, total, scene: None,
 ) -> Manifest:
-    """Builds what is missing or damaged of the splits and writes the manifest of all splits that are whole.
+    """Builds what is missing, damaged or changed of the splits and writes the manifest of all splits that are whole.
 
     Args:
         anew: builds what is there, too.
@@ -31,16 +31,19 @@ def make(
         ConfigError: a dataset of another version is there, a scene can't be built, or floors, cameras or episodes don't
             come out as the split says.
     """
+    changed: set[tuple[str, str]] = set()
     if (root / "dataset.json").exists() and not anew:
         try:
-            files.manifest_of(root)
+            manifest = files.manifest_of(root)
         except ConfigError as other:
             raise ConfigError(f"{other} (`surveilnav dataset build --anew`, or another --root)") from other
+        # what was changed mustn't get a new hash in the manifest
+        changed = {scene for split in splits for scene in damaged_scenes(root, manifest, split.name)}
     jobs = [
         (root, split.name, spec, n)
         for split in splits
         for spec, n in zip(split.scenes, quotas(split.episodes, len(split.scenes)), strict=True)
-        if anew or not is_whole(root, split.name, spec.scene)
+        if anew or (split.name, spec.scene) in changed or not is_whole(root, split.name, spec.scene)
     ]
     for _, name, spec, _ in jobs:  # whatever stops this build, the next one sees what is still to be built
         (root / name / f"{name}.json.gz").unlink(missing_ok=True)

@@ -108,7 +108,9 @@ def test_check_names_faults_and_says_so_by_its_exit(root, tmp_path):
     (copy / "val_mini" / "cameras" / "parametric_flat-s0.json.gz").unlink()
     done = surveilnav("dataset", "check", "--root", copy, "--json")
     assert done.returncode == 1
-    assert any("parametric_flat-s0" in f["where"] for f in json.loads(done.stdout))
+    said = json.loads(done.stdout)
+    assert any("parametric_flat-s0" in f["where"] and f["level"] == "error" for f in said["faults"])
+    assert said["errors"] + said["notes"] == len(said["faults"])
 
 
 @pytest.mark.parametrize(

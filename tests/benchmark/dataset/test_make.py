@@ -43,8 +43,9 @@ def test_only_what_is_missing_is_built(dataset, tmp_path):
         lambda folder: (folder / "content" / "parametric_flat-s0.json.gz").write_bytes(b"\x1f\x8b\x08damaged" * 9),
         lambda folder: _flip(folder / "content" / "parametric_flat-s0.json.gz"),
         lambda folder: (folder / "scenes" / "parametric_flat-s0.json").write_text("{}"),
+        lambda folder: _edit(folder / "content" / "parametric_flat-s0.json.gz", _start_elsewhere),
     ],
-    ids=["missing", "damaged", "flipped", "other format"],
+    ids=["missing", "damaged", "flipped", "other format", "changed"],
 )
 def test_what_is_damaged_is_built_anew(dataset, tmp_path, spoil):
     root = tmp_path / "copy"
@@ -101,6 +102,19 @@ def _edit(path, change):
     path.write_bytes(gzip.compress(json.dumps(content).encode()))
 
 
+def _start_elsewhere(content):
+    """All is well formed, but not what the manifest was written for."""
+    content["episodes"][0]["info"]["geodesic_distance"] = 1.0
+
+
+def _no_number(content):
+    next(iter(content["goals_by_category"].values()))[0]["object_id"] = "abc"
+
+
+def _start_without_place(content):
+    content["episodes"][0]["start_position"] = [1.0]
+
+
 def _start_in_a_wall(content):
     content["episodes"][0]["start_position"] = [-50.0, 0.0, 0.0]
 
@@ -128,6 +142,8 @@ def _goal_that_isnt_there(content):
         (_no_viewpoint, "error", "no viewpoint: unreachable"),
         (_no_category, "note", "has no toilet"),
         (_goal_that_isnt_there, "error", "with the number 60000"),
+        (_no_number, "error", "holds what can't be"),
+        (_start_without_place, "error", "holds what can't be"),
     ],
 )
 def test_faults_are_named(dataset, tmp_path, change, level, said):
@@ -142,16 +158,25 @@ def test_faults_are_named(dataset, tmp_path, change, level, said):
     assert "parametric_flat-s0" in found[0].where
 
 
-def test_a_camera_that_sees_nothing_is_named(dataset, tmp_path):
+@pytest.mark.parametrize("m2", ["100", "200"])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c, m2: c["cameras"][m2][0].update(position_m=[500.0, 500.0, 100.0]), "sees nothing within 10 m"),
+        (lambda c, m2: c["cameras"][m2][0]["views"].pop(), "has 12 views, expected 13"),
+        (lambda c, m2: c["view_bytes"].pop(m2), "bytes of 0 views, it has 13"),
+        (lambda c, m2: c["cameras"][m2].pop(), "its floors count 1"),
+    ],
+    ids=["sees nothing", "few views", "not measured", "missing"],
+)
+def test_what_is_wrong_with_a_camera_is_named(dataset, tmp_path, m2, change, said):
     root = tmp_path / "copy"
     shutil.copytree(dataset, root)
-
-    def away(content):
-        content["cameras"]["100"][0]["position_m"] = [500.0, 500.0, 100.0]
-
-    _edit(root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", away)
+    _edit(root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", lambda content: change(content, m2))
     write_manifest(root)
-    assert any("sees nothing" in f.what for f in check(root))
+    found = [f for f in check(root) if said in f.what]
+    assert [f.level for f in found] == ["error"]
+    assert f"{m2} m2" in found[0].what
 
 
 def test_a_building_that_comes_out_otherwise_is_named(dataset, tmp_path):
