@@ -55,6 +55,8 @@ def run(
     began_s = time.monotonic()
     with counting(console, "episodes") as progress:
         finished = play(root, folder, settings, workers=workers, on_progress=lambda p: progress(p.done, p.total, ""))
+    for scene, number in finished.mended:
+        console.print(f"[yellow]the record of {scene} episode {number} could not be read, so it was forgotten and played again[/]")
     for scene, why in finished.unopened.items():
         console.print(f"[red]{scene} could not be played:[/] {why}")
     for broken in finished.broken:
@@ -67,7 +69,8 @@ def run(
         print(json.dumps({
             "sr": round(s.sr.mean, 2), "spl": round(s.spl.mean, 2), "soft_spl": round(s.soft_spl.mean, 2),
             "episodes": s.episodes, "seconds": round(time.monotonic() - began_s, 1), "traffic": s.bytes,
-            "success": SUCCESS_RULE, "missing": finished.total - s.episodes, "reasons": s.reasons, "out": str(folder),
+            "success": SUCCESS_RULE, "missing": finished.total - s.episodes, "broken": len(finished.broken),
+            "episode_seconds": round(sum(r.seconds for r in finished.records), 1), "reasons": s.reasons, "out": str(folder),
         }))  # fmt: skip
     else:
         console.print(f"{s.episodes} of {finished.total} episodes: SR {s.sr}, SPL {s.spl}, SoftSPL {s.soft_spl}")

@@ -85,14 +85,14 @@ class Records:
             row = db.execute("SELECT facts FROM run").fetchone()
             if row is None:
                 db.execute("INSERT INTO run VALUES (?)", [json.dumps(facts)])
-            elif json.loads(row[0]) == facts:
+            elif (there := _read_facts(row[0], self.path)) == facts:
                 return
             elif db.execute("SELECT COUNT(*) FROM episodes").fetchone() == (0,):
                 db.execute("UPDATE run SET facts = ?", [json.dumps(facts)])
                 db.execute("DELETE FROM broken")
             else:
                 raise ConfigError(
-                    f"{folder} holds another run ({_difference(json.loads(row[0]), facts)}): take another --out, "
+                    f"{folder} holds another run ({_difference(there, facts)}): take another --out, "
                     "or delete that folder to play it anew"
                 )
 
@@ -111,6 +111,14 @@ class Records:
                 "INSERT OR REPLACE INTO broken VALUES (?, ?, ?)", [broken.scene, broken.episode_id, broken.error]
             )
 
+    def mend(self) -> list[tuple[str, str]]:
+        """Forgets episodes whose record can't be read, so that they are played anew; which these were."""
+        with _open(self.path) as db:
+            rows = db.execute("SELECT scene, episode_id, record FROM episodes").fetchall()
+            damaged = [(scene, episode_id) for scene, episode_id, blob in rows if not _is_readable(blob)]
+            db.executemany("DELETE FROM episodes WHERE scene = ? AND episode_id = ?", damaged)
+        return sorted(damaged)
+
     def done(self) -> set[tuple[str, str]]:
         """The keys of what is there."""
         with _open(self.path) as db:
@@ -127,6 +135,13 @@ class Records:
 def _facts(settings: RunSettings, basis: Basis) -> dict[str, Any]:
     """What makes a run this run."""
     return {"version": VERSION, **basis._asdict(), "settings": msgspec.to_builtins(settings)}
+
+
+def _read_facts(text: str, path: Path) -> dict[str, Any]:
+    try:
+        return msgspec.json.decode(text, type=dict[str, Any])
+    except (msgspec.DecodeError, TypeError) as error:
+        raise ConfigError(f"{path} doesn't say of which run it is ({error}): {_MOVE_AWAY}") from error
 
 
 def _broken(path: Path) -> list[Broken]:
@@ -154,7 +169,7 @@ def kept(folder: Path, settings: RunSettings, basis: Basis) -> Kept | None:
     with _open(path) as db:
         made = db.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'run'").fetchone() != (0,)
         row = db.execute("SELECT facts FROM run").fetchone() if made else None
-    if row is None or json.loads(row[0]) != _facts(settings, basis):
+    if row is None or _read_facts(row[0], path) != _facts(settings, basis):
         return None
     return Kept(read(folder), _broken(path))
 
@@ -171,13 +186,15 @@ def read(folder: Path) -> list[EpisodeRecord]:
     with _open(path) as db:
         facts = db.execute("SELECT facts FROM run").fetchone()
         rows = db.execute("SELECT record FROM episodes").fetchall()
-    version = json.loads(facts[0]).get("version") if facts else VERSION
+    version = _read_facts(facts[0], path).get("version") if facts else VERSION
     if version != VERSION:
         raise ConfigError(f"{path} is of version {version}, expected {VERSION}: read it with the program that wrote it")
     try:
         records = [_unpacked(row[0]) for row in rows]
-    except (msgspec.DecodeError, zlib.error) as error:
-        raise ConfigError(f"{path} holds a record that can't be read ({error}): {_MOVE_AWAY}") from error
+    except _UNREADABLE as error:
+        raise ConfigError(
+            f"{path} holds a record that can't be read ({error}): a run into this folder plays that episode anew"
+        ) from error
     return sorted(records, key=lambda r: (r.scene, int(r.episode_id)))
 
 
@@ -207,6 +224,18 @@ def _unpacked(blob: bytes) -> EpisodeRecord:
     record = msgspec.json.decode(zlib.decompress(blob), type=EpisodeRecord)
     x, y = (accumulate(values) for values in zip(*record.path, strict=True)) if record.path else ((), ())
     return msgspec.structs.replace(record, path=list(zip(x, y, strict=True)))
+
+
+#: What ``_unpacked`` raises of bytes that it didn't write.
+_UNREADABLE = (msgspec.DecodeError, zlib.error, TypeError)
+
+
+def _is_readable(blob: bytes) -> bool:
+    try:
+        _unpacked(blob)
+    except _UNREADABLE:
+        return False
+    return True
 
 
 _MOVE_AWAY = "move it away and run again: the episodes are then played anew"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,21 +20,22 @@ _POLL_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """``left_s``: time left, None until an episode of this start is done."""
+    """Episodes."""
 
     done: int
     total: int
-    left_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """What a run came to. ``unopened``: scenes that couldn't be opened or kept, with why."""
+    """What a run came to. ``unopened``: scenes that couldn't be opened or kept, with why; ``mended``: episodes that were
+    there, but couldn't be read."""
 
     records: list[EpisodeRecord]
     broken: list[Broken]
     unopened: dict[str, str]
     total: int
+    mended: tuple[tuple[str, str], ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -63,20 +63,18 @@ def run(
         data.plan(settings.density_m2)  # a density that the dataset hasn't is said before anything is opened
         wanted[scene] = [e.episode_id for e in data.content.episodes]
     records = Records(out, settings, basis)
+    mended = tuple(records.mend())
     total = sum(len(ids) for ids in wanted.values())
     done = records.done()
     missing = {s: frozenset(e for e in ids if (s, e) not in done) for s, ids in wanted.items()}
     jobs = [(root, out, basis, settings, s, ids) for s, ids in missing.items() if ids]
     jobs.sort(key=lambda job: (-len(job[5]), job[4]))  # the largest first, so that all workers end together
-    began_s, before = time.monotonic(), len(done)
     unopened: dict[str, str] = {}
     for ended in in_workers(_work, jobs, workers, _POLL_S):
         if ended is not None and ended.error:
             unopened[ended.job[4]] = ended.why
-        n = len(records.done())
-        each_s = (time.monotonic() - began_s) / (n - before) if n > before else None
-        on_progress(Progress(n, total, each_s and each_s * (total - n)))
-    return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), total)
+        on_progress(Progress(len(records.done()), total))
+    return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), total, mended)
 
 
 def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> None:

@@ -75,7 +75,7 @@ def expect_own_runs(
     for arm in (arm for table in tables for arm in table.arms if wanted(arm)):
         arm.settings.check()
         if _folder(out, arm).exists():
-            Records(_folder(out, arm), arm.settings, basis_of(root, arm.settings.split))
+            Records(_folder(out, arm), arm.settings, basis_of(root, arm.settings.split)).mend()
 
 
 def _folder(out: Path, arm: Arm) -> Path:

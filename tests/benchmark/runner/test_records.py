@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from benchmark.runner.basis import Basis, hash_of, meaning, program_hash, program_parts
-from benchmark.runner.records import Broken, EpisodeRecord, Records, read
+from benchmark.runner.records import Broken, EpisodeRecord, Records, kept, read
 from benchmark.runner.settings import RunSettings
 from benchmark.runner.summary import interval, paired, summarise
 from surveilnav.errors import ConfigError
@@ -104,14 +104,33 @@ def test_a_damaged_file_is_named(tmp_path):
         Records(tmp_path, RunSettings(), BASIS)
 
 
-@pytest.mark.parametrize("blob", [b'{"scene": 3', zlib.compress(b'{"scene": 3')])
+@pytest.mark.parametrize("blob", [b'{"scene": 3', zlib.compress(b'{"scene": 3'), "text"])
 def test_a_damaged_record_is_named(tmp_path, blob):
     records = Records(tmp_path, RunSettings(), BASIS)
     records.add(RECORD)
     with sqlite3.connect(records.path) as db:
         db.execute("UPDATE episodes SET record = ?", [blob])
-    with pytest.raises(ConfigError, match="can't be read"):
+    records.add(FAILED)
+    with pytest.raises(ConfigError, match=r"can't be read.*plays that episode anew"):
         records.all()
+    assert records.mend() == [RECORD.key]
+    assert records.mend() == []
+    assert records.all() == [FAILED]
+
+
+@pytest.mark.parametrize("facts", ["", "{", "[]", b"\xff"])
+def test_a_file_that_doesnt_say_of_which_run_it_is_is_named(tmp_path, facts):
+    records = Records(tmp_path, RunSettings(), BASIS)
+    records.add(RECORD)
+    with sqlite3.connect(records.path) as db:
+        db.execute("UPDATE run SET facts = ?", [facts])
+    for use in (
+        lambda: Records(tmp_path, RunSettings(), BASIS),
+        lambda: read(tmp_path),
+        lambda: kept(tmp_path, RunSettings(), BASIS),
+    ):
+        with pytest.raises(ConfigError, match=r"doesn't say of which run.*move it away"):
+            use()
 
 
 def test_a_full_disk_is_named(tmp_path, monkeypatch):
