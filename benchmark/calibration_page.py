@@ -6,6 +6,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,32 @@ from benchmark.calibration_fit import apart, fit_probit, pairs_of
 from benchmark.calibration_views import Looks, Rows, rows_of, simulated
 from surveilnav.categories import TARGETS
 from surveilnav.perception import closed_set
-from surveilnav.perception.error_model import ErrorModel, Floats, Kind, Luck
+from surveilnav.perception.error_model import FEATURES, ErrorModel, Floats, Kind, Luck
 
 _NEAR_CHORD, _NEAR_M = 0.52, 1.0  # 30 degrees
 CHORDS = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0)
+
+
+class Band(NamedTuple):
+    """What detectors depend on: its name, the edges of its bins, and its value for every row."""
+
+    name: str
+    edges: tuple[float, ...]
+    of: Callable[[Rows], Floats]
+
+
+BANDS = (
+    Band("distance [m]", (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 13.0), lambda r: r.range_m),
+    Band(
+        "visible size [mrad]", (20, 50, 100, 150, 220, 320, 500, 2000),
+        lambda r: 150 * np.exp(r.x[:, FEATURES.index("size")]),
+    ),
+    Band("share of outline hidden", (0.0, 0.1, 0.25, 0.4, 0.6, 0.8, 1.01), lambda r: r.x[:, FEATURES.index("hidden")]),
+    Band(
+        "seen from above by [degrees]", (-90, 0, 10, 20, 35, 50, 90),
+        lambda r: np.degrees(np.arcsin(np.clip(r.x[:, FEATURES.index("elevation")], -1, 1))),
+    ),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +163,7 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
         f"Source of the model: {model.source}.", "",
         f"{about} Compared: {int((~real.is_camera).sum())} robot views and {int(real.is_camera.sum())} camera views. Real: "
         f"`onnx-coco` on pixels. Simulated: mean of {len(sims)} seeds (least–most).", "",
-        "![found under its name, by distance, size and occlusion](reliability.png)", "",
+        "![found under its name, by distance, size, occlusion and angle of sight](reliability.png)", "",
         "![luck, scores, false alarms, value](behaviour.png)", "",
         "## Found, and called by its own name", "",
         "| class | visible | real | simulated |", "|---|---|---|---|",
@@ -159,11 +182,73 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
         row("value: median", lambda s: float(np.median(s.values()))),
         row("value: 90 % quantile", lambda s: float(np.quantile(s.values(), 0.9))),
         row("value: correlation with the real one's", lambda s: _correlation(s.values(), real.values())), "",
+        "## What is called what", "",
+        "Of everything that views truly show, how much [%] is called so: real / simulated.", "",
+        *_confusion(real, sims), "",
+        "## By distance, size, occlusion and angle of sight", "",
+        "Targets that are called by their own name, and all else (things and places) that is called a target, each as a share "
+        "of what views show.", "",
+        *_by_band(real, sims),
         "## By building", "",
         "False targets a view, and the share of visible targets that are called by their name.", "",
         "| building | views | false, real | simulated | named | real | simulated |", "|---|---|---|---|---|---|---|",
         *(_building(name, real, sims) for name in dict.fromkeys(real.building.tolist())), "",
     ])  # fmt: skip
+
+
+def _confusion(real: Side, sims: Sequence[Side]) -> list[str]:
+    """A line for every target, one for each kind of thing that is none."""
+    named: tuple[tuple[str, str, Callable[[Rows], NDArray[np.bool_]]], ...] = (
+        *((label, "thing", lambda r, label=label: r.labels == label) for label in TARGETS),
+        ("another class", "thing", lambda r: ~np.isin(r.labels, TARGETS)),
+        ("furniture without a class", "other", lambda r: np.ones(len(r.ids), bool)),
+        ("wall, floor, door", "place", lambda r: np.ones(len(r.ids), bool)),
+    )
+    lines = ["| shown | visible | " + " | ".join((*TARGETS, "another class", "not found")) + " |", "|" + "---|" * 10]
+    for shown, kind, of in named:
+        keep = of(real.rows[kind])
+        of_real, *of_sims = (_shares_called(side.rows[kind].name[keep]) for side in (real, *sims))
+        cells = [f"{100 * r:.1f} / {100 * s:.1f}" for r, s in zip(of_real, np.mean(of_sims, axis=0), strict=True)]
+        lines.append(f"| {shown} | {int(keep.sum())} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _shares_called(names: NDArray[np.str_]) -> list[float]:
+    """The share of each target, of another class, and of nothing, in what things are called."""
+    said = Counter(names.tolist())
+    of_targets = [said[t] for t in TARGETS]
+    counts = [*of_targets, len(names) - sum(of_targets) - said[""], said[""]]
+    return [n / max(1, len(names)) for n in counts]
+
+
+def _by_band(real: Side, sims: Sequence[Side]) -> list[str]:
+    lines = []
+    for band in BANDS:
+        lines += [
+            f"| {band.name} | targets | named, real | simulated | all else | called a target, real | simulated |",
+            "|---|---|---|---|---|---|---|",
+        ]
+        values = {kind: np.digitize(band.of(rows), band.edges[1:-1]) for kind, rows in real.rows.items()}
+        for i, (low, high) in enumerate(itertools.pairwise(band.edges)):
+            n_targets, n_else, of_real = _rates(real, values, i)
+            of_sims = np.mean([_rates(side, values, i)[2] for side in sims], axis=0)
+            cells = [f"{r:.3f} | {s:.3f}" for r, s in zip(of_real, of_sims, strict=True)]
+            lines.append(f"| {low:g} to {high:g} | {n_targets} | {cells[0]} | {n_else} | {cells[1]} |")
+        lines.append("")
+    return lines
+
+
+def _rates(side: Side, bin_of: Mapping[str, NDArray[np.int64]], i: int) -> tuple[int, int, tuple[float, float]]:
+    """Targets and all else in a bin; the share of the first that is called by its name, of the second by a target's."""
+    n_targets = n_else = named = false = 0
+    for kind, rows in side.rows.items():
+        here = bin_of[kind] == i
+        target = np.isin(rows.labels, TARGETS) if kind == "thing" else np.zeros(len(rows.ids), bool)
+        n_targets += int((here & target).sum())
+        n_else += int((here & ~target).sum())
+        named += int((here & target & rows.right).sum())
+        false += int((here & ~target & np.isin(rows.name, TARGETS)).sum())
+    return n_targets, n_else, (named / max(1, n_targets), false / max(1, n_else))
 
 
 def _building(name: str, real: Side, sims: Sequence[Side]) -> str:

@@ -10,14 +10,10 @@ from typing import Any
 import numpy as np
 
 from benchmark.calibration_fit import MIN_SCORE
-from benchmark.calibration_page import CHORDS, Side, correlations
+from benchmark.calibration_page import BANDS, CHORDS, Side, correlations
 from benchmark.calibration_views import Rows
 from surveilnav.categories import TARGETS
-from surveilnav.perception.error_model import FEATURES, Floats
-
-_RANGES_M = (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 13.0)
-_SIZES_MRAD = (20, 50, 100, 150, 220, 320, 500, 2000)
-_HIDDEN = (0.0, 0.1, 0.25, 0.4, 0.6, 0.8, 1.01)
+from surveilnav.perception.error_model import Floats
 
 
 def plots(real: Side, sims: Sequence[Side], out: Path) -> None:
@@ -27,14 +23,8 @@ def plots(real: Side, sims: Sequence[Side], out: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(3, 6, figsize=(18, 9), sharey=True)
-    hidden = FEATURES.index("hidden")
-    measures: tuple[tuple[str, Sequence[float], Callable[[Rows], Floats]], ...] = (
-        ("distance [m]", _RANGES_M, lambda r: r.range_m),
-        ("visible size [mrad]", _SIZES_MRAD, lambda r: 150 * np.exp(r.x[:, FEATURES.index("size")])),
-        ("share of outline hidden", _HIDDEN, lambda r: r.x[:, hidden]),
-    )
-    for line, (name, edges, of) in zip(axes, measures, strict=True):
+    figure, axes = pyplot.subplots(len(BANDS), len(TARGETS), figsize=(18, 3 * len(BANDS)), sharey=True)
+    for line, (name, edges, of) in zip(axes, BANDS, strict=True):
         for axis, label in zip(line, TARGETS, strict=True):
             _reliability(axis, label, edges, of, real, sims)
             axis.set_xlabel(name)

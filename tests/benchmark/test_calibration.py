@@ -17,6 +17,7 @@ from benchmark.calibration_views import Found, Rows
 from benchmark.dataset.splits import SPLITS, SplitSpec
 from benchmark.recordings import Tour, record
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.categories import TARGETS
 from surveilnav.perception import error_model
 from surveilnav.perception.error_model import FEATURES, SIGHTS, Draws, Luck
 from surveilnav.perception.truth import Simulated
@@ -67,6 +68,37 @@ def test_a_model_fitted_to_the_simulated_detector_is_like_it(flat: tuple[views.L
     page = compare(real, [again], model, "One flat.")
     assert "a test" in page
     assert page.count("\n| ") > 15
+    _says_what_is_called_what(page, real)
+    _says_it_by_distance(page, real)
+
+
+def _says_what_is_called_what(page: str, real: Side) -> None:
+    """Counted word by word."""
+    chairs = [
+        name for name, label in zip(real.rows["thing"].name, real.rows["thing"].labels, strict=True) if label == "chair"
+    ]
+    line = next(x for x in page.splitlines() if x.startswith(f"| chair | {len(chairs)} | ") and x.count("/") == 8)
+    shares = [float(cell.split("/")[0]) for cell in line.split("|")[3:-1]]
+    assert shares[2] == pytest.approx(100 * chairs.count("chair") / len(chairs), abs=0.06)
+    assert shares[-1] == pytest.approx(100 * chairs.count("") / len(chairs), abs=0.06)
+    assert sum(shares) == pytest.approx(100, abs=0.4)
+
+
+def _says_it_by_distance(page: str, real: Side) -> None:
+    near = [
+        (kind, label, name)
+        for kind, rows in real.rows.items()
+        for label, name, range_m in zip(rows.labels, rows.name, rows.range_m, strict=True)
+        if 2.0 <= range_m < 3.0
+    ]
+    targets = [(label, name) for kind, label, name in near if kind == "thing" and label in TARGETS]
+    others = [name for kind, label, name in near if kind != "thing" or label not in TARGETS]
+    named = sum(label == name for label, name in targets) / len(targets)
+    false = sum(name in TARGETS for name in others) / len(others)
+    line = next(x for x in page.splitlines() if x.startswith("| 2 to 3 |"))
+    cells = [float(c) for c in line.split("|")[2:-1]]
+    assert (cells[0], cells[3]) == (len(targets), len(others))
+    assert (cells[1], cells[4]) == pytest.approx((named, false), abs=6e-4)
 
 
 def test_names_come_out_as_measured(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
