@@ -52,7 +52,7 @@ def choose(now: Now, *, hard: bool) -> Frontier | None:
 
 
 def good_ones(frontiers: Sequence[Frontier], config: PlannerConfig) -> list[Frontier]:
-    """Those that exceed the mean value by nearly as much as the best does, nearest first."""
+    """Those whose value is within 5 % of the highest and clearly above the mean, nearest first."""
     values = np.array([f.value for f in frontiers])
     ratio = values / np.nanmean(values)
     enough = max(config.exploit_min_ratio, _NEAR_THE_BEST * float(np.nanmax(ratio)))

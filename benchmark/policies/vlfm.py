@@ -5,7 +5,8 @@ price for the way, the frontier last chosen kept (also where it moved up to 0.5 
 0.01, the scan at the start, frontiers only at unexplored areas of at least 1.5 m2, the first detection of the target
 believed, and the stop at 0.9 m of it.
 Not kept: BLIP-2 (values come from the backend's own embeddings), the learnt PointNav policy (the driver is everybody's),
-giving up when there is no frontier left (floors and second looks are everybody's).
+giving up when there is no frontier left (floors and second looks are everybody's), and its program's list of states that
+mustn't come again (a place without progress is given up).
 """
 
 from __future__ import annotations
