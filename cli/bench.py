@@ -56,7 +56,9 @@ def run(
     with counting(console, "episodes") as progress:
         finished = play(root, folder, settings, workers=workers, on_progress=lambda p: progress(p.done, p.total, ""))
     for scene, number in finished.mended:
-        console.print(f"[yellow]the record of {scene} episode {number} could not be read, so it was forgotten and played again[/]")
+        console.print(
+            f"[yellow]the record of {scene} episode {number} could not be read, so it was forgotten and played again[/]"
+        )
     for scene, why in finished.unopened.items():
         console.print(f"[red]{scene} could not be played:[/] {why}")
     for broken in finished.broken:
@@ -90,6 +92,7 @@ def table(
         typer.Option(help="Play only this arm, or those with this in their label; pages show what is there of others."),
     ] = None,
     play: Annotated[bool, typer.Option(help="--no-play: only write pages of what was played.")] = True,
+    as_json: AsJson = False,
 ) -> None:
     """Make tables: play what is missing of their runs, write pages and plots. Exit 0 only if every episode that was asked
     for was played."""
@@ -117,7 +120,7 @@ def table(
     tables = [TABLES[one] for one in name or TABLES]
     tables = [t for t in tables if not arm or any(map(wanted, t.arms))]
     expect_own_runs(tables, root, out, wanted)
-    complete = True
+    said = []
     for one in tables:
         with counting(console, "episodes") as progress:
             made = make(one, root, out, workers=workers, on_progress=progress, wanted=wanted)
@@ -125,8 +128,13 @@ def table(
             console.print(f"[red]not counted:[/] {fault}")
         there = str(made.page) if made.page.exists() else f"{one.name}: no page, nothing was played with this program"
         console.print(f"{there} ({made.played} of {len(one.arms)} arms are played)")
-        complete &= made.complete
-    sys.exit(0 if complete else 1)
+        said.append({
+            "table": one.name, "page": str(made.page) if made.page.exists() else None, "arms": len(one.arms),
+            "played": made.played, "complete": made.complete, "not_counted": made.faults,
+        })  # fmt: skip
+    if as_json:
+        print(json.dumps({"tables": said}))
+    sys.exit(0 if all(table["complete"] for table in said) else 1)
 
 
 @app.command()

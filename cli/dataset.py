@@ -74,6 +74,7 @@ def show(
     split: Annotated[str, typer.Option()] = "val",
     scene: Annotated[list[str] | None, typer.Option(help="Scenes; all if none is named.")] = None,
     out: Annotated[Path, typer.Option(help="Where the pictures go.")] = Path("runs/dataset"),
+    as_json: AsJson = False,
 ) -> None:
     """Draw floors, cameras with what they see, goals and starts."""
     from benchmark.dataset.load import scenes_of
@@ -82,6 +83,7 @@ def show(
 
     scenes = scene or scenes_of(root, split)
     area_m2 = seen_m2 = 0.0
+    said = []
     with counting(console, "scenes") as progress:
         for done, name in enumerate(scenes, start=1):
             drawn = draw(root, split, name, out)
@@ -90,5 +92,8 @@ def show(
                 f"{drawn.path}: cameras see {100 * drawn.seen_m2 / drawn.area_m2:.0f} % of {drawn.area_m2:.0f} m2"
             )
             area_m2, seen_m2 = area_m2 + drawn.area_m2, seen_m2 + drawn.seen_m2
+            said.append({"scene": name, "picture": str(drawn.path), "area_m2": drawn.area_m2, "seen_m2": drawn.seen_m2})
+    if as_json:
+        print(json.dumps({"scenes": said}))
     if len(scenes) > 1:
         console.print(f"{len(scenes)} scenes: cameras see {100 * seen_m2 / area_m2:.0f} % of {area_m2:.0f} m2 indoors")

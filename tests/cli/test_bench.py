@@ -134,7 +134,10 @@ def test_tables_play_the_arms_that_are_asked_for(arguments, asked, monkeypatch, 
         return Made(out / f"{table.name}.md", [], True, 1)
 
     monkeypatch.setattr("benchmark.tables.make.make", make)
-    done = CliRunner().invoke(app, ["table", *arguments, "--out", str(tmp_path)])
+    done = CliRunner().invoke(app, ["table", *arguments, "--out", str(tmp_path), "--json"])
     assert done.exit_code == 0
     assert made == asked
     assert "nothing was played with this program (1 of " in " ".join(done.output.split())
+    said = json.loads(done.stdout)["tables"]
+    assert [t["table"] for t in said] == list(asked)
+    assert all(t["complete"] and t["played"] == 1 and t["page"] is None and not t["not_counted"] for t in said)
