@@ -124,6 +124,8 @@ def table(
     for one in tables:
         with counting(console, "episodes") as progress:
             made = make(one, root, out, workers=workers, on_progress=progress, wanted=wanted)
+        for episode in made.mended:
+            console.print(f"[yellow]could not be read, so it was forgotten and played again:[/] {episode}")
         for fault in made.faults:
             console.print(f"[red]not counted:[/] {fault}")
         there = str(made.page) if made.page.exists() else f"{one.name}: no page, nothing was played with this program"
@@ -131,6 +133,7 @@ def table(
         said.append({
             "table": one.name, "page": str(made.page) if made.page.exists() else None, "arms": len(one.arms),
             "played": made.played, "complete": made.complete, "not_counted": made.faults,
+            "mended": made.mended,
         })  # fmt: skip
     if as_json:
         print(json.dumps({"tables": said}))

@@ -109,7 +109,9 @@ def _episodes(split: str, data: SceneData) -> Iterator[Fault]:
 
 def _cameras(split: str, data: SceneData) -> Iterator[Fault]:
     where = f"{split}/{data.record.scene}"
-    for m2, cameras in data.cameras.cameras.items():
+    densities = {m2 for f in data.record.floors for m2 in f.cameras} | set(data.cameras.cameras)
+    for m2 in sorted(densities):
+        cameras = data.cameras.cameras.get(m2, [])
         counted = sum(f.cameras.get(m2, 0) for f in data.record.floors)
         if counted != len(cameras):
             yield Fault("error", where, f"lists {len(cameras)} cameras per {m2} m2, its floors count {counted}")

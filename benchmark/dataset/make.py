@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmark.dataset import format as files
 from benchmark.dataset.build import MADE_BY, RULES, build_scene
 from benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCounts
-from benchmark.dataset.integrity import damaged_scenes, is_whole
+from benchmark.dataset.integrity import damage, damaged_scenes, is_whole
 from benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
 from benchmark.workers import in_workers
 from surveilnav.errors import ConfigError
@@ -28,8 +28,8 @@ def make(
         anew: builds what is there, too.
 
     Raises:
-        ConfigError: a dataset of another version is there, a scene can't be built, or floors, cameras or episodes don't
-            come out as the split says.
+        ConfigError: a dataset of another version is there, files of a split that isn't built were changed, a scene can't be
+            built, or floors, cameras or episodes don't come out as the split says.
     """
     changed: set[tuple[str, str]] = set()
     if (root / "dataset.json").exists() and not anew:
@@ -39,6 +39,9 @@ def make(
             raise ConfigError(f"{other} (`surveilnav dataset build --anew`, or another --root)") from other
         # what was changed mustn't get a new hash in the manifest
         changed = {scene for split in splits for scene in damaged_scenes(root, manifest, split.name)}
+        for other_split in set(manifest.splits) - {split.name for split in splits}:
+            if name := next((name for name, _ in damage(root, manifest, other_split)), ""):
+                raise ConfigError(f"{name} is missing or was changed: build {other_split} as well, that mends it")
     jobs = [
         (root, split.name, spec, n)
         for split in splits

@@ -227,7 +227,7 @@ def _unpacked(blob: bytes) -> EpisodeRecord:
 
 
 #: What ``_unpacked`` raises of bytes that it didn't write.
-_UNREADABLE = (msgspec.DecodeError, zlib.error, TypeError)
+_UNREADABLE = (msgspec.DecodeError, zlib.error, TypeError, UnicodeDecodeError)
 
 
 def _is_readable(blob: bytes) -> bool:

@@ -104,7 +104,7 @@ def _components() -> Table:
         "How two views of a thing are compared, how the values of several views of a place become one, and what ranks "
         "frontiers. An overlap is near 1 where two views see parts of one thing, an IoU is small: looks and place must "
         f"reach {ObjectConfig().tau:g} with overlap and {_BY_IOU['tau']:g} with an IoU, and overlap both ways makes one "
-        "object of two only with overlap. Merging is the same everywhere. With `object` and `greedy`, values decide only "
+        "object of two, at once or later, only with overlap. With `object` and `greedy`, values decide only "
         "where to look around once more when all is explored.",
         tuple(arm for _, arm in sorted(arms, key=itemgetter(0))),
     )  # fmt: skip

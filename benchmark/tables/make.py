@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 from benchmark.dataset import format as files
 from benchmark.dataset.format import SceneRecord
@@ -19,12 +21,14 @@ from surveilnav.building.stored import replacing
 
 class Made(NamedTuple):
     """A table's page, and what is missing of it: ``faults`` name scenes and episodes that aren't counted. ``complete``: of
-    the arms that were wanted nothing is missing. ``played``: how many arms nothing is missing of."""
+    the arms that were wanted nothing is missing. ``played``: how many arms nothing is missing of. ``mended``: episodes that
+    were there, but couldn't be read."""
 
     page: Path
     faults: list[str]
     complete: bool
     played: int
+    mended: list[str]
 
 
 def make(
@@ -48,6 +52,12 @@ def make(
     models, total, basis = models_of(root, split), episodes_of(root, split), basis_of(root, split)
     folders = {arm.slug: _folder(out, arm) for arm in table.arms}
     playing = [arm for arm in table.arms if wanted(arm)]
+    mended = [
+        f"{arm.label}: {scene} episode {number}"
+        for arm in playing
+        if folders[arm.slug].exists()
+        for scene, number in Records(folders[arm.slug], arm.settings, basis).mend()
+    ]
     found: dict[str, Finished] = {}
     for arm in table.arms:
         if there := kept(folders[arm.slug], arm.settings, basis):
@@ -61,7 +71,7 @@ def make(
         found[arm.slug] = run(root, folders[arm.slug], arm.settings, workers=workers, on_progress=report)
         faults = _write(table, found, total, models, path)
     played = sum(finished.complete for finished in found.values())
-    return Made(path, faults, all(found[arm.slug].complete for arm in playing), played)
+    return Made(path, faults, all(found[arm.slug].complete for arm in playing), played, mended)
 
 
 def expect_own_runs(
@@ -75,7 +85,7 @@ def expect_own_runs(
     for arm in (arm for table in tables for arm in table.arms if wanted(arm)):
         arm.settings.check()
         if _folder(out, arm).exists():
-            Records(_folder(out, arm), arm.settings, basis_of(root, arm.settings.split)).mend()
+            Records(_folder(out, arm), arm.settings, basis_of(root, arm.settings.split))
 
 
 def _folder(out: Path, arm: Arm) -> Path:
@@ -96,14 +106,22 @@ def _write(
             for b in finished.broken
         ]
     if lines:
-        with replacing(path.with_suffix(".png")) as file:
+        with _replacing(path.with_suffix(".png")) as file:
             plot(table, lines, file)
     if lines or faults:
         text = page(table, lines, total, models)
         text += "\n## Not counted\n\n" + "\n".join(f"- {f}" for f in faults) + "\n" if faults else ""
-        with replacing(path) as file:
+        with _replacing(path) as file:
             file.write(text.encode())
     return faults
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[IO[bytes]]:
+    """A page appears whole, and others may read it."""
+    with replacing(path) as file:
+        os.fchmod(file.fileno(), 0o644)
+        yield file
 
 
 def episodes_of(root: Path, split: str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import sqlite3
 import subprocess
@@ -17,6 +18,7 @@ from benchmark.dataset.splits import SceneSpec, SplitSpec
 from benchmark.runner.records import read
 from benchmark.tables.make import Made
 from cli.bench import app
+from cli.main import main
 
 
 def surveilnav(*arguments, timeout_s=240):
@@ -131,7 +133,7 @@ def test_tables_play_the_arms_that_are_asked_for(arguments, asked, monkeypatch, 
 
     def make(table, root, out, *, wanted, **_):
         made[table.name] = [arm.label for arm in table.arms if wanted(arm)]
-        return Made(out / f"{table.name}.md", [], True, 1)
+        return Made(out / f"{table.name}.md", [], True, 1, [])
 
     monkeypatch.setattr("benchmark.tables.make.make", make)
     done = CliRunner().invoke(app, ["table", *arguments, "--out", str(tmp_path), "--json"])
@@ -141,3 +143,32 @@ def test_tables_play_the_arms_that_are_asked_for(arguments, asked, monkeypatch, 
     said = json.loads(done.stdout)["tables"]
     assert [t["table"] for t in said] == list(asked)
     assert all(t["complete"] and t["played"] == 1 and t["page"] is None and not t["not_counted"] for t in said)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "error: No space left on device; make room and run again"),
+        (OSError(errno.ENOENT, "No such file or directory", "a.json"), "error: a.json: No such file or directory"),
+    ],
+)
+def test_what_the_disk_refuses_is_one_line(error, said, monkeypatch, capsys):
+    def refuse(**_):
+        raise error
+
+    monkeypatch.setattr("cli.main.app", refuse)
+    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    assert capsys.readouterr().err.strip() == said
+
+
+def test_a_bug_keeps_its_traceback(monkeypatch):
+    def fail(**_):
+        raise OSError("bug")
+
+    monkeypatch.setattr("cli.main.app", fail)
+    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+    with pytest.raises(OSError, match="bug"):
+        main()

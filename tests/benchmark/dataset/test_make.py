@@ -56,6 +56,19 @@ def test_what_is_damaged_is_built_anew(dataset, tmp_path, spoil):
     assert _bytes(root) == _bytes(dataset)
 
 
+def test_what_was_changed_in_another_split_gets_no_new_hash(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    shutil.copytree(root / "val_mini", root / "val")
+    (root / "val" / "val_mini.json.gz").rename(root / "val" / "val.json.gz")
+    write_manifest(root)
+    before = (root / "dataset.json").read_bytes()
+    _edit(root / "val" / "content" / "parametric_flat-s0.json.gz", _start_elsewhere)
+    with pytest.raises(ConfigError, match=r"val/content/parametric_flat-s0.json.gz .* build val as well"):
+        make(root, [SPLIT], workers=1)
+    assert (root / "dataset.json").read_bytes() == before
+
+
 def _flip(path):
     """Spoils the packed data itself, not its length or its header."""
     data = bytearray(path.read_bytes())
@@ -166,8 +179,9 @@ def test_faults_are_named(dataset, tmp_path, change, level, said):
         (lambda c, m2: c["cameras"][m2][0]["views"].pop(), "has 12 views, expected 13"),
         (lambda c, m2: c["view_bytes"].pop(m2), "bytes of 0 views, it has 13"),
         (lambda c, m2: c["cameras"][m2].pop(), "its floors count 1"),
+        (lambda c, m2: c["cameras"].pop(m2), "its floors count 1"),
     ],
-    ids=["sees nothing", "few views", "not measured", "missing"],
+    ids=["sees nothing", "few views", "not measured", "missing", "no density"],
 )
 def test_what_is_wrong_with_a_camera_is_named(dataset, tmp_path, m2, change, said):
     root = tmp_path / "copy"

@@ -104,7 +104,9 @@ def test_a_damaged_file_is_named(tmp_path):
         Records(tmp_path, RunSettings(), BASIS)
 
 
-@pytest.mark.parametrize("blob", [b'{"scene": 3', zlib.compress(b'{"scene": 3'), "text"])
+@pytest.mark.parametrize(
+    "blob", [b'{"scene": 3', zlib.compress(b'{"scene": 3'), zlib.compress(b'{"scene": "\xff"}'), "text"]
+)
 def test_a_damaged_record_is_named(tmp_path, blob):
     records = Records(tmp_path, RunSettings(), BASIS)
     records.add(RECORD)

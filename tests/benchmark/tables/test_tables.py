@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import sqlite3
 
 import msgspec
 import pytest
@@ -202,6 +203,18 @@ def test_a_folder_of_another_run_is_said_before_another_table_is_played(tmp_path
     expect_own_runs([TABLE], tmp_path, tmp_path)
     with pytest.raises(ConfigError, match="another version of the program"):
         expect_own_runs([TABLE, other], tmp_path, tmp_path)
+
+
+def test_a_record_that_cannot_be_read_is_named_and_played_again(tmp_path, basis, played):
+    run = keep(tmp_path, ARMS[1], basis, RECORD, FAILED)
+    with sqlite3.connect(run.path) as db:
+        db.execute("UPDATE episodes SET record = ? WHERE episode_id = ?", [b"?", FAILED.episode_id])
+    expect_own_runs([TABLE], tmp_path, tmp_path)
+    assert len(run.done()) == 2, "nothing is forgotten before it is played again"
+    made = make(TABLE, tmp_path, tmp_path, workers=1)
+    assert made.mended == ["without: flat-s0 episode 10"]
+    assert run.all() == [RECORD]
+    assert made.page.stat().st_mode & 0o777 == 0o644
 
 
 def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypatch, basis, played):
