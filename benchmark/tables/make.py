@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache, partial
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -47,12 +48,11 @@ def make(
     Raises:
         ConfigError: settings, dataset or records that can't be used.
     """
-    expect_own_runs([table], root, out, wanted)
     split, path = table.arms[0].settings.split, out / f"{table.name}.md"
     models, total, basis = models_of(root, split), episodes_of(root, split), basis_of(root, split)
     folders = {arm.slug: _folder(out, arm) for arm in table.arms}
     playing = [arm for arm in table.arms if wanted(arm)]
-    mended = [
+    mended = [  # opens them all: a folder that can't be used is said before hours are spent on another
         f"{arm.label}: {scene} episode {number}"
         for arm in playing
         if folders[arm.slug].exists()
@@ -77,15 +77,16 @@ def make(
 def expect_own_runs(
     tables: Iterable[Table], root: Path, out: Path, wanted: Callable[[Arm], bool] = lambda arm: True
 ) -> None:
-    """Says what can't be used before hours are spent on something else.
+    """Says what of several tables can't be used before hours are spent on the first.
 
     Raises:
         ConfigError: a wanted arm's settings or folder can't be used.
     """
+    basis = cache(partial(basis_of, root))  # hashes a split's files
     for arm in (arm for table in tables for arm in table.arms if wanted(arm)):
         arm.settings.check()
         if _folder(out, arm).exists():
-            Records(_folder(out, arm), arm.settings, basis_of(root, arm.settings.split))
+            Records(_folder(out, arm), arm.settings, basis(arm.settings.split))
 
 
 def _folder(out: Path, arm: Arm) -> Path:

@@ -44,7 +44,8 @@ def page(table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[
         f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. SR at {apart}: if it "
         "may be so far off. Means in percent with 95 % bootstrap intervals (scenes are drawn, with all their searches); "
         "differences are paired by episode, in points, to the first line; so is the ratio of the first line's SPL to a "
-        "line's own (none where that may be 0). Every policy is told that the robot's floor has a goal (Habitat's rule). "
+        "line's own (none where that may be 0). Every policy that explores is told that the robot's floor has a goal "
+        "(Habitat's rule). "
         "Where no real detector looks, depth and instance ids have half the resolution: 320x240 of the robot, 640x640 of a "
         "camera.", "",
         *_comparison(table, lines, total),
