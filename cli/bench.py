@@ -42,7 +42,7 @@ def run(
     from benchmark.runner.run import run as play
     from benchmark.runner.settings import RunSettings
     from benchmark.runner.summary import SUCCESS_RULE, summarise
-    from benchmark.tables.arms import Arm
+    from benchmark.tables.arms import folder_name
     from cli.progress import counting
     from surveilnav.errors import ConfigError
 
@@ -51,7 +51,7 @@ def run(
         "density_m2": density, "views": views, "max_steps": max_steps, "seed": seed,
     }  # fmt: skip
     settings = _settings(RunSettings, facts)
-    folder = out or Path("runs/bench") / Arm("", settings).slug
+    folder = out or Path("runs/bench") / folder_name(settings)
     began_s = time.monotonic()
     with counting(console, "episodes") as progress:
         finished = play(root, folder, settings, workers=workers, on_progress=lambda p: progress(p.done, p.total, ""))

@@ -15,19 +15,22 @@ from services.fusion.core.config import ObjectConfig
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """One line of a table. ``paper``: what the paper has for it (SR, SPL), None: nothing."""
+    """One line of a table.
+
+    Attributes:
+        paper: what the paper has for it (SR, SPL), None: nothing.
+        seeds: it is played with so many, from its settings' on; the line is of them all.
+    """
 
     label: str
     settings: RunSettings
     paper: tuple[float, float] | None = None
+    seeds: int = 1
 
     @property
-    def slug(self) -> str:
-        """The run's folder: arms of several tables with the same settings share one."""
-        default = msgspec.to_builtins(RunSettings())
-        said = {k: v for k, v in msgspec.to_builtins(self.settings).items() if v != default[k] and k != "split"}
-        words = [f"{k}={v}" for k, v in sorted(_flat(said).items())]
-        return "-".join([self.settings.split, *words]).replace("/", "_") or self.settings.split
+    def runs(self) -> tuple[RunSettings, ...]:
+        first = self.settings.seed
+        return tuple(msgspec.structs.replace(self.settings, seed=first + n) for n in range(self.seeds))
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +41,14 @@ class Table:
     title: str
     about: str
     arms: tuple[Arm, ...]
+
+
+def folder_name(settings: RunSettings) -> str:
+    """A run's folder: arms of several tables with the same settings share one."""
+    default = msgspec.to_builtins(RunSettings())
+    said = {k: v for k, v in msgspec.to_builtins(settings).items() if v != default[k] and k != "split"}
+    words = [f"{k}={v}" for k, v in sorted(_flat(said).items())]
+    return "-".join([settings.split, *words]).replace("/", "_")
 
 
 def _flat(said: dict[str, Any], above: str = "") -> dict[str, Any]:
@@ -76,6 +87,26 @@ def _main() -> Table:
         "believe as their papers say, with `our verification` only where the robot explores is theirs.",
         (*ours, *baselines, *bounds),
     )  # fmt: skip
+
+
+def _agreement() -> tuple[Table, Table]:
+    """A detector errs in one way; the error model in as many as there are seeds, and each thing's luck lasts a whole run."""
+    about = "Whether the calibrated error model stands for the real detector: the same searches, of the model with four seeds."
+
+    def table(name: str, title: str, on: bool) -> Table:
+        return Table(
+            name, title, about,
+            (
+                Arm("onnx-coco on pixels", _run(perception="onnx-coco", surveillance=on)),
+                Arm("simulated, mean of four seeds", _run(surveillance=on), seeds=4),
+                *(Arm(f"simulated, seed {n}", _run(surveillance=on, seed=n)) for n in range(4)),
+            ),
+        )  # fmt: skip
+
+    return (
+        table("agreement", "Simulated against pixels, with cameras", True),
+        table("agreement-alone", "Simulated against pixels, without cameras", False),
+    )
 
 
 _BY_IOU: dict[str, Any] = {"tau": 1.1, "tau_mutual": 2.0}
@@ -147,6 +178,7 @@ TABLES: dict[str, Table] = {
                 Arm("oracle: the truth", _run(perception="oracle")),
             ),
         ),
+        *_agreement(),
         Table(
             "tiers", "Bytes against success", "Counted by the real encoders on rendered pixels; bytes an episode.",
             (

@@ -15,7 +15,8 @@ from benchmark.dataset.load import scenes_of
 from benchmark.runner.basis import basis_of
 from benchmark.runner.records import Records, kept
 from benchmark.runner.run import Finished, Progress, run
-from benchmark.tables.arms import Arm, Table
+from benchmark.runner.settings import RunSettings
+from benchmark.tables.arms import Arm, Table, folder_name
 from benchmark.tables.page import Line, page, plot
 from surveilnav.building.stored import replacing
 
@@ -50,28 +51,28 @@ def make(
     """
     split, path = table.arms[0].settings.split, out / f"{table.name}.md"
     models, total, basis = models_of(root, split), episodes_of(root, split), basis_of(root, split)
-    folders = {arm.slug: _folder(out, arm) for arm in table.arms}
-    playing = [arm for arm in table.arms if wanted(arm)]
+    playing = {folder_name(settings): (arm, settings) for arm in table.arms if wanted(arm) for settings in arm.runs}
     mended = [  # opens them all: a folder that can't be used is said before hours are spent on another
         f"{arm.label}: {scene} episode {number}"
-        for arm in playing
-        if folders[arm.slug].exists()
-        for scene, number in Records(folders[arm.slug], arm.settings, basis).mend()
+        for arm, settings in playing.values()
+        if _folder(out, settings).exists()
+        for scene, number in Records(_folder(out, settings), settings, basis).mend()
     ]
     found: dict[str, Finished] = {}
-    for arm in table.arms:
-        if there := kept(folders[arm.slug], arm.settings, basis):
-            found[arm.slug] = Finished(there.records, there.broken, {}, total)
+    for settings in (settings for arm in table.arms for settings in arm.runs):
+        if there := kept(_folder(out, settings), settings, basis):
+            found[folder_name(settings)] = Finished(there.records, there.broken, {}, total)
     faults = _write(table, found, total, models, path)
-    for number, arm in enumerate(playing):
+    for number, (name, (arm, settings)) in enumerate(playing.items()):
 
         def report(p: Progress, before: int = number, label: str = arm.label) -> None:
             on_progress(before * p.total + p.done, len(playing) * p.total, f"{table.name}: {label}")
 
-        found[arm.slug] = run(root, folders[arm.slug], arm.settings, workers=workers, on_progress=report)
+        found[name] = run(root, _folder(out, settings), settings, workers=workers, on_progress=report)
         faults = _write(table, found, total, models, path)
-    played = sum(finished.complete for finished in found.values())
-    return Made(path, faults, all(found[arm.slug].complete for arm in playing), played, mended)
+    finished = {name for name, run in found.items() if run.complete}
+    played = sum(finished.issuperset(map(folder_name, arm.runs)) for arm in table.arms)
+    return Made(path, faults, finished.issuperset(playing), played, mended)
 
 
 def expect_own_runs(
@@ -83,29 +84,32 @@ def expect_own_runs(
         ConfigError: a wanted arm's settings or folder can't be used.
     """
     basis = cache(partial(basis_of, root))  # hashes a split's files
-    for arm in (arm for table in tables for arm in table.arms if wanted(arm)):
-        arm.settings.check()
-        if _folder(out, arm).exists():
-            Records(_folder(out, arm), arm.settings, basis(arm.settings.split))
+    for settings in (settings for table in tables for arm in table.arms if wanted(arm) for settings in arm.runs):
+        settings.check()
+        if _folder(out, settings).exists():
+            Records(_folder(out, settings), settings, basis(settings.split))
 
 
-def _folder(out: Path, arm: Arm) -> Path:
-    return out / "runs" / arm.slug
+def _folder(out: Path, settings: RunSettings) -> Path:
+    return out / "runs" / folder_name(settings)
 
 
 def _write(
     table: Table, found: Mapping[str, Finished], total: int, models: dict[tuple[str, str], list[str]], path: Path
 ) -> list[str]:
     """The page and its plot, of what was found by arm; returns what isn't counted."""
-    there = [(arm, found[arm.slug]) for arm in table.arms if arm.slug in found]
-    lines = [Line.of(arm, finished.records) for arm, finished in there if finished.records]
-    faults = []
-    for arm, finished in there:
-        faults += [f"{arm.label}: {scene} could not be played: {why}" for scene, why in finished.unopened.items()]
-        faults += [
-            f"{arm.label}: {b.scene} episode {b.episode_id} broke: {b.error.strip().splitlines()[-1]}"
-            for b in finished.broken
-        ]
+    lines, faults, told = [], [], set[str]()
+    for arm in table.arms:
+        there = {name: found[name] for name in map(folder_name, arm.runs) if name in found}
+        if records := [record for finished in there.values() for record in finished.records]:
+            lines.append(Line.of(arm, records))
+        for finished in (finished for name, finished in there.items() if name not in told):
+            faults += [f"{arm.label}: {scene} could not be played: {why}" for scene, why in finished.unopened.items()]
+            faults += [
+                f"{arm.label}: {b.scene} episode {b.episode_id} broke: {b.error.strip().splitlines()[-1]}"
+                for b in finished.broken
+            ]
+        told |= there.keys()
     if lines:
         with _replacing(path.with_suffix(".png")) as file:
             plot(table, lines, file)

@@ -79,7 +79,7 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
         arm, s = line.arm, line.summary
         difference = ("", "", "") if first is None or line is first else _difference(line, first)
         cells = [
-            arm.label, f"{s.episodes}" + (" (unfinished)" if s.episodes < total else ""), str(s.sr), str(s.spl),
+            arm.label, f"{s.episodes}" + (" (unfinished)" if s.episodes < total * arm.seeds else ""), str(s.sr), str(s.spl),
             f"{s.soft_spl.mean:.1f}", *difference, *(f"{s.sr_within[m]:.1f}" for m in WITHIN_M),
             f"{s.steps:.0f}", f"{s.path_m:.1f}",
         ]  # fmt: skip
@@ -97,7 +97,11 @@ def _difference(line: Line, first: Line) -> tuple[str, str, str]:
     all."""
     if (found := paired(line.records, first.records)) is None:
         return "", "", ""
-    of = "" if found.pairs == line.summary.episodes == first.summary.episodes else f" (of {found.pairs})"
+    of = (
+        ""
+        if found.pairs == line.summary.episodes == first.summary.episodes * line.arm.seeds
+        else f" (of {found.pairs})"
+    )
     r = found.ratio
     ratio = f"{r.mean:.2f} [{r.low:.2f}, {r.high:.2f}]{of}" if r else ""
     return _signed(found.sr) + of, _signed(found.spl) + of, ratio

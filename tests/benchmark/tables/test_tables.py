@@ -14,7 +14,7 @@ from benchmark.runner.basis import Basis
 from benchmark.runner.records import Broken, Records
 from benchmark.runner.run import Finished
 from benchmark.runner.settings import RunSettings
-from benchmark.tables.arms import TABLES, Arm, Table
+from benchmark.tables.arms import TABLES, Arm, Table, folder_name
 from benchmark.tables.make import expect_own_runs, make
 from benchmark.tables.page import Line, page, plot
 from surveilnav.errors import ConfigError
@@ -30,13 +30,34 @@ def test_every_arm_can_be_run_and_has_a_folder_of_its_own():
         for arm in table.arms:
             arm.settings.check()
             assert arm.settings.split in SPLITS
-        slugs = [arm.slug for arm in table.arms]
-        assert len(set(slugs)) == len(slugs), table.name
-        assert all("/" not in s and len(s) < 200 for s in slugs)
+        names = [tuple(map(folder_name, arm.runs)) for arm in table.arms]
+        assert len(set(names)) == len(names), table.name
+        assert all("/" not in name and len(name) < 200 for name in sum(names, ()))
+        assert len({arm.label for arm in table.arms}) == len(table.arms)
+        assert table.arms[0].seeds == 1, "each search of a line has one of the first line beside it"
 
 
 def test_arms_with_the_same_settings_share_a_run():
-    assert TABLES["range"].arms[0].slug == TABLES["density"].arms[0].slug
+    assert TABLES["range"].arms[0].runs == TABLES["density"].arms[0].runs
+    assert TABLES["agreement"].arms[0].runs == TABLES["tiers"].arms[0].runs
+
+
+def test_a_line_of_several_seeds_is_of_all_their_searches(tmp_path, basis, played):
+    arms = (
+        Arm("pixels", RunSettings(perception="oracle")),
+        Arm("both", RunSettings(), seeds=2),
+        Arm("one", RunSettings(seed=1)),
+    )
+    keep(tmp_path, arms[1], basis, RECORD, msgspec.structs.replace(FAILED, spl=0.2))
+    made = make(Table("agreement", "A", "About.", arms), tmp_path, tmp_path, workers=1, wanted=lambda arm: False)
+    assert "| both | 2 (unfinished) |" in made.page.read_text()
+    made = make(Table("agreement", "A", "About.", arms), tmp_path, tmp_path, workers=1)
+    assert played == [RunSettings(perception="oracle"), RunSettings(), RunSettings(seed=1)]
+    assert made.played == 3
+    text = made.page.read_text()
+    assert "| both | 4 | 50.0" in text
+    assert "| one | 2 | 50.0" in text
+    assert "(of" not in text
 
 
 def test_a_page_says_what_the_records_say():
@@ -132,7 +153,7 @@ def played(monkeypatch):
 
 
 def keep(folder, arm, basis, *records):
-    run = Records(folder / "runs" / arm.slug, arm.settings, basis)
+    run = Records(folder / "runs" / folder_name(arm.settings), arm.settings, basis)
     for record in records:
         run.add(record)
     return run
