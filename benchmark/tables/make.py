@@ -12,7 +12,7 @@ from typing import IO, NamedTuple
 from benchmark.dataset import format as files
 from benchmark.dataset.format import SceneRecord
 from benchmark.dataset.load import scenes_of
-from benchmark.runner.basis import basis_of
+from benchmark.runner.basis import Basis, basis_of
 from benchmark.runner.records import Records, kept
 from benchmark.runner.run import Finished, Progress, run
 from benchmark.runner.settings import RunSettings
@@ -62,14 +62,14 @@ def make(
     for settings in (settings for arm in table.arms for settings in arm.runs):
         if there := kept(_folder(out, settings), settings, basis):
             found[folder_name(settings)] = Finished(there.records, there.broken, {}, total)
-    faults = _write(table, found, total, models, path)
+    faults = _write(table, found, total, models, basis, path)
     for number, (name, (arm, settings)) in enumerate(playing.items()):
 
         def report(p: Progress, before: int = number, label: str = arm.label) -> None:
             on_progress(before * p.total + p.done, len(playing) * p.total, f"{table.name}: {label}")
 
         found[name] = run(root, _folder(out, settings), settings, workers=workers, on_progress=report)
-        faults = _write(table, found, total, models, path)
+        faults = _write(table, found, total, models, basis, path)
     finished = {name for name, run in found.items() if run.complete}
     played = sum(finished.issuperset(map(folder_name, arm.runs)) for arm in table.arms)
     return Made(path, faults, finished.issuperset(playing), played, mended)
@@ -95,7 +95,12 @@ def _folder(out: Path, settings: RunSettings) -> Path:
 
 
 def _write(
-    table: Table, found: Mapping[str, Finished], total: int, models: dict[tuple[str, str], list[str]], path: Path
+    table: Table,
+    found: Mapping[str, Finished],
+    total: int,
+    models: dict[tuple[str, str], list[str]],
+    basis: Basis,
+    path: Path,
 ) -> list[str]:
     """The page and its plot, of what was found by arm; returns what isn't counted."""
     lines, faults, told = [], [], set[str]()
@@ -114,7 +119,7 @@ def _write(
         with _replacing(path.with_suffix(".png")) as file:
             plot(table, lines, file)
     if lines or faults:
-        text = page(table, lines, total, models)
+        text = page(table, lines, total, models, basis)
         text += "\n## Not counted\n\n" + "\n".join(f"- {f}" for f in faults) + "\n" if faults else ""
         with _replacing(path) as file:
             file.write(text.encode())

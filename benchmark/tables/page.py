@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import IO
 
 from benchmark.episode import REASONS
-from benchmark.runner.basis import program_hash
+from benchmark.runner.basis import Basis
 from benchmark.runner.records import EpisodeRecord
 from benchmark.runner.summary import SUCCESS_RULE, WITHIN_M, Interval, Summary, paired, summarise
 from benchmark.tables.arms import Arm, Table
@@ -29,30 +29,36 @@ class Line:
         return cls(arm, records, summarise(records))
 
 
-def page(table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[str, str], Sequence[str]]) -> str:
+def page(
+    table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[str, str], Sequence[str]], basis: Basis
+) -> str:
     """A table's page.
 
     Args:
         lines: of the arms that were played.
         total: episodes of the split.
         models: by scene and category, the furniture models of its goals.
+        basis: what they were played on.
     """
     apart = " and ".join(f"{m:g} m" for m in WITHIN_M)
     text = [
         f"# {table.title}", "",
-        f"Made by `surveilnav bench table {table.name}`, program `{program_hash()[:12]}`. {table.about}", "",
-        f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. SR at {apart}: if it "
-        "may be so far off. Means in percent with 95 % bootstrap intervals (scenes are drawn, with all their searches); "
-        "differences are paired by episode, in points, to the first line; so is the ratio of the first line's SPL to a "
-        "line's own (none where that may be 0). Every policy that explores is told that the robot's floor has a goal "
-        "(Habitat's rule). "
-        "Where no real detector looks, depth and instance ids have half the resolution: 320x240 of the robot, 640x640 of a "
-        "camera.", "",
+        f"Made by `surveilnav bench table {table.name}`, program `{basis.program[:12]}`, dataset "
+        f"`{basis.dataset[:12]}`. {table.about}", "",
+        f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. SR at {apart}: if a stop so "
+        "far from a viewpoint counted. SoftSPL: the share of the way to the goal that was gone counts instead of success. "
+        "Means in percent with 95 % bootstrap intervals: whole scenes are drawn, with all their searches; the luck of "
+        "`simulated` isn't in them (another seed may move the SR of 60 searches by 5 points). "
+        "Differences are a line's minus the first line's, paired by episode, in points; beside them the first line's SPL "
+        "over the line's own (left out where that may be 0). Camera MB: what the invoked cameras sent. What the paper has "
+        "was measured on other buildings. Every policy that explores knows that the floor it starts on has a goal (Habitat's "
+        "rule for starts). Where no real detector looks, depth and instance ids have half the resolution: 320x240 of the "
+        "robot, 640x640 of a camera.", "",
         *_comparison(table, lines, total),
     ]  # fmt: skip
     if lines:
         text += ["", f"![]({table.name}.png)", "", "## Why searches failed", "", *_reasons(lines)]
-        text += ["", "## By category", "", *_by(lines, lambda r: r.category)]
+        text += ["", "## By category", "", "SR / SPL (searches).", "", *_by(lines, lambda r: r.category)]
         text += [
             "",
             "## By furniture model",

@@ -22,6 +22,7 @@ from tests.benchmark.runner.test_records import FAILED, RECORD
 
 ARMS = (Arm("with", RunSettings(), (67.4, 34.5)), Arm("without", RunSettings(surveillance=False)))
 TABLE = Table("range", "Range", "About it.", ARMS)
+BASIS = Basis("dataset-hash-of-64", "program-hash-of-64")
 MODELS = {("flat-s0", "tv"): ["Maker#flat-tv", "Maker#wall-tv"]}
 
 
@@ -62,13 +63,14 @@ def test_a_line_of_several_seeds_is_of_all_their_searches(tmp_path, basis, playe
 
 def test_a_page_says_what_the_records_say():
     without = [msgspec.structs.replace(RECORD, success=False, spl=0.0, reason="out_of_steps"), FAILED]
-    text = page(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], without)], 2, MODELS)
+    text = page(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], without)], 2, MODELS, BASIS)
     assert "| with | 2 | 50.0 [0.0, 100.0] | 25.0 [0.0, 50.0] | 60.0 | " in text
     assert (
         "| without | 2 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 | -50.0 [-100.0, +0.0] | -25.0 [-50.0, +0.0] |  | "
         in text
     )
     assert "67.4 / 34.5" in text
+    assert "program `program-hash`, dataset `dataset-hash`" in text
     assert "| with | 1 (1) | 0 |" in text  # reasons
     assert "| without | 1 (1) | 0 | 0 | 0 | 0 | 0 | 0 | 1 (1) |" in text
     assert "SR at 0.2 m and 1 m" in text
@@ -97,24 +99,24 @@ def test_components_are_crossed_the_fewest_changes_first():
 
 
 def test_an_unfinished_arm_says_so():
-    assert "| with | 1 (unfinished) |" in page(TABLE, [Line.of(ARMS[0], [RECORD])], 2, MODELS)
+    assert "| with | 1 (unfinished) |" in page(TABLE, [Line.of(ARMS[0], [RECORD])], 2, MODELS, BASIS)
 
 
 def test_an_arm_that_wasnt_played_is_listed_and_nothing_is_compared_with_another():
-    text = page(TABLE, [Line.of(ARMS[1], [RECORD])], 1, MODELS)
+    text = page(TABLE, [Line.of(ARMS[1], [RECORD])], 1, MODELS, BASIS)
     assert "| with | 0 | |" in text.replace("  ", " ")
     assert "| without | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] | 60.0 |  |  |  | 100.0 | 100.0 | 10 |" in text
-    nothing = page(TABLE, [], 1, MODELS)
+    nothing = page(TABLE, [], 1, MODELS, BASIS)
     assert "| with | 0 |" in nothing
     assert "| without | 0 |" in nothing
 
 
 def test_differences_say_of_how_many_episodes_they_are():
     lines = [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])]
-    assert "| +0.0 [+0.0, +0.0] (of 1) |" in page(TABLE, lines, 2, MODELS)
+    assert "| +0.0 [+0.0, +0.0] (of 1) |" in page(TABLE, lines, 2, MODELS, BASIS)
     apart = [Line.of(ARMS[0], [RECORD]), Line.of(ARMS[1], [FAILED])]
     assert "| without | 1 (unfinished) | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 |  |  |  |" in page(
-        TABLE, apart, 2, MODELS
+        TABLE, apart, 2, MODELS, BASIS
     )
 
 
@@ -122,17 +124,17 @@ def test_the_ratio_is_the_first_lines_over_the_others():
     def line(arm, *spl):
         return Line.of(arm, [msgspec.structs.replace(RECORD, episode_id=str(i), spl=v) for i, v in enumerate(spl)])
 
-    text = page(TABLE, [line(ARMS[0], 0.6, 0.6), line(ARMS[1], 0.2, 0.3)], 2, MODELS)
+    text = page(TABLE, [line(ARMS[0], 0.6, 0.6), line(ARMS[1], 0.2, 0.3)], 2, MODELS, BASIS)
     assert "| 2.40 [2.00, 3.00] |" in text
     assert "| -35.0 [-40.0, -30.0] |  | 100.0 |" in page(
-        TABLE, [line(ARMS[0], 0.4, 0.3), line(ARMS[1], 0.0, 0.0)], 2, MODELS
+        TABLE, [line(ARMS[0], 0.4, 0.3), line(ARMS[1], 0.0, 0.0)], 2, MODELS, BASIS
     )
 
 
 @pytest.fixture
 def basis(monkeypatch):
     """A dataset of two episodes, and this program."""
-    basis = Basis("dataset", "program")
+    basis = BASIS
     monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
     monkeypatch.setattr("benchmark.tables.make.episodes_of", lambda root, split: 2)
     monkeypatch.setattr("benchmark.tables.make.basis_of", lambda root, split: basis)
