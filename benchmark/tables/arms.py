@@ -169,6 +169,15 @@ TABLES: dict[str, Table] = {
             ),
         ),
         Table(
+            "strategy-pixels", "What the value map is made of, on pixels",
+            "As `strategy`, but real detectors look; planner FMM.",
+            (
+                Arm("region", _run(perception="onnx-coco")),
+                Arm("object", _run(perception="onnx-coco", planning={"strategy": "object"})),
+                Arm("greedy", _run(perception="onnx-coco", planning={"strategy": "greedy"})),
+            ),
+        ),
+        Table(
             "detector", "Perception",
             "Real detectors on rendered pixels (beside YOLOX-nano, PicoDet-S looks at the robot's views and DEIMv2 femto at the "
             "cameras'), the calibrated error model, the truth.",
