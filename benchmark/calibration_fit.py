@@ -10,10 +10,11 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.stats import rankdata
 
 from benchmark.calibration_views import MIN_SIZE_RAD, Rows
 from surveilnav.categories import COCO
-from surveilnav.perception.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Kind, Luck
+from surveilnav.perception.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, showing
 
 MIN_SCORE = 0.25
 #: Standard deviations of the priors of all weights, and of a class's own part of them.
@@ -27,6 +28,7 @@ _PAIRS = 40_000
 _DRAWS = 16
 _FEW_PAIRS = 20
 _FEW_WEAK = 20
+_HAZE_RIDGE = 30.0
 _NO_SCORE = (-1e-3, 0.0)  # (ease, score) of what is missed, where too few weak scores tell more
 _NAMES = 5.0  # as many of every name count as if they had come out as measured
 _RAREST = 1e-4  # share of a name that is known at all
@@ -293,7 +295,7 @@ def fit(rows: dict[str, Rows], presence: NDArray[np.float32], source: str) -> Er
     for view, name in said:
         unsaid[view, COCO.index(name)] = np.nan
     kinds = {kind: fit_kind(r, unsaid) for kind, r in rows.items()}
-    return ErrorModel(what, source, MIN_SCORE, MIN_SIZE_RAD, kinds, _haze(rows["thing"], unsaid))
+    return ErrorModel(what, source, MIN_SCORE, MIN_SIZE_RAD, kinds, _haze(rows, unsaid))
 
 
 def matched(model: ErrorModel, measured: dict[str, Rows], drawn: dict[str, Rows]) -> ErrorModel:
@@ -354,9 +356,40 @@ def _moved(names: dict[str, _Shares], sight: str, measured: Rows, drawn: Rows) -
     return out
 
 
-def _haze(things: Rows, unsaid: NDArray[np.float32]) -> dict[str, list[float]]:
-    """Quantiles of what weak scores make of classes that a view neither shows nor says, where they make anything."""
+def _haze(rows: dict[str, Rows], unsaid: NDArray[np.float32]) -> dict[str, Haze]:
+    """What weak scores make of classes that a view neither shows nor says, where they make anything: normal scores of it
+    by ridge regression on what shows."""
+    things = rows["thing"]
     left = unsaid.copy()
     left[things.view, [COCO.index(label) for label in things.labels]] = np.nan
-    quantiles = np.nanquantile(left, np.linspace(0, 1, 9), axis=0)
-    return {name: _rounded(quantiles[:, i]) for i, name in enumerate(COCO) if quantiles[6, i] >= 0.04}
+    labels, shown, camera = _shown(rows, len(unsaid))
+    x = np.column_stack([shown, camera])
+    haze = {}
+    for i, name in enumerate(COCO):
+        there = np.isfinite(left[:, i])
+        quantiles = np.quantile(left[there, i], np.linspace(0, 1, 9)) if there.any() else np.zeros(9)
+        if quantiles[6] < 0.04:
+            continue
+        normal = ndtri((rankdata(left[there, i]) - 0.5) / there.sum())
+        mean = x[there].mean(axis=0)
+        centred = x[there] - mean
+        w = np.linalg.solve(centred.T @ centred + _HAZE_RIDGE * np.eye(x.shape[1]), centred.T @ normal)
+        rest = max(0.05, 1.0 - float((centred @ w).var()))
+        beside = {label: round(float(v), 3) for label, v in zip(labels, w[:-1], strict=True)}
+        haze[name] = Haze(_rounded(quantiles), beside, *_rounded([w[-1], mean @ w, np.sqrt(rest)]))
+    return haze
+
+
+def _shown(rows: dict[str, Rows], n_views: int) -> tuple[list[str], Floats, Floats]:
+    """Labels, how large things of each show in each view (views, labels), and whether it is a camera's."""
+    seen = [rows[kind] for kind in ("thing", "other") if kind in rows]
+    labels = sorted({label for r in seen for label in r.classes})
+    shown, camera = np.zeros((n_views, len(labels))), np.zeros(n_views)
+    for r in seen:
+        camera[r.view] = r.x[:, FEATURES.index("camera")]
+        for view in np.unique(r.view).tolist():
+            at = r.view == view
+            for label, size in showing(r.labels[at].tolist(), r.x[at]).items():
+                if label:
+                    shown[view, labels.index(label)] = size
+    return labels, shown, camera

@@ -17,7 +17,7 @@ from benchmark.calibration_views import Found, Rows
 from benchmark.dataset.splits import SPLITS, SplitSpec
 from benchmark.recordings import Tour, record
 from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
-from surveilnav.categories import TARGETS
+from surveilnav.categories import COCO, TARGETS
 from surveilnav.perception import error_model
 from surveilnav.perception.error_model import FEATURES, SIGHTS, Draws, Luck
 from surveilnav.perception.truth import Simulated
@@ -182,9 +182,9 @@ def test_what_was_never_measured_stays_as_fitted(flat: tuple[views.Looks, Simula
     measured["other"] = replace(drawn["other"], name=np.full(len(drawn["other"].name), ""))
     assert matched(model, measured, drawn).kinds["other"].names == model.kinds["other"].names
     rows = drawn["other"].where(np.tile(np.arange(len(drawn["other"].ids)), 20))
-    at = next(s for s in SIGHTS if (rows.sight[rows.found] == s).any())
+    at = rows.sight[0]
     name, *_ = before = model.kinds["other"].names[at][""]
-    called = np.where(rows.found, name, "")
+    called = np.where(np.arange(len(rows.ids)) % 3 == 0, name, "")
     drawn["other"] = replace(rows, name=called)
     measured["other"] = replace(rows, name=np.where(rows.sight == at, "", called))
     assert measured["other"].found.any()
@@ -201,6 +201,27 @@ def test_places_are_called_alike_near_and_far(flat: tuple[views.Looks, Simulated
     for view in ("robot", "camera"):
         first, *others = [of for at, of in names.items() if at.startswith(view)]
         assert all(of == first for of in others)
+
+
+def test_weak_scores_go_by_what_shows(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+    looks, _ = flat
+    rows = views.rows_of([looks])
+    shows = {
+        label: np.isin(np.arange(len(looks.looks)), rows["thing"].view[rows["thing"].labels == label])
+        for label in TARGETS
+    }
+    by, at = min(shows.items(), key=lambda pair: abs(pair[1].mean() - 0.4))
+    assert 0.1 < at.mean() < 0.9
+    presence = np.zeros((len(looks.looks), len(COCO)), np.float32)
+    presence[:, COCO.index("umbrella")] = np.where(at, 0.3, 0.1) + 0.05 * np.random.default_rng(0).random(len(at))
+    haze = fit(rows, presence, "a test").haze
+    assert list(haze) == ["umbrella"], "nothing else is ever weakly seen"
+    of = haze["umbrella"]
+    assert max(of.beside, key=lambda label: of.beside[label]) == by
+    assert of.more({by: 1.0}, camera=False) > 0 > of.more({}, camera=False)
+    assert of.luck < 1.0
+    assert of.quantiles[0] == pytest.approx(0.1, abs=0.01)
+    assert of.quantiles[-1] == pytest.approx(0.35, abs=0.01)
 
 
 def test_a_single_known_wrong_name_stays_the_commonest() -> None:

@@ -71,6 +71,40 @@ def label_of(name: str, size_m: tuple[float, float, float]) -> str:
     return ""
 
 
+#: Furniture that COCO has no class for: what a detector takes it for depends on what it is.
+_FURNITURE: tuple[tuple[str, str], ...] = (
+    ("rug", r"carpet|\brug\b|mat\b"),
+    ("lamp", r"lamp|light|chandelier"),
+    ("bathtub", r"bath ?tub|\bbath\b|fittedbath|jacuzzi"),
+    ("shower", r"shower"),
+    ("bidet", r"bidet|urinal"),
+    ("washing machine", r"washing ?machine|\bwasher|dryer"),
+    ("dishwasher", r"dish ?washer"),
+    ("wardrobe", r"wardrobe|closet|armoire"),
+    ("bookcase", r"book|shel(f|ves)"),
+    ("bedside table", r"bedside|night ?stand"),
+    ("tv stand", r"(tv|television) ?(stand|cabinet|table|bench)"),
+    ("desk", r"desk"),
+    ("other table", r"table\b"),
+    ("pouffe", r"puff|pouf|ottoman|bean ?bag|footstool"),
+    ("chest", r"chest|drawer|dresser|sideboard|buffet|commode"),
+    ("cabinet", r"cabinet|cupboard|worktop|kitchen|hood"),
+    ("mirror", r"mirror"),
+    ("picture", r"picture|painting|poster|frame"),
+    ("curtain", r"curtain|blind|drape"),
+    ("radiator", r"radiator|heater|boiler"),
+    ("piano", r"piano"),
+    ("fireplace", r"fireplace|chimney"),
+    ("box", r"\bbox\b|cylinder|\bcube\b"),
+)  # fmt: skip
+_COMPILED_FURNITURE = tuple((kind, re.compile(pattern, re.IGNORECASE)) for kind, pattern in _FURNITURE)
+
+
+def furniture_of(name: str) -> str:
+    """The kind of a piece of furniture that COCO has no class for, or ""."""
+    return next((kind for kind, pattern in _COMPILED_FURNITURE if pattern.search(name)), "")
+
+
 #: What stands in for a model that can't be had: pattern in the name -> parametric piece.
 _STAND_INS: tuple[tuple[str, str], ...] = (
     (r"bath ?tub|\bbath\b|fittedbath|jacuzzi", "bathtub"), (r"book|shel(f|ves)|bookcase", "bookshelf"),

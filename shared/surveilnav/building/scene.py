@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.building.labels import furniture_of
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
@@ -134,5 +136,7 @@ class Scene:
 
     @property
     def truth_labels(self) -> dict[int, str]:
-        """The same with the parts of the building: what the perception backends that are told the truth are told."""
-        return {i.id: i.label for i in self.instances if i.label}
+        """The same with the parts of the building and with furniture that detectors don't know: what the perception backends
+        that are told the truth are told."""
+        told = ((i.id, i.label or furniture_of(i.name)) for i in self.instances)
+        return {id_: label for id_, label in told if label}

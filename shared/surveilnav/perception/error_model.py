@@ -34,6 +34,7 @@ BANDS_RAD = (0.0, 0.2, 0.4, 0.6)
 #: Kinds of view and bands, as ``sights`` names them.
 SIGHTS = tuple(f"{view} {low_rad}" for view in ("robot", "camera") for low_rad in BANDS_RAD)
 _SIZE_RAD = 0.15
+_CLEAR_RAD = 0.4  # what shows as large tells all about a room that it can tell
 _WAVES = 12  # Fourier features of a field
 _ROUND = {"splitmix": (0xBF58476D1CE4E5B9, 0x94D049BB133111EB), "step": (0x9E3779B97F4A7C15,)}
 
@@ -134,10 +135,39 @@ def _weighted(x: Floats, labels: Iterable[str], weights: dict[str, list[float]])
     return np.asarray((x * rows).sum(axis=1))
 
 
+class Haze(msgspec.Struct, frozen=True):
+    """What weak scores lend a class in views that neither show it nor say it: quantiles of its presence, and what makes
+    it more: standard deviations by label of what shows (``showing``) and of being a camera's view, around ``mean``;
+    ``luck`` is that of the rest."""
+
+    quantiles: list[float]
+    beside: dict[str, float]
+    camera: float
+    mean: float
+    luck: float
+
+    def more(self, shown: dict[str, float], camera: bool) -> float:
+        """By what a view's haze of the class is thicker than usual, in standard deviations."""
+        return (
+            sum(self.beside.get(label, 0.0) * share for label, share in shown.items())
+            + self.camera * camera
+            - self.mean
+        )
+
+
+def showing(labels: Iterable[str], x: Floats) -> dict[str, float]:
+    """By label of things with features (N, F), 0 to 1: how large the largest shows."""
+    sizes = np.minimum(_SIZE_RAD * np.exp(x[:, FEATURES.index("size")]) / _CLEAR_RAD, 1.0)
+    shown: dict[str, float] = {}
+    for label, size in zip(labels, sizes.tolist(), strict=True):
+        shown[label] = max(size, shown.get(label, 0.0))
+    return shown
+
+
 class ErrorModel(msgspec.Struct, frozen=True):
     """All kinds: ``thing`` has a name that the detector knows, ``other`` has none, ``place`` is a piece of a surface.
 
-    ``haze``: by class, quantiles of the presence that weak scores lend it in a view that doesn't show it.
+    ``haze``: by class.
     """
 
     what: str
@@ -145,7 +175,7 @@ class ErrorModel(msgspec.Struct, frozen=True):
     min_score: float
     min_size_rad: float
     kinds: dict[str, Kind]
-    haze: dict[str, list[float]] = {}
+    haze: dict[str, Haze] = {}
 
 
 @lru_cache(maxsize=1)

@@ -16,7 +16,17 @@ from surveilnav.categories import COCO, canonical
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.perception import closed_set
-from surveilnav.perception.error_model import Draws, ErrorModel, Kind, Luck, error_model, hashed, sights, uniforms
+from surveilnav.perception.error_model import (
+    Draws,
+    ErrorModel,
+    Kind,
+    Luck,
+    error_model,
+    hashed,
+    showing,
+    sights,
+    uniforms,
+)
 from surveilnav.perception.masks import mask_of
 from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
 from surveilnav.perception.visible import Box, Candidates, Place, VisibleThing, candidates, mask_within, visible_things
@@ -93,31 +103,35 @@ class Simulated:
         scene = self._scene_seed(told.labels)
         view = hashed(scene, key)
         detections, weak = [], []
+        shown: dict[str, float] = {}
         floor = cache(partial(_floor_of, told))  # few views have a false alarm that asks
         for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
+            shown |= showing(c.labels, c.x) if c.kind != "place" else {}
             for detected, scores in self._found(c, scene, view, depth_m, camera, floor):
                 weak.append(scores)
                 if detected is not None:
                     detections.append(detected)
         detections.sort(key=lambda d: -d.score)
         clear = 1.0 - np.prod([1.0 - scores for scores in weak], axis=0) if weak else np.zeros(len(COCO), np.float32)
-        presence = np.maximum(clear, self._haze(scene, view, told.T_world_camera))
+        presence = np.maximum(clear, self._haze(scene, view, told.T_world_camera, shown, is_camera))
         return ViewPerception(self.name, tuple(detections), closed_set.embed_image([presence]))
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return closed_set.embed_texts(texts)
 
-    def _haze(self, scene: int, view: int, T_world_camera: Matrix4 | None) -> NDArray[np.float32]:
-        """(80,) what weak scores seem to show of each class: much the same in like views from about the same place."""
+    def _haze(
+        self, scene: int, view: int, T_world_camera: Matrix4 | None, shown: dict[str, float], is_camera: bool
+    ) -> NDArray[np.float32]:
+        """(80,) what weak scores seem to show of each class: it goes by what else shows (ovens seem to be where cabinets
+        are), and is much the same in like views from about the same place."""
         T = np.eye(4) if T_world_camera is None else T_world_camera
         scene = hashed(scene, np.floor(T[:3, 3] / _HAZE_M).astype(int).tolist())
         n = len(self._model.haze)
         draws = Draws(scene, view, np.arange(n, dtype=np.uint64), np.tile(T[:3, 2], (n, 1)), np.ones(n))
         haze = np.zeros(len(COCO), np.float32)
-        for (label, quantiles), share in zip(
-            self._model.haze.items(), ndtr(draws.luck(_HAZE, 5)).tolist(), strict=True
-        ):
-            haze[COCO.index(label)] = _quantile(quantiles, share)
+        for (label, of), luck in zip(self._model.haze.items(), draws.luck(_HAZE, 5).tolist(), strict=True):
+            share = float(ndtr(of.more(shown, is_camera) + of.luck * luck))
+            haze[COCO.index(label)] = _quantile(of.quantiles, share)
         return haze
 
     def _scene_seed(self, labels: dict[int, str]) -> int:

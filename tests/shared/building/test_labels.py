@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from surveilnav.building.labels import label_of, stand_in_of
+from surveilnav.building.labels import furniture_of, label_of, stand_in_of
 from surveilnav.building.parametric import PIECES
+from surveilnav.categories import COCO
 
 SIZE = (1.2, 0.8, 0.75)
 
@@ -29,6 +30,20 @@ SIZE = (1.2, 0.8, 0.75)
 )  # fmt: skip
 def test_label_of(name: str, label: str) -> None:
     assert label_of(name, SIZE) == label
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("Bath", "bathtub"), ("Bathmat", "rug"), ("Bathroom cabinet", "cabinet"), ("Shower", "shower"),
+        ("Kitchen upper cabinet", "cabinet"), ("Dishwasher", "dishwasher"), ("Desk", "desk"), ("Desk lamp", "lamp"),
+        ("Floor uplight", "lamp"), ("Television cabinet", "tv stand"), ("Coffee table", "other table"),
+        ("Bedside table", "bedside table"), ("Bookcase", "bookcase"), ("Chest of drawers", "chest"), ("Thing", ""),
+    ],
+)  # fmt: skip
+def test_furniture_that_detectors_have_no_class_for_has_a_kind(name: str, kind: str) -> None:
+    assert furniture_of(name) == kind
+    assert kind not in COCO
 
 
 def test_size_matters() -> None:

@@ -10,7 +10,7 @@ from surveilnav.building import sources
 from surveilnav.building.raycast import RayCaster
 from surveilnav.building.scene import Scene
 from surveilnav.building.sources import EXAMPLE_HOMES, PARAMETRIC_HOME, list_buildings, open_building
-from surveilnav.categories import TARGETS
+from surveilnav.categories import COCO, TARGETS
 from surveilnav.contract import CAMERA_INFO
 from surveilnav.errors import AssetError, BuildingError
 
@@ -293,10 +293,11 @@ def test_a_second_opening_reads_the_parsed_models(tmp_path: Path, assets: Path) 
 
 @pytest.mark.assets
 @pytest.mark.usefixtures("assets")
-def test_the_truth_names_parts_of_the_building_too() -> None:
-    """Else a detector that errs like a real one takes doors for beds as often as it takes desks for beds."""
+def test_the_truth_names_parts_of_the_building_and_all_furniture_too() -> None:
+    """Else a detector that errs like a real one takes doors for beds as often as desks, and a bath for an oven."""
     scene = open_building("studio")
     parts = {i: label for i, label in scene.truth_labels.items() if i not in scene.labels_by_id}
-    assert set(parts.values()) == {"wall", "floor", "ceiling", "door", "window"}
+    assert {"wall", "floor", "ceiling", "door", "window", "cabinet", "lamp"} <= set(parts.values())
+    assert not set(parts.values()) & set(COCO)
     assert scene.truth_labels == parts | scene.labels_by_id
     assert "" not in scene.truth_labels.values()

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from surveilnav.categories import COCO, TARGETS
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
-from surveilnav.perception.error_model import FEATURES, SIGHTS, error_model, features
+from surveilnav.perception.error_model import FEATURES, SIGHTS, Haze, error_model, features
 from surveilnav.perception.truth import Oracle, Simulated
 from surveilnav.perception.visible import candidates, visible_things
 from surveilnav.sensing.views import TrueInstances, box_cells
@@ -186,6 +186,27 @@ def test_the_error_model_is_complete_and_says_where_it_comes_from() -> None:
         assert set(kind.boxes) - {"right", "wrong"} <= set(COCO)
         assert 0 <= kind.luck.instance + kind.luck.field < 1, "every view has some luck of its own"
         assert all(np.diff([ease for ease, _ in knots]).min() > 0 for knots in kind.scores.values())
+
+
+@pytest.mark.parametrize(("beside", "more"), [({"cabinet": 2.0}, True), ({"lamp": 2.0}, False)])
+def test_a_class_seems_to_be_where_its_haze_is_thicker(beside: dict[str, float], more: bool) -> None:
+    """A real detector's weak scores tell rooms apart: an umbrella seems to stand by what umbrellas stand by."""
+    haze = {"umbrella": Haze([0.0, 0.05, 0.1, 0.4], beside, 0.0, 0.2, 0.5)}
+    backend = Simulated(model=structs_replace(error_model(), haze=haze))
+    ids = np.zeros((120, 160), np.uint16)
+    ids[20:100, 10:110] = 7
+
+    def presence(labels: dict[int, str], key: int) -> float:
+        truth = TrueInstances(ids, labels, _LEVEL)
+        image = backend.perceive(
+            RGB, np.full((120, 160), 1.5, np.float32), CAMERA, truth=truth, key=(key,)
+        ).image_embedding
+        return float(0.3 * image[COCO.index("umbrella")] / image[-1])
+
+    with_it, without = (
+        np.mean([presence(labels, key) for key in range(40)]) for labels in ({7: "cabinet"}, {7: "desk"})
+    )
+    assert bool(with_it > without + 0.05) == more
 
 
 def test_doors_and_windows_are_mistaken_less_often_than_furniture() -> None:
