@@ -51,28 +51,30 @@ def make(
     """
     split, path = table.arms[0].settings.split, out / f"{table.name}.md"
     models, total, basis = models_of(root, split), episodes_of(root, split), basis_of(root, split)
-    playing = {folder_name(settings): (arm, settings) for arm in table.arms if wanted(arm) for settings in arm.runs}
+    runs = _runs(table.arms)
+    playing = {name: arm for arm in table.arms if wanted(arm) for name in _runs([arm])}
     mended = [  # opens them all: a folder that can't be used is said before hours are spent on another
         f"{arm.label}: {scene} episode {number}"
-        for arm, settings in playing.values()
-        if _folder(out, settings).exists()
-        for scene, number in Records(_folder(out, settings), settings, basis).mend()
+        for name, arm in playing.items()
+        if _folder(out, name).exists()
+        for scene, number in Records(_folder(out, name), runs[name], basis).mend()
     ]
-    found: dict[str, Finished] = {}
-    for settings in (settings for arm in table.arms for settings in arm.runs):
-        if there := kept(_folder(out, settings), settings, basis):
-            found[folder_name(settings)] = Finished(there.records, there.broken, {}, total)
+    found = {
+        name: Finished(there.records, there.broken, {}, total)
+        for name, settings in runs.items()
+        if (there := kept(_folder(out, name), settings, basis))
+    }
     faults = _write(table, found, total, models, basis, path)
-    for number, (name, (arm, settings)) in enumerate(playing.items()):
+    for number, (name, arm) in enumerate(playing.items()):
 
         def report(p: Progress, before: int = number, label: str = arm.label) -> None:
             on_progress(before * p.total + p.done, len(playing) * p.total, f"{table.name}: {label}")
 
-        found[name] = run(root, _folder(out, settings), settings, workers=workers, on_progress=report)
+        found[name] = run(root, _folder(out, name), runs[name], workers=workers, on_progress=report)
         faults = _write(table, found, total, models, basis, path)
-    finished = {name for name, run in found.items() if run.complete}
-    played = sum(finished.issuperset(map(folder_name, arm.runs)) for arm in table.arms)
-    return Made(path, faults, finished.issuperset(playing), played, mended)
+    complete = {name for name, finished in found.items() if finished.complete}
+    played = sum(complete.issuperset(_runs([arm])) for arm in table.arms)
+    return Made(path, faults, complete.issuperset(playing), played, mended)
 
 
 def expect_own_runs(
@@ -84,14 +86,19 @@ def expect_own_runs(
         ConfigError: a wanted arm's settings or folder can't be used.
     """
     basis = cache(partial(basis_of, root))  # hashes a split's files
-    for settings in (settings for table in tables for arm in table.arms if wanted(arm) for settings in arm.runs):
+    for name, settings in _runs(arm for table in tables for arm in table.arms if wanted(arm)).items():
         settings.check()
-        if _folder(out, settings).exists():
-            Records(_folder(out, settings), settings, basis(settings.split))
+        if _folder(out, name).exists():
+            Records(_folder(out, name), settings, basis(settings.split))
 
 
-def _folder(out: Path, settings: RunSettings) -> Path:
-    return out / "runs" / folder_name(settings)
+def _runs(arms: Iterable[Arm]) -> dict[str, RunSettings]:
+    """The runs of arms by their folder's name, each once."""
+    return {folder_name(settings): settings for arm in arms for settings in arm.runs}
+
+
+def _folder(out: Path, name: str) -> Path:
+    return out / "runs" / name
 
 
 def _write(
@@ -105,7 +112,7 @@ def _write(
     """The page and its plot, of what was found by arm; returns what isn't counted."""
     lines, faults, told = [], [], set[str]()
     for arm in table.arms:
-        there = {name: found[name] for name in map(folder_name, arm.runs) if name in found}
+        there = {name: found[name] for name in _runs([arm]) if name in found}
         if records := [record for finished in there.values() for record in finished.records]:
             lines.append(Line.of(arm, records))
         for finished in (finished for name, finished in there.items() if name not in told):

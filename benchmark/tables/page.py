@@ -103,11 +103,8 @@ def _difference(line: Line, first: Line) -> tuple[str, str, str]:
     all."""
     if (found := paired(line.records, first.records)) is None:
         return "", "", ""
-    of = (
-        ""
-        if found.pairs == line.summary.episodes == first.summary.episodes * line.arm.seeds
-        else f" (of {found.pairs})"
-    )
+    all_paired = found.pairs == line.summary.episodes == first.summary.episodes * line.arm.seeds
+    of = "" if all_paired else f" (of {found.pairs})"
     r = found.ratio
     ratio = f"{r.mean:.2f} [{r.low:.2f}, {r.high:.2f}]{of}" if r else ""
     return _signed(found.sr) + of, _signed(found.spl) + of, ratio

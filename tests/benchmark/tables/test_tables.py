@@ -134,11 +134,10 @@ def test_the_ratio_is_the_first_lines_over_the_others():
 @pytest.fixture
 def basis(monkeypatch):
     """A dataset of two episodes, and this program."""
-    basis = BASIS
     monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
     monkeypatch.setattr("benchmark.tables.make.episodes_of", lambda root, split: 2)
-    monkeypatch.setattr("benchmark.tables.make.basis_of", lambda root, split: basis)
-    return basis
+    monkeypatch.setattr("benchmark.tables.make.basis_of", lambda root, split: BASIS)
+    return BASIS
 
 
 @pytest.fixture
