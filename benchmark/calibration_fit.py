@@ -14,7 +14,7 @@ from scipy.stats import rankdata
 
 from benchmark.calibration_views import MIN_SIZE_RAD, Rows
 from surveilnav.categories import COCO
-from surveilnav.perception.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, showing
+from surveilnav.perception.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, clearness
 
 MIN_SCORE = 0.25
 #: Standard deviations of the priors of all weights, and of a class's own part of them.
@@ -387,9 +387,6 @@ def _shown(rows: dict[str, Rows], n_views: int) -> tuple[list[str], Floats, Floa
     shown, camera = np.zeros((n_views, len(labels))), np.zeros(n_views)
     for r in seen:
         camera[r.view] = r.x[:, FEATURES.index("camera")]
-        for view in np.unique(r.view).tolist():
-            at = r.view == view
-            for label, size in showing(r.labels[at].tolist(), r.x[at]).items():
-                if label:
-                    shown[view, labels.index(label)] = size
+        named = r.labels != ""
+        np.maximum.at(shown, (r.view[named], np.searchsorted(labels, r.labels[named])), clearness(r.x[named]))
     return labels, shown, camera

@@ -16,7 +16,7 @@ from benchmark.calibration_fit import apart, fit_probit, pairs_of
 from benchmark.calibration_views import Looks, Rows, rows_of, simulated
 from surveilnav.categories import TARGETS
 from surveilnav.perception import closed_set
-from surveilnav.perception.error_model import FEATURES, ErrorModel, Floats, Kind, Luck
+from surveilnav.perception.error_model import FEATURES, ErrorModel, Floats, Kind, Luck, visible_rad
 
 _NEAR_CHORD, _NEAR_M = 0.52, 1.0  # 30 degrees
 CHORDS = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0)
@@ -34,7 +34,7 @@ BANDS = (
     Band("distance [m]", (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 13.0), lambda r: r.range_m),
     Band(
         "visible size [mrad]", (20, 50, 100, 150, 220, 320, 500, 2000),
-        lambda r: 150 * np.exp(r.x[:, FEATURES.index("size")]),
+        lambda r: 1000 * visible_rad(r.x),
     ),
     Band("share of outline hidden", (0.0, 0.1, 0.25, 0.4, 0.6, 0.8, 1.01), lambda r: r.x[:, FEATURES.index("hidden")]),
     Band(

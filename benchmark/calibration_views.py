@@ -16,6 +16,7 @@ from surveilnav.building.simulation import SimulatedBuilding
 from surveilnav.building.stored import read_parts, write_parts
 from surveilnav.categories import COCO
 from surveilnav.geometry import Pinhole, Pose
+from surveilnav.perception import closed_set
 from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.error_model import ErrorModel, Floats, sights
 from surveilnav.perception.truth import Simulated
@@ -109,7 +110,7 @@ def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
         view.source, view.view, view.seq, Pose.from_matrix(view.T_world_camera), small,
         zlib.compress(shown.instance_ids.tobytes(), 1),
         zlib.compress((depth_m * 1000).round().astype(np.uint16).tobytes(), 1),
-        found, [round(float(p), 4) for p in _presence(image)],
+        found, [round(float(p), 4) for p in closed_set.presence(image)],
     )  # fmt: skip
 
 
@@ -150,13 +151,8 @@ def simulated(looks: Looks, model: ErrorModel, seed: int = 0) -> tuple[list[list
         truth, depth_m = look.truth(looks.labels)
         seen = backend.perceive(_NO_PICTURE, depth_m, look.camera, truth=truth, key=look.key)
         found.append([_found(d, depth_m, truth.ids) for d in seen.detections])
-        presence.append(_presence(seen.image_embedding))
+        presence.append(closed_set.presence(seen.image_embedding))
     return found, np.array(presence, np.float32)
-
-
-def _presence(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(80,) of an image's embedding: the probability that something of a class is there (``closed_set``)."""
-    return np.asarray(0.3 * image[:-1] / image[-1], np.float32)
 
 
 # --- rows ---------------------------------------------------------------------------------------------------------

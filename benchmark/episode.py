@@ -168,7 +168,7 @@ def robot_state_view(state: robot.RobotState, stairs: tuple[Stair, ...] = ()) ->
 
 #: Every reason that a search can fail for, and what it means.
 REASONS: dict[str, str] = {
-    "not_seen": "all was searched, and no view ever showed the target to the detector",
+    "not_seen": "all was searched, and in the end no object that was called the target lay where one is",
     "seen_and_rejected": "an object lies in the maps where the target is, but it was never trusted",
     "wrong_floor": "the robot was never on a floor with a goal",
     "false_positive": "it stopped at something else",

@@ -6,13 +6,16 @@ from dataclasses import fields
 from typing import Any, Literal
 
 import msgspec
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from benchmark.policies import policy_of
 from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
 from surveilnav.errors import ConfigError
 from surveilnav.perception.choose import BACKENDS
+from surveilnav.perception.weights import WEIGHTS
+
+_PLANNING = TypeAdapter(PlannerConfig)
 
 
 class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -67,6 +70,12 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         known = {f.name for f in fields(PlannerConfig)}
         if unknown := sorted(set(self.planning) - known):
             raise ConfigError(f"the planner has no setting {unknown[0]!r}; it has {', '.join(sorted(known))}")
+        try:
+            _PLANNING.validate_python(self.planning)
+        except ValidationError as error:
+            raise ConfigError(f"these settings of the planner can't be: {error}") from error
+        if unknown := sorted(set(self.detectors) - set(WEIGHTS)):
+            raise ConfigError(f"detectors are of {', '.join(WEIGHTS)}, got {unknown[0]!r}")
 
     def fusion_config(self) -> FusionConfig:
         """The policy's joint maps with what is to be changed. ConfigError: a setting that doesn't exist or can't be."""

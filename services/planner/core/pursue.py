@@ -79,7 +79,7 @@ def approach(now: Now, record: ObjectRecord) -> Decision | None:
         as_near_as_it_gets = away_m <= config.farthest_stop_m and bool(place.sight[here])
         if as_near_as_it_gets and judged == "verified":
             return _found(now, f"found {_what(record)}: seen by the robot itself, and no way leads nearer")
-        return _found(now, _settled_for(now, record)) if as_near_as_it_gets and settled else None
+        return _settled(now, record) if as_near_as_it_gets and settled else None
     return now.decide(route.action, "approaching", f"to {_what(record)}, {route.remaining_m:.1f} m", route)
 
 
@@ -109,7 +109,7 @@ def _confirm(now: Now, record: ObjectRecord, judged: objects.Verdict) -> Decisio
         why = "strong surveillance evidence, which the robot's views don't contradict"
         return _found(now, f"found {_what(record)}: {why}")
     if record.id == state.here.settled_for:
-        return _found(now, _settled_for(now, record))
+        return _settled(now, record)
     _drop(state, record, "the robot's own views didn't confirm it")
     return None
 
@@ -118,8 +118,8 @@ def _found(now: Now, message: str) -> Decision:
     return replace(now.decide("stop", "finished", message), finished=True, found=True)
 
 
-def _settled_for(now: Now, record: ObjectRecord) -> str:
-    return f"took {_what(record)} for {now.state.target!r}: weak evidence, but nothing better was found"
+def _settled(now: Now, record: ObjectRecord) -> Decision:
+    return _found(now, f"took {_what(record)} for {now.state.target!r}: weak evidence, but nothing better was found")
 
 
 def _drop(state: MissionState, record: ObjectRecord, why: str) -> None:

@@ -105,18 +105,10 @@ def furniture_of(name: str) -> str:
     return next((kind for kind, pattern in _COMPILED_FURNITURE if pattern.search(name)), "")
 
 
-#: What stands in for a model that can't be had: pattern in the name -> parametric piece.
-_STAND_INS: tuple[tuple[str, str], ...] = (
-    (r"bath ?tub|\bbath\b|fittedbath|jacuzzi", "bathtub"), (r"book|shel(f|ves)|bookcase", "bookshelf"),
-    (r"lamp|light$|uplight", "lamp"), (r"carpet|rug|\bmat\b|bathmat", "rug"),
-)  # fmt: skip
+#: Kinds of furniture that have parametric pieces of their own, for models that can't be had.
+_STAND_INS = {"bathtub": "bathtub", "bookcase": "bookshelf", "lamp": "lamp", "rug": "rug"}
 
 
 def stand_in_of(name: str, label: str) -> str:
     """The parametric piece that stands in for one of that name and class."""
-    if label:
-        return label
-    for pattern, kind in _STAND_INS:
-        if re.search(pattern, name, re.IGNORECASE):
-            return kind
-    return "cabinet"
+    return label or _STAND_INS.get(furniture_of(name), "cabinet")

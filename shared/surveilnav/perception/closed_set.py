@@ -60,6 +60,11 @@ def embed_image(class_scores: Iterable[NDArray[np.floating]]) -> NDArray[np.floa
     return embedding / np.linalg.norm(embedding)
 
 
+def presence(image_embedding: NDArray[np.floating]) -> NDArray[np.float32]:
+    """(80,) of an image's embedding (DIM,), the probability that something of each class is there."""
+    return np.asarray(_BASE * image_embedding[:_NOTHING] / image_embedding[_NOTHING], np.float32)
+
+
 def embed_texts(texts: Sequence[str]) -> NDArray[np.float32]:
     """(N, DIM) of texts, each a class name or "seems like there is a <class>".
 

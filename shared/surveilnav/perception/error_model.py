@@ -52,10 +52,14 @@ def features(
     )
 
 
+def visible_rad(x: Floats) -> Floats:
+    """(N,) of (N, F) features, how large each thing shows [rad]."""
+    return np.asarray(_SIZE_RAD * np.exp(x[:, FEATURES.index("size")]))
+
+
 def sights(x: Floats) -> list[str]:
     """Of (N, F) features, the kind of view and the band of visible size, for instance "robot 0.2"."""
-    size_rad = _SIZE_RAD * np.exp(x[:, FEATURES.index("size")])
-    band = np.searchsorted(BANDS_RAD, size_rad, side="right") - 1
+    band = np.searchsorted(BANDS_RAD, visible_rad(x), side="right") - 1
     camera = x[:, FEATURES.index("camera")] > 0
     return [SIGHTS[i] for i in (band + camera * len(BANDS_RAD)).tolist()]
 
@@ -157,11 +161,15 @@ class Haze(msgspec.Struct, frozen=True):
 
 def showing(labels: Iterable[str], x: Floats) -> dict[str, float]:
     """By label of things with features (N, F), 0 to 1: how large the largest shows."""
-    sizes = np.minimum(_SIZE_RAD * np.exp(x[:, FEATURES.index("size")]) / _CLEAR_RAD, 1.0)
     shown: dict[str, float] = {}
-    for label, size in zip(labels, sizes.tolist(), strict=True):
-        shown[label] = max(size, shown.get(label, 0.0))
+    for label, clear in zip(labels, clearness(x).tolist(), strict=True):
+        shown[label] = max(clear, shown.get(label, 0.0))
     return shown
+
+
+def clearness(x: Floats) -> Floats:
+    """(N,) of (N, F) features, 0 to 1: how much of what a thing can tell of its room it tells at the size it shows."""
+    return np.minimum(visible_rad(x) / _CLEAR_RAD, 1.0)
 
 
 class ErrorModel(msgspec.Struct, frozen=True):

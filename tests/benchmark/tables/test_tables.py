@@ -266,6 +266,8 @@ def test_the_plot_is_the_same_twice():
         (RunSettings(fusion={"objects": {"geometry": "sphere"}}), "geometry"),
         (RunSettings(fusion={"clouds": {}}), "clouds"),
         (RunSettings(planning={"speed": 3}), "no setting 'speed'"),
+        (RunSettings(planning={"strategy": "best"}), "strategy"),
+        (RunSettings(detectors=["yolo-huge"]), "yolox-nano, .*got 'yolo-huge'"),
         (RunSettings(delay_steps=-1), "0 or more"),
     ],
 )

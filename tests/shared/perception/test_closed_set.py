@@ -24,6 +24,12 @@ def seen(**classes: float) -> list[np.ndarray]:
     return rows
 
 
+def test_presence_is_what_an_image_was_embedded_from() -> None:
+    image = closed_set.embed_image([*seen(bed=0.5), *seen(bed=0.5, tv=0.1)])
+    expected = dict.fromkeys(COCO, 0.0) | {"bed": 0.75, "tv": 0.1}
+    assert closed_set.presence(image).tolist() == pytest.approx([expected[name] for name in COCO], abs=1e-6)
+
+
 def relevance(target: str, **classes: float) -> float:
     text = closed_set.embed_texts([f"seems like there is a {target}"])[0]
     return float(text @ closed_set.embed_image(seen(**classes)))

@@ -10,6 +10,7 @@ from scipy.special import ndtr
 from surveilnav.categories import COCO, TARGETS
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
+from surveilnav.perception import closed_set
 from surveilnav.perception.error_model import FEATURES, SIGHTS, Haze, error_model, features
 from surveilnav.perception.truth import Oracle, Simulated
 from surveilnav.perception.visible import candidates, visible_things
@@ -201,7 +202,7 @@ def test_a_class_seems_to_be_where_its_haze_is_thicker(beside: dict[str, float],
         image = backend.perceive(
             RGB, np.full((120, 160), 1.5, np.float32), CAMERA, truth=truth, key=(key,)
         ).image_embedding
-        return float(0.3 * image[COCO.index("umbrella")] / image[-1])
+        return float(closed_set.presence(image)[COCO.index("umbrella")])
 
     with_it, without = (
         np.mean([presence(labels, key) for key in range(40)]) for labels in ({7: "cabinet"}, {7: "desk"})
