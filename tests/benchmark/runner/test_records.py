@@ -222,11 +222,25 @@ def test_a_ratio_is_that_of_resampled_pairs():
         (RunSettings(policy="best"), "there is no policy 'best'"),
         (RunSettings(perception="auto"), "perception is one of"),
         (RunSettings(max_steps=0), "1 to 5000 steps"),
+        (RunSettings(fusion={"objects": {"geometry": "sphere"}}), "geometry"),
+        (RunSettings(fusion={"clouds": {}}), "clouds"),
+        (RunSettings(planning={"speed": 3}), "no setting 'speed'"),
+        (RunSettings(planning={"strategy": "best"}), "strategy"),
+        (RunSettings(detectors=["yolo-huge"]), "yolox-nano, .*got 'yolo-huge'"),
+        (RunSettings(delay_steps=-1), "0 or more"),
     ],
 )
-def test_settings_that_cant_be(settings, said):
+def test_settings_that_cant_be_are_named(settings, said):
     with pytest.raises(ConfigError, match=said):
         settings.check()
+
+
+def test_one_setting_is_changed_and_the_others_stay():
+    changed = RunSettings(fusion={"objects": {"geometry": "box_iou"}}).fusion_config()
+    plain = RunSettings().fusion_config()
+    assert changed.objects.geometry == "box_iou"
+    assert changed.objects.model_copy(update={"geometry": plain.objects.geometry}) == plain.objects
+    assert changed.map == plain.map
 
 
 @pytest.mark.parametrize(

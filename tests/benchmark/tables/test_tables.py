@@ -258,27 +258,3 @@ def test_the_plot_is_the_same_twice():
     for file in pictures:
         plot(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])], file)
     assert pictures[0].getvalue() == pictures[1].getvalue()
-
-
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        (RunSettings(fusion={"objects": {"geometry": "sphere"}}), "geometry"),
-        (RunSettings(fusion={"clouds": {}}), "clouds"),
-        (RunSettings(planning={"speed": 3}), "no setting 'speed'"),
-        (RunSettings(planning={"strategy": "best"}), "strategy"),
-        (RunSettings(detectors=["yolo-huge"]), "yolox-nano, .*got 'yolo-huge'"),
-        (RunSettings(delay_steps=-1), "0 or more"),
-    ],
-)
-def test_settings_that_cant_be_are_named(settings, said):
-    with pytest.raises(ConfigError, match=said):
-        settings.check()
-
-
-def test_one_setting_is_changed_and_the_others_stay():
-    changed = RunSettings(fusion={"objects": {"geometry": "box_iou"}}).fusion_config()
-    plain = RunSettings().fusion_config()
-    assert changed.objects.geometry == "box_iou"
-    assert changed.objects.model_copy(update={"geometry": plain.objects.geometry}) == plain.objects
-    assert changed.map == plain.map
