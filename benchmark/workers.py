@@ -11,13 +11,18 @@ import os
 import signal
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Generic, NamedTuple, TypeVar
 
 from surveilnav.building.shading import use_threads
 from surveilnav.errors import SurveilNavError
+
+#: OpenBLAS takes its kernels by processor and splits sums by core, so that sums differ in their last bits. These kernels run
+#: on every x86 processor since 2013; on other architectures the name is ignored.
+_SAME_SUMS = {"OPENBLAS_CORETYPE": "Haswell", "OPENBLAS_NUM_THREADS": "1"}
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -42,7 +47,7 @@ def in_workers(
     """``work(job)`` for all jobs, at most ``workers`` at a time, as they end; None whenever ``poll_s`` went by without one.
 
     A job that raises, or whose process is killed, doesn't touch the others. Workers leave Ctrl-C to their parent; when the
-    iterator is closed, they are ended.
+    iterator is closed, they are ended. Linear algebra in them gives the same bits on every x86 processor.
     """
     context = multiprocessing.get_context("spawn")
     threads = max(1, (os.cpu_count() or 1) // max(1, min(workers, len(jobs))))
@@ -53,7 +58,8 @@ def in_workers(
                 job = waiting.popleft()
                 receiving, sending = context.Pipe(duplex=False)
                 process = context.Process(target=_run, args=(work, job, sending, threads), daemon=True)
-                process.start()
+                with _environment(_SAME_SUMS):  # libraries read it when they are loaded, and here they are
+                    process.start()
                 sending.close()  # so that its end is seen here when the process dies
                 running[receiving] = process, job
             ready = wait(list(running), poll_s)
@@ -88,6 +94,21 @@ def _run(work: Callable[[J], R], job: J, sending: Connection, threads: int) -> N
     except Exception:  # whatever it is, whoever asked must hear of it
         said = None, traceback.format_exc()
     sending.send(said)
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """What processes that start meanwhile inherit."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _how(exitcode: int | None) -> str:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import platform
 import signal
 import sys
 import time
+
+import pytest
+from threadpoolctl import threadpool_info
 
 from benchmark.workers import in_workers
 from surveilnav.errors import ConfigError
@@ -50,3 +54,17 @@ def test_while_nothing_ends_it_says_so_and_closing_ends_the_workers():
 
 def test_no_jobs_no_workers():
     assert list(in_workers(_job, [], 2)) == []
+
+
+def _blas(_):
+    return {(lib["architecture"], lib["num_threads"]) for lib in threadpool_info() if lib["internal_api"] == "openblas"}
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="kernels are chosen by name on x86 only")
+def test_sums_are_the_same_on_every_x86_processor_and_any_number_of_cores(monkeypatch):
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Nehalem")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    (done,) = (d for d in in_workers(_blas, [0], 1) if d)
+    assert done.result == {("Haswell", 1)}, done.error
+    assert os.environ["OPENBLAS_CORETYPE"] == "Nehalem"
+    assert "OPENBLAS_NUM_THREADS" not in os.environ
