@@ -21,7 +21,7 @@ from surveilnav.building.shading import use_threads
 from surveilnav.errors import SurveilNavError
 
 #: OpenBLAS takes its kernels by processor and splits sums by core, so that sums differ in their last bits. These kernels run
-#: on every x86 processor since 2013; on other architectures the name is ignored.
+#: on every x86 processor with AVX2; on other architectures the name is ignored.
 _SAME_SUMS = {"OPENBLAS_CORETYPE": "Haswell", "OPENBLAS_NUM_THREADS": "1"}
 
 J = TypeVar("J")
@@ -47,7 +47,7 @@ def in_workers(
     """``work(job)`` for all jobs, at most ``workers`` at a time, as they end; None whenever ``poll_s`` went by without one.
 
     A job that raises, or whose process is killed, doesn't touch the others. Workers leave Ctrl-C to their parent; when the
-    iterator is closed, they are ended. Linear algebra in them gives the same bits on every x86 processor.
+    iterator is closed, they are ended. In them BLAS gives the same bits on every x86 processor with AVX2.
     """
     context = multiprocessing.get_context("spawn")
     threads = max(1, (os.cpu_count() or 1) // max(1, min(workers, len(jobs))))
