@@ -22,7 +22,18 @@ AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout;
 
 @app.command()
 def build(
-    split: Annotated[list[str] | None, typer.Option(help="val, val_mini, train; all if none is named.")] = None,
+    split: Annotated[
+        list[str] | None, typer.Option(help="val, val_mini, train (all if none is named), or a name for --building.")
+    ] = None,
+    building: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="For a split of your own: a .sh3d, .glb or .obj file, a folder of HM3D, or a building's name."
+        ),
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option(min=1, help="Of a split of your own, in each building; 10 if not said.")
+    ] = None,
     root: Root = DEFAULT_ROOT,
     workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
     anew: Annotated[
@@ -30,15 +41,24 @@ def build(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Build the dataset, or what is missing or damaged of it: stop it whenever you like."""
+    """Build the dataset, or what is missing or damaged of it: stop it whenever you like.
+
+    With --building, a split of your own buildings, named by --split ("own" if it isn't).
+    """
     import msgspec
 
     from benchmark.dataset.make import make
-    from benchmark.dataset.splits import splits_of
+    from benchmark.dataset.splits import own_split, splits_of
     from cli.progress import counting
+    from surveilnav.errors import ConfigError
 
+    if building and len(split or ()) > 1:
+        raise ConfigError("buildings of your own make one split: name one")
+    if episodes and not building:
+        raise ConfigError("--episodes is for a split of your own: name its buildings with --building")
+    splits = [own_split(split[0] if split else "own", building, episodes or 10)] if building else splits_of(split)
     with counting(console, "scenes") as progress:
-        manifest = make(root, splits_of(split), workers=workers, anew=anew, on_progress=progress)
+        manifest = make(root, splits, workers=workers, anew=anew, on_progress=progress)
     if as_json:
         print(msgspec.json.encode(manifest).decode())
         return
@@ -77,10 +97,12 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Draw floors, cameras with what they see, goals and starts."""
+    from benchmark.dataset.integrity import read_manifest
     from benchmark.dataset.load import scenes_of
     from benchmark.dataset.show import draw
     from cli.progress import counting
 
+    read_manifest(root)
     scenes = scene or scenes_of(root, split)
     area_m2 = seen_m2 = 0.0
     said = []

@@ -8,8 +8,9 @@ from pathlib import Path
 from benchmark.dataset import format as files
 from benchmark.dataset.build import MADE_BY, RULES, build_scene
 from benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCounts
-from benchmark.dataset.integrity import damage, damaged_scenes, is_whole
-from benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
+from benchmark.dataset.integrity import damage, damaged_scenes, files_in, files_of, is_whole, read_manifest
+from benchmark.dataset.load import load_scene
+from benchmark.dataset.splits import SPLITS, SceneSpec, SplitSpec, quotas
 from benchmark.workers import in_workers
 from surveilnav.errors import ConfigError
 
@@ -28,25 +29,37 @@ def make(
         anew: builds what is there, too.
 
     Raises:
-        ConfigError: a dataset of another version is there, files of a split that isn't built were changed, a scene can't be
-            built, or floors, cameras or episodes don't come out as the split says.
+        ConfigError: a dataset of another version is there, files of scenes that a split hasn't, files of a split that isn't
+            built were changed, a scene can't be built, or floors, cameras or episodes don't come out as the split says.
     """
+    for split in splits:
+        own = files_of(split.name, (spec.scene for spec in split.scenes))
+        if strays := sorted(files_in(root, split.name) - own):
+            more = f" and {len(strays) - 3} more" if len(strays) > 3 else ""
+            raise ConfigError(
+                f"{root} has files that are none of {split.name}: {', '.join(strays[:3])}{more}; delete them, or take another "
+                "--root"
+            )
     changed: set[tuple[str, str]] = set()
     if (root / "dataset.json").exists() and not anew:
         try:
-            manifest = files.manifest_of(root)
-        except ConfigError as other:
-            raise ConfigError(f"{other} (`surveilnav dataset build --anew`, or another --root)") from other
+            manifest = read_manifest(root)
+        except ConfigError as error:
+            raise ConfigError(f"{error} (`surveilnav dataset build --anew`, or another --root)") from error
         # what was changed mustn't get a new hash in the manifest
-        changed = {scene for split in splits for scene in damaged_scenes(root, manifest, split.name)}
-        for other_split in set(manifest.splits) - {split.name for split in splits}:
-            if name := next((name for name, _ in damage(root, manifest, other_split)), ""):
-                raise ConfigError(f"{name} is missing or was changed: build {other_split} as well, that mends it")
+        changed = {
+            s for split in splits if split.name in manifest.splits for s in damaged_scenes(root, manifest, split.name)
+        }
+        for other in sorted(set(manifest.splits) - {split.name for split in splits}):
+            if (root / other).exists():  # else somebody has no more use for it
+                for name, what in damage(root, manifest, other):
+                    how = f"build {other} as well" if other in SPLITS else "build it with its --building again"
+                    raise ConfigError(f"{root / name} {what}: {how}, or delete the split's folder {root / other}")
     jobs = [
         (root, split.name, spec, n)
         for split in splits
         for spec, n in zip(split.scenes, quotas(split.episodes, len(split.scenes)), strict=True)
-        if anew or (split.name, spec.scene) in changed or not is_whole(root, split.name, spec.scene)
+        if anew or (split.name, spec.scene) in changed or not is_whole(root, split.name, spec, n)
     ]
     for _, name, spec, _ in jobs:  # whatever stops this build, the next one sees what is still to be built
         (root / name / f"{name}.json.gz").unlink(missing_ok=True)
@@ -100,6 +113,13 @@ def _write_index(root: Path, split: str) -> None:
 def _check_counts(root: Path, split: SplitSpec) -> None:
     """Raises ConfigError where the split isn't what it should be: a rule changed, or a building."""
     made = counts(root, split.name)
+    if made.episodes != split.episodes:
+        for spec, wanted in zip(split.scenes, quotas(split.episodes, len(split.scenes)), strict=True):
+            if (there := len(load_scene(root, split.name, spec.scene).content.episodes)) != wanted:
+                raise ConfigError(
+                    f"{spec.building} should have {wanted} episodes, it came out with {there}: a robot can start to search for "
+                    f"too few of {', '.join(files.CATEGORIES.values())} there; take fewer --episodes, or leave the building out"
+                )
     floors, cameras = split.expected or (made.floors, made.cameras)
     if (made.floors, made.cameras, made.episodes) != (floors, cameras, split.episodes):
         raise ConfigError(

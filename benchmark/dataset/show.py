@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.dataset.build import open_scene
-from benchmark.dataset.load import SceneData, load_scene, start_of
+from benchmark.dataset.integrity import damage, read_manifest
+from benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
 from surveilnav.building.navigation import FloorNavigation
 from surveilnav.building.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
 from surveilnav.errors import ConfigError
@@ -38,10 +39,13 @@ def draw(root: Path, split: str, scene: str, out: Path) -> Drawn:
     """Writes ``<out>/<split>/<scene>.png``; floors from the lowest on, side by side.
 
     Raises:
-        ConfigError: no such scene, or it can't be written.
+        ConfigError: no such scene, its files were changed, or the picture can't be written.
     """
-    if not (root / split / "scenes" / f"{scene}.json").exists():
+    manifest = read_manifest(root)
+    if scene not in scenes_of(root, split):
         raise ConfigError(f"{root} has no scene {scene!r} in {split}; see {root / split / 'scenes'}")
+    if any(damage(root, manifest, split, scene)):
+        raise ConfigError(f"files of {split}/{scene} aren't what they were: `surveilnav dataset check` says which")
     data = load_scene(root, split, scene)
     building = open_scene(data.record, lighting="flat")
     data.check_scene(building.scene)

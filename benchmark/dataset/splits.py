@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
-from surveilnav.building.sources import EXAMPLE_HOMES, TRAIN_HOMES
+from surveilnav.building.generated.buildings import is_generated
+from surveilnav.building.sources import EXAMPLE_HOMES, TRAIN_HOMES, list_buildings
 from surveilnav.errors import ConfigError
 
 Models = Literal["all", "train", "val"]
@@ -22,7 +24,7 @@ VAL_SEEDS = (0, 1)
 
 @dataclass(frozen=True, slots=True)
 class SceneSpec:
-    """A building with its furniture. ``seed`` draws furniture and floor coverings."""
+    """A building with its furniture: a name, or the path of a plan or a mesh. ``seed`` draws furniture and floor coverings."""
 
     building: str
     seed: int
@@ -31,7 +33,7 @@ class SceneSpec:
     @property
     def scene(self) -> str:
         """Its name in a dataset's files."""
-        return f"{self.building}-s{self.seed}"
+        return f"{Path(self.building).stem}-s{self.seed}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,3 +94,34 @@ def splits_of(names: Sequence[str] | None) -> list[SplitSpec]:
     if unknown:
         raise ConfigError(f"there is no split {unknown[0]!r}; there are {', '.join(SPLITS)}")
     return [SPLITS[name] for name in names] if names else list(SPLITS.values())
+
+
+def own_split(name: str, buildings: Sequence[str], episodes_each: int) -> SplitSpec:
+    """A split of anybody's buildings.
+
+    Args:
+        buildings: names of buildings, paths of plans or meshes, folders of HM3D.
+
+    Raises:
+        ConfigError: a name that is taken or can't be a folder's, or two buildings with the same file name.
+    """
+    if name in SPLITS or not name.replace("_", "").replace("-", "").isalnum():
+        raise ConfigError(
+            f"a split of your own needs a name of letters and digits other than {', '.join(SPLITS)}; got {name!r}"
+        )
+    scenes = tuple(SceneSpec(_from_anywhere(building), 0, "all") for building in buildings)
+    if len({spec.scene for spec in scenes}) < len(scenes):
+        raise ConfigError("two of these buildings have the same name, and a split's scenes are named by it: rename one")
+    return SplitSpec(name, scenes, episodes_each * len(scenes))
+
+
+def _from_anywhere(building: str) -> str:
+    """A name as it is, a path made absolute: a scene is opened from wherever the benchmark runs."""
+    name = building.strip().lower().replace("-", "_")
+    if is_generated(name) or name in {row.name for row in list_buildings()}:
+        return name
+    try:
+        path = Path(building).expanduser().resolve()
+        return str(path) if path.exists() else building
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no home directory, a zero byte
+        raise ConfigError(f"{building[:80]!r} can't be opened: {error}") from error

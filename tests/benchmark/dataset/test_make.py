@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
 import json
+import os
 import shutil
 
 import pytest
 
 from benchmark.dataset.check import check
 from benchmark.dataset.load import load_scene
-from benchmark.dataset.make import make, write_manifest
+from benchmark.dataset.make import _work, make, write_manifest
 from benchmark.dataset.show import draw
-from benchmark.dataset.splits import SplitSpec, quotas, splits_of, take
+from benchmark.dataset.splits import SplitSpec, own_split, quotas, splits_of, take
+from benchmark.runner.basis import basis_of
+from benchmark.runner.run import run
+from benchmark.runner.settings import RunSettings
+from surveilnav.building.meshes import export_glb
+from surveilnav.building.sources import open_building
 from surveilnav.errors import ConfigError
 from tests.benchmark.dataset.conftest import SPLIT
 
@@ -67,6 +74,27 @@ def test_what_was_changed_in_another_split_gets_no_new_hash(dataset, tmp_path):
     with pytest.raises(ConfigError, match=r"val/content/parametric_flat-s0.json.gz .* build val as well"):
         make(root, [SPLIT], workers=1)
     assert (root / "dataset.json").read_bytes() == before
+
+
+def test_a_full_disk_is_named_and_the_next_build_goes_on(dataset, tmp_path, monkeypatch):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    cameras = root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz"
+    cameras.unlink()
+    real = os.replace
+
+    def full(source, target):
+        if target == cameras:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(source, target)
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(ConfigError, match="No space left on device"):
+        _work((root, "val_mini", SPLIT.scenes[0], 5))
+    monkeypatch.undo()
+    assert not list(root.rglob("*.part"))
+    make(root, [SPLIT], workers=1)
+    assert _bytes(root) == _bytes(dataset)
 
 
 def _flip(path):
@@ -144,6 +172,34 @@ def _no_category(content):
         e["episode_id"] = str(i)
 
 
+def _viewpoint_far_away(content):
+    """Of one that isn't the nearest to any start, so no way is wrong."""
+    goals = content["goals_by_category"]["parametric_flat-s0.glb_chair"]
+    for view_point in goals[-1]["view_points"]:
+        view_point["agent_state"]["position"][0] += 50.0
+
+
+def _goal_left_out(content):
+    content["goals_by_category"]["parametric_flat-s0.glb_chair"].pop()
+
+
+def _goal_twice(content):
+    goals = content["goals_by_category"]["parametric_flat-s0.glb_chair"]
+    goals.append(goals[0])
+
+
+def _goal_moved(content):
+    content["goals_by_category"]["parametric_flat-s0.glb_chair"][0]["position"][0] += 0.5
+
+
+def _closest_goal_of_another_category(content):
+    content["episodes"][0]["info"]["closest_goal_object_id"] = "36"  # the bed
+
+
+def _another_scene(content):
+    content["episodes"][0]["scene_id"] = "surveilnav/val_mini/castle/castle.glb"
+
+
 def _goal_that_isnt_there(content):
     next(iter(content["goals_by_category"].values()))[0]["object_id"] = "60000"
 
@@ -155,6 +211,12 @@ def _goal_that_isnt_there(content):
         (_no_viewpoint, "error", "no viewpoint: unreachable"),
         (_no_category, "note", "has no toilet"),
         (_goal_that_isnt_there, "error", "with the number 60000"),
+        (_viewpoint_far_away, "error", "its viewpoints aren't those from which a robot sees it"),
+        (_goal_left_out, "error", "can be reached and isn't among the goals"),
+        (_goal_twice, "error", "lists a goal twice"),
+        (_goal_moved, "error", "isn't where its file says"),
+        (_closest_goal_of_another_category, "error", "its closest goal is none of its category"),
+        (_another_scene, "error", "episode 0 is one of the scene surveilnav/val_mini/castle"),
         (_no_number, "error", "holds what can't be"),
         (_start_without_place, "error", "holds what can't be"),
     ],
@@ -175,13 +237,23 @@ def test_faults_are_named(dataset, tmp_path, change, level, said):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda c, m2: c["cameras"][m2][0].update(position_m=[500.0, 500.0, 100.0]), "sees nothing within 10 m"),
+        (lambda c, m2: c["cameras"][m2][0].update(position_m=[500.0, 500.0, 100.0]), "sees nothing"),
+        (lambda c, m2: c["cameras"][m2][0]["position_m"].__setitem__(2, -0.05), "sees nothing"),
+        (lambda c, m2: c["cameras"][m2][0]["position_m"].__setitem__(0, 2.0), "doesn't hang or look as the rule says"),
         (lambda c, m2: c["cameras"][m2][0]["views"].pop(), "has 12 views, expected 13"),
         (lambda c, m2: c["view_bytes"].pop(m2), "bytes of 0 views, it has 13"),
         (lambda c, m2: c["cameras"][m2].pop(), "its floors count 1"),
         (lambda c, m2: c["cameras"].pop(m2), "its floors count 1"),
     ],
-    ids=["sees nothing", "few views", "not measured", "missing", "no density"],
+    ids=[
+        "far away",
+        "in the floor slab",
+        "elsewhere",
+        "few views",
+        "not measured",
+        "missing",
+        "no density",
+    ],
 )
 def test_what_is_wrong_with_a_camera_is_named(dataset, tmp_path, m2, change, said):
     root = tmp_path / "copy"
@@ -191,6 +263,153 @@ def test_what_is_wrong_with_a_camera_is_named(dataset, tmp_path, m2, change, sai
     found = [f for f in check(root) if said in f.what]
     assert [f.level for f in found] == ["error"]
     assert f"{m2} m2" in found[0].what
+
+
+def test_cameras_with_another_lens_are_named(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    _edit(root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", lambda c: c["intrinsics"].update(fx_px=500.0))
+    write_manifest(root)
+    assert [f.what for f in check(root) if f.level == "error"] == [
+        f"cameras per {m2} m2 aren't built or mounted as the rule says" for m2 in (100, 200)
+    ]
+
+
+def test_a_scene_without_its_cameras_is_named(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    _edit(
+        root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", lambda c: c.update(cameras={"100": [], "200": []})
+    )
+    path = root / "val_mini" / "scenes" / "parametric_flat-s0.json"
+    record = json.loads(path.read_text())
+    record["floors"][0]["cameras"] = {"100": 0, "200": 0}
+    path.write_text(json.dumps(record))
+    write_manifest(root)
+    assert [f.what for f in check(root) if f.level == "error"] == [
+        f"camera c0-1 per {m2} m2 is missing" for m2 in (100, 200)
+    ]
+
+
+def test_a_density_that_is_nowhere_is_named(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    _edit(root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", lambda c: c["cameras"].pop("200"))
+    path = root / "val_mini" / "scenes" / "parametric_flat-s0.json"
+    record = json.loads(path.read_text())
+    del record["floors"][0]["cameras"]["200"]
+    path.write_text(json.dumps(record))
+    write_manifest(root)
+    assert [f.what for f in check(root) if f.level == "error"] == ["the dataset has cameras per 100 m2, not per 200"]
+
+
+def test_files_that_the_manifest_doesnt_know_are_named(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    for folder, end in (("scenes", ".json"), ("content", ".json.gz"), ("cameras", ".json.gz")):
+        source = root / "val_mini" / folder / f"parametric_flat-s0{end}"
+        shutil.copy(source, source.with_name(f"castle-s0{end}"))
+    found = [f.where for f in check(root, deep=False) if "isn't in the manifest" in f.what]
+    assert len(found) == 3
+    assert all("castle-s0" in where for where in found)
+    with pytest.raises(ConfigError, match=r"castle-s0.json.gz isn't in the manifest"):
+        basis_of(root, "val_mini")
+    before = (root / "dataset.json").read_bytes()
+    with pytest.raises(ConfigError, match=r"files that are none of val_mini: .*castle-s0.json.gz.*delete them"):
+        make(root, [SPLIT], workers=1)
+    assert (root / "dataset.json").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "name", ["notes.json", "scenes/old/x.json", "content/parametric_flat-s0.json", "more/x.json.gz"]
+)
+def test_files_that_are_none_of_a_dataset_get_no_hash(dataset, tmp_path, name):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    (root / "val_mini" / name).parent.mkdir(parents=True, exist_ok=True)
+    (root / "val_mini" / name).write_text("{}")
+    assert f"val_mini/{name}" in [f.where for f in check(root, deep=False) if "isn't in the manifest" in f.what]
+    with pytest.raises(ConfigError, match=f"none of val_mini: val_mini/{name}"):
+        make(root, [SPLIT], workers=1)
+
+
+def test_a_split_that_was_stopped_goes_on_beside_one_that_is_whole(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    val = SplitSpec("val", SPLIT.scenes, SPLIT.episodes, SPLIT.expected)
+    shutil.copytree(root / "val_mini", root / "val")
+    (root / "val" / "val_mini.json.gz").unlink()  # no index, not in the manifest
+    (root / "val" / "scenes" / "parametric_flat-s0.json").unlink()
+    built = []
+    make(root, [val], workers=1, on_progress=lambda done, total, scene: built.append((done, total, scene)))
+    assert built == [(1, 1, "parametric_flat-s0")]
+
+
+def test_a_split_whose_folder_was_deleted_is_forgotten(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    shutil.copytree(root / "val_mini", root / "own")
+    (root / "own" / "val_mini.json.gz").rename(root / "own" / "own.json.gz")
+    assert set(write_manifest(root).splits) == {"own", "val_mini"}
+    (root / "own" / "content" / "parametric_flat-s0.json.gz").unlink()
+    with pytest.raises(
+        ConfigError, match=r"is missing.*build it with its --building again, or delete the split's folder"
+    ):
+        make(root, [SPLIT], workers=1)
+    shutil.rmtree(root / "own")
+    assert set(make(root, [SPLIT], workers=1).splits) == {"val_mini"}
+
+
+def test_files_that_the_manifest_forgot_are_named(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    manifest = json.loads((root / "dataset.json").read_text())
+    manifest["sha256"] = {k: v for k, v in manifest["sha256"].items() if "/cameras/" not in k}
+    (root / "dataset.json").write_text(json.dumps(manifest))
+    (root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz").unlink()
+    assert {(f.where, f.what) for f in check(root, deep=False)} >= {
+        ("val_mini/cameras/parametric_flat-s0.json.gz", "is missing, in the manifest, too"),
+        ("val_mini/cameras/parametric_house-s1.json.gz", "isn't in the manifest"),
+    }
+    make(root, [SPLIT], workers=1)
+    assert _bytes(root) == _bytes(dataset)
+
+
+@pytest.mark.parametrize("name", ["val_mini/scenes/parametric_flat-s0.json", "dataset.json"])
+def test_bytes_that_arent_text_are_named(dataset, tmp_path, name):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    data = bytearray((root / name).read_bytes())
+    at = data.index(b'": "') + 5
+    data[at : at + 2] = b"\xff\xfe"
+    (root / name).write_bytes(data)
+    if name == "dataset.json":
+        with pytest.raises(ConfigError, match=r"dataset.json is damaged.*build the dataset anew"):
+            list(check(root, deep=False))
+    else:
+        assert {f.where for f in check(root, deep=False)} == {name, "val_mini/parametric_flat-s0"}
+        make(root, [SPLIT], workers=1)
+        assert _bytes(root) == _bytes(dataset)
+
+
+def test_a_dataset_that_another_program_or_another_rule_made_is_named(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    manifest = json.loads((root / "dataset.json").read_text())
+    manifest |= {"made_by": "surveilnav 0.0.1", "rules": manifest["rules"] | {"cameras": "where it looks nice"}}
+    (root / "dataset.json").write_text(json.dumps(manifest))
+    found = [(f.level, f.what) for f in check(root, deep=False)]
+    assert [level for level, _ in found] == ["note", "error"]
+    assert "was made by surveilnav 0.0.1, this is" in found[0][1]
+    assert "another rule of cameras: 'where it looks nice'" in found[1][1]
+
+
+def test_a_changed_scene_isnt_drawn(dataset, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    _edit(root / "val_mini" / "content" / "parametric_flat-s0.json.gz", _start_elsewhere)
+    with pytest.raises(ConfigError, match="aren't what they were"):
+        draw(root, "val_mini", "parametric_flat-s0", tmp_path / "out")
 
 
 def test_a_building_that_comes_out_otherwise_is_named(dataset, tmp_path):
@@ -215,6 +434,53 @@ def test_quotas_and_categories_are_even():
     assert take({"a": 5, "b": 1, "c": 5}, 7) == {"a": 3, "b": 1, "c": 3}
     assert take({"a": 1, "b": 1}, 7) == {"a": 1, "b": 1}
     assert take({"a": 5, "b": 5}, 3, first=1) == {"a": 1, "b": 2}
+
+
+def test_a_split_of_ones_own_buildings_is_built_checked_and_played(tmp_path):
+    """A mesh as somebody has it, and a building that has a name."""
+    pytest.importorskip("trimesh")
+    export_glb(open_building("parametric_flat"), tmp_path / "my.flat.glb")
+    own = own_split("own", [str(tmp_path / "my.flat.glb"), "parametric_house"], 3)
+    assert [spec.scene for spec in own.scenes] == ["my.flat-s0", "parametric_house-s0"]
+    root = tmp_path / "dataset"
+    assert make(root, [own], workers=2).splits["own"].episodes == 6
+    assert [f for f in check(root) if f.level == "error"] == []
+    built = []
+    # a name as open_building takes it, too
+    fewer = own_split("own", [str(tmp_path / "my.flat.glb"), "Parametric-House"], 2)
+    make(root, [fewer], workers=2, on_progress=lambda done, total, scene: built.append(scene))
+    assert sorted(built) == ["my.flat-s0", "parametric_house-s0"]
+    (tmp_path / "other").mkdir()
+    shutil.copy(tmp_path / "my.flat.glb", tmp_path / "other")
+    elsewhere = own_split("own", [str(tmp_path / "other" / "my.flat.glb"), "parametric_house"], 2)
+    make(root, [elsewhere], workers=1, on_progress=lambda done, total, scene: built.append(scene))
+    assert built[2:] == ["my.flat-s0"]
+    settings = RunSettings(split="own", perception="oracle", policy="oracle", surveillance=False)
+    finished = run(root, tmp_path / "run", settings, workers=2)
+    assert finished.complete
+    assert {r.scene for r in finished.records if r.success} == {"my.flat-s0", "parametric_house-s0"}
+
+
+@pytest.mark.parametrize(
+    ("name", "buildings", "said"),
+    [
+        ("val", ["studio"], "other than val, val_mini, train; got 'val'"),
+        ("../up", ["studio"], "letters and digits"),
+        ("own", ["studio", "there/studio.glb"], "have the same name"),
+        ("own", ["~nobody-of-that-name/studio.glb"], "can't be opened"),
+    ],
+)
+def test_a_split_of_ones_own_that_cant_be_is_named(name, buildings, said):
+    with pytest.raises(ConfigError, match=said):
+        own_split(name, buildings, 3)
+
+
+def test_a_building_with_too_few_places_to_start_is_named(dataset, tmp_path, monkeypatch):
+    root = tmp_path / "copy"
+    shutil.copytree(dataset, root)
+    monkeypatch.setattr("benchmark.dataset.make.is_whole", lambda *_: True)
+    with pytest.raises(ConfigError, match=r"parametric_flat should have 6 episodes, it came out with 5.*--episodes"):
+        make(root, [SplitSpec("val_mini", SPLIT.scenes, 11)], workers=1)
 
 
 def test_splits_have_names():
