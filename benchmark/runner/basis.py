@@ -12,8 +12,8 @@ from typing import NamedTuple
 import benchmark
 import services
 import surveilnav
-from benchmark.dataset import format as files
-from benchmark.dataset.integrity import damage
+from benchmark.dataset.integrity import damage, read_manifest
+from benchmark.dataset.load import scenes_of
 from surveilnav.errors import ConfigError
 
 #: What decides how a search goes, by package; the rest opens, counts and prints.
@@ -41,9 +41,12 @@ def basis_of(root: Path, split: str) -> Basis:
     Raises:
         ConfigError: there is no such dataset, or a file of it isn't what its manifest says.
     """
-    manifest = files.manifest_of(root)
+    manifest = read_manifest(root)
+    scenes_of(root, split)  # refuses a split that the dataset hasn't
     for name, what in damage(root, manifest, split):
-        raise ConfigError(f"{root / name} {what}: `surveilnav dataset check` names all that is wrong, `build` mends it")
+        raise ConfigError(
+            f"{root / name} {what}: `surveilnav dataset check` names all that is wrong, `build` mends it or says what to delete"
+        )
     mine = sorted((k, v) for k, v in manifest.sha256.items() if k.startswith(f"{split}/"))
     return Basis(hashlib.sha256(repr(mine).encode()).hexdigest(), program_hash())
 

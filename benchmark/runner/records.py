@@ -19,6 +19,11 @@ from surveilnav.errors import ConfigError
 
 VERSION = 3
 _FILE = "episodes.sqlite"
+_EPISODES = (
+    "(scene TEXT, episode_id TEXT, success INTEGER, spl REAL, reason TEXT, record BLOB NOT NULL, "
+    "PRIMARY KEY (scene, episode_id))"
+)
+_BROKEN = "(scene TEXT, episode_id TEXT, error TEXT, PRIMARY KEY (scene, episode_id))"
 _BUSY_S = 60.0
 
 
@@ -73,15 +78,10 @@ class Records:
         except OSError as error:
             raise ConfigError(f"{folder} can't be made a folder for a run: {error.strerror}") from error
         facts = _facts(settings, basis)
-        with _open(self.path) as db:
+        with _open(self.path, writing=True) as db:
             db.execute("CREATE TABLE IF NOT EXISTS run (facts TEXT NOT NULL)")
-            db.execute(
-                "CREATE TABLE IF NOT EXISTS episodes (scene TEXT, episode_id TEXT, success INTEGER, spl REAL, reason TEXT, "
-                "record BLOB NOT NULL, PRIMARY KEY (scene, episode_id))"
-            )
-            db.execute(
-                "CREATE TABLE IF NOT EXISTS broken (scene TEXT, episode_id TEXT, error TEXT, PRIMARY KEY (scene, episode_id))"
-            )
+            db.execute(f"CREATE TABLE IF NOT EXISTS episodes {_EPISODES}")
+            db.execute(f"CREATE TABLE IF NOT EXISTS broken {_BROKEN}")
             row = db.execute("SELECT facts FROM run").fetchone()
             if row is None:
                 db.execute("INSERT INTO run VALUES (?)", [json.dumps(facts)])
@@ -98,25 +98,34 @@ class Records:
 
     def add(self, record: EpisodeRecord) -> None:
         """Keeps an episode; when this returns, a kill can't lose it."""
-        with _open(self.path) as db:
+        with _open(self.path, writing=True) as db:
             db.execute(
-                "INSERT OR REPLACE INTO episodes VALUES (?, ?, ?, ?, ?, ?)",
-                [*record.key, record.success, record.spl, record.reason, _packed(record)],
+                "INSERT OR REPLACE INTO episodes VALUES (?, ?, ?, ?, ?, ?)", [*_columns(record), _packed(record)]
             )
             db.execute("DELETE FROM broken WHERE scene = ? AND episode_id = ?", record.key)
 
     def add_broken(self, broken: Broken) -> None:
-        with _open(self.path) as db:
+        with _open(self.path, writing=True) as db:
             db.execute(
                 "INSERT OR REPLACE INTO broken VALUES (?, ?, ?)", [broken.scene, broken.episode_id, broken.error]
             )
 
     def mend(self) -> list[tuple[str, str]]:
-        """Forgets episodes whose record can't be read, so that they are played anew; which these were."""
-        with _open(self.path) as db:
-            rows = db.execute("SELECT scene, episode_id, record FROM episodes").fetchall()
-            damaged = [(scene, episode_id) for scene, episode_id, blob in rows if not _is_readable(blob)]
-            db.executemany("DELETE FROM episodes WHERE scene = ? AND episode_id = ?", damaged)
+        """Forgets episodes whose row can't be read or contradicts itself, so that they are played anew; which these were."""
+        sound, damaged = [], []
+        with _open(self.path, writing=True) as db:
+            for row in _rows(db):
+                try:
+                    _record_of(row)
+                    sound.append(row)
+                except _UNREADABLE:
+                    damaged.append((str(row[0]), str(row[1])))
+            if damaged or db.execute("PRAGMA integrity_check(1)").fetchone() != ("ok",):
+                # made anew, because a row whose key was damaged is found under neither the old key nor the new one
+                for table, columns in (("episodes", _EPISODES), ("broken", _BROKEN)):
+                    db.execute(f"DROP TABLE {table}")
+                    db.execute(f"CREATE TABLE {table} {columns}")
+                db.executemany("INSERT OR REPLACE INTO episodes VALUES (?, ?, ?, ?, ?, ?)", sound)
         return sorted(damaged)
 
     def done(self) -> set[tuple[str, str]]:
@@ -185,12 +194,12 @@ def read(folder: Path) -> list[EpisodeRecord]:
         raise ConfigError(f"{folder} holds no run: expected a file {_FILE}")
     with _open(path) as db:
         facts = db.execute("SELECT facts FROM run").fetchone()
-        rows = db.execute("SELECT record FROM episodes").fetchall()
+        rows = _rows(db)
     version = _read_facts(facts[0], path).get("version") if facts else VERSION
     if version != VERSION:
         raise ConfigError(f"{path} is of version {version}, expected {VERSION}: read it with the program that wrote it")
     try:
-        records = [_unpacked(row[0]) for row in rows]
+        records = [_record_of(row) for row in rows]
     except _UNREADABLE as error:
         raise ConfigError(
             f"{path} holds a record that can't be read ({error}): a run into this folder plays that episode anew"
@@ -199,12 +208,15 @@ def read(folder: Path) -> list[EpisodeRecord]:
 
 
 @contextmanager
-def _open(path: Path) -> Iterator[sqlite3.Connection]:
-    """One transaction."""
+def _open(path: Path, *, writing: bool = False) -> Iterator[sqlite3.Connection]:
+    """One transaction; of those that write, one at a time."""
     try:
-        db = sqlite3.connect(path, timeout=_BUSY_S)
+        # Python's own transactions leave out what makes and drops tables
+        db = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)
+        db.text_factory = lambda text: text.decode(errors="replace")  # what was damaged is told by what it says
         try:
             with db:
+                db.execute("BEGIN IMMEDIATE" if writing else "BEGIN")
                 yield db
         finally:
             db.close()
@@ -226,17 +238,27 @@ def _unpacked(blob: bytes) -> EpisodeRecord:
     return msgspec.structs.replace(record, path=list(zip(x, y, strict=True)))
 
 
-#: What ``_unpacked`` raises of bytes that it didn't write.
-_UNREADABLE = (msgspec.DecodeError, zlib.error, TypeError, UnicodeDecodeError)
+def _columns(record: EpisodeRecord) -> tuple[str, str, bool, float, str]:
+    """What is kept beside a record, for those who ask the file in SQL."""
+    return *record.key, record.success, record.spl, record.reason
 
 
-def _is_readable(blob: bytes) -> bool:
-    try:
-        _unpacked(blob)
-    except _UNREADABLE:
-        return False
-    return True
+def _rows(db: sqlite3.Connection) -> list[tuple[Any, ...]]:
+    """Of the episodes, from the table itself: an index may be damaged."""
+    return db.execute("SELECT * FROM episodes NOT INDEXED").fetchall()
 
+
+def _record_of(row: tuple[Any, ...]) -> EpisodeRecord:
+    """Raises one of ``_UNREADABLE``: it can't be read, or isn't what is kept beside it."""
+    *beside, blob = row
+    record = _unpacked(blob)
+    if tuple(beside) != _columns(record):
+        raise ValueError(f"kept as {beside}, it says {_columns(record)}")
+    return record
+
+
+#: What is raised of bytes that weren't written here; ValueError is also that of msgspec and of UTF-8.
+_UNREADABLE = (ValueError, zlib.error, TypeError)
 
 _MOVE_AWAY = "move it away and run again: the episodes are then played anew"
 
@@ -249,5 +271,7 @@ def _difference(kept: dict[str, Any], asked: dict[str, Any]) -> str:
         return "on another dataset"
     if kept.get("program") != asked["program"]:
         return "by another version of the program"
-    was, now = kept["settings"], asked["settings"]
+    was, now = kept.get("settings"), asked["settings"]
+    if not isinstance(was, dict):
+        return "of which the settings aren't said"
     return ", ".join(f"{k} {was.get(k)!r}, asked {v!r}" for k, v in now.items() if was.get(k) != v)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from benchmark.runner.basis import Basis, hash_of, meaning, program_hash, program_parts
-from benchmark.runner.records import Broken, EpisodeRecord, Records, kept, read
+from benchmark.runner.records import Broken, EpisodeRecord, Records, _record_of, kept, read
 from benchmark.runner.settings import RunSettings
 from benchmark.runner.summary import interval, paired, summarise
 from surveilnav.errors import ConfigError
@@ -118,6 +118,92 @@ def test_a_damaged_record_is_named(tmp_path, blob):
     assert records.mend() == [RECORD.key]
     assert records.mend() == []
     assert records.all() == [FAILED]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ["scene = NULL", "scene = CAST(x'ff' AS TEXT)", "episode_id = '7'", "success = 0", "spl = .6", "reason = 'stuck'"],
+)
+def test_a_row_that_contradicts_itself_is_named_and_played_again(tmp_path, damage):
+    records = Records(tmp_path, RunSettings(), BASIS)
+    records.add(RECORD)
+    with sqlite3.connect(records.path) as db:
+        db.execute(f"UPDATE episodes SET {damage}")
+    records.add(FAILED)
+    with pytest.raises(ConfigError, match=r"can't be read.*plays that episode anew"):
+        read(tmp_path)
+    assert len(records.mend()) == 1
+    assert records.mend() == []
+    assert records.done() == {FAILED.key}
+    records.add(RECORD)
+    assert records.all() == [RECORD, FAILED]
+
+
+@pytest.mark.parametrize("where", ["find", "rfind"])
+def test_a_key_that_was_damaged_on_the_disk_is_neither_lost_nor_counted_twice(tmp_path, where):
+    """A key stands in the file twice: with its record, and in the index."""
+    records = Records(tmp_path, RunSettings(), BASIS)
+    records.add(RECORD)
+    records.add(FAILED)
+    data = bytearray(records.path.read_bytes())
+    at = getattr(data, where)(b"flat-s02")
+    assert data.count(b"flat-s02") == 2
+    data[at + 7] = ord("7")
+    records.path.write_bytes(data)
+    mended = records.mend()
+    assert mended in ([], [("flat-s0", "7")])  # of the index alone, nothing is lost
+    assert records.mend() == []
+    assert records.done() == {r.key for r in records.all()} == ({FAILED.key} if mended else {RECORD.key, FAILED.key})
+    records.add(RECORD)
+    assert records.all() == [RECORD, FAILED]
+
+
+def test_what_is_mended_is_not_lost_when_the_disk_is_full(tmp_path, monkeypatch):
+    records = Records(tmp_path, RunSettings(), BASIS)
+    records.add(RECORD)
+    records.add(FAILED)
+    with sqlite3.connect(records.path) as db:
+        db.execute("UPDATE episodes SET success = 0 WHERE episode_id = ?", [RECORD.episode_id])
+
+    class Full(sqlite3.Connection):
+        def executemany(self, *_):
+            raise sqlite3.OperationalError("database or disk is full")
+
+    real = sqlite3.connect
+    monkeypatch.setattr(sqlite3, "connect", lambda *a, **k: real(*a, **k, factory=Full))
+    with pytest.raises(ConfigError, match="is the disk full"):
+        records.mend()
+    monkeypatch.undo()
+    assert records.done() == {RECORD.key, FAILED.key}
+    assert records.mend() == [RECORD.key]
+    assert records.all() == [FAILED]
+
+
+def test_nobody_writes_while_it_is_mended(tmp_path, monkeypatch):
+    """What another process adds then isn't dropped with the old table."""
+    records = Records(tmp_path, RunSettings(), BASIS)
+    records.add(RECORD)
+    with sqlite3.connect(records.path) as db:
+        db.execute("UPDATE episodes SET success = 0")
+    monkeypatch.setattr("benchmark.runner.records._BUSY_S", 0.1)
+    real = _record_of
+
+    def meanwhile(row):
+        with pytest.raises(ConfigError, match="locked"):
+            records.add(FAILED)
+        return real(row)
+
+    monkeypatch.setattr("benchmark.runner.records._record_of", meanwhile)
+    assert records.mend() == [RECORD.key]
+
+
+def test_another_run_whose_settings_cant_be_read_is_refused(tmp_path):
+    records = Records(tmp_path, RunSettings(), BASIS)
+    records.add(RECORD)
+    with sqlite3.connect(records.path) as db:
+        db.execute("UPDATE run SET facts = ?", [json.dumps({"version": 3, **BASIS._asdict()})])
+    with pytest.raises(ConfigError, match=r"another run .*settings aren't said"):
+        Records(tmp_path, RunSettings(), BASIS)
 
 
 @pytest.mark.parametrize("facts", ["", "{", "[]", b"\xff"])
