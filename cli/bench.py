@@ -20,7 +20,7 @@ console = Console(stderr=True, highlight=False)
 
 @app.command()
 def run(
-    split: Annotated[str, typer.Option(help="val, val_mini or train.")] = "val_mini",
+    split: Annotated[str, typer.Option(help="val, val_mini, train, or one of your own.")] = "val_mini",
     policy: Annotated[str, typer.Option(help="See `surveilnav bench policies`.")] = "surveilnav",
     planner: Annotated[
         str, typer.Option(help="fmm drives by the known map; sp knows the true navigation mesh.")
@@ -72,6 +72,7 @@ def run(
             "sr": round(s.sr.mean, 2), "spl": round(s.spl.mean, 2), "soft_spl": round(s.soft_spl.mean, 2),
             "episodes": s.episodes, "seconds": round(time.monotonic() - began_s, 1), "traffic": s.bytes,
             "success": SUCCESS_RULE, "missing": finished.total - s.episodes, "broken": len(finished.broken),
+            "unopened": finished.unopened,
             "episode_seconds": round(sum(r.seconds for r in finished.records), 1), "reasons": s.reasons, "out": str(folder),
         }))  # fmt: skip
     else:
@@ -159,11 +160,13 @@ def _on(value: str) -> bool:
 
 
 def _settings(kind: Any, facts: dict[str, Any]) -> Any:
+    from typing import Literal, get_args, get_origin, get_type_hints
+
     import msgspec
 
     from surveilnav.errors import ConfigError
 
-    try:
-        return msgspec.convert(facts, kind)
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"these settings can't be: {error}") from error
+    for name, hint in get_type_hints(kind).items():
+        if get_origin(hint) is Literal and name in facts and facts[name] not in get_args(hint):
+            raise ConfigError(f"{name} is one of {', '.join(get_args(hint))}, got {facts[name]!r}")
+    return msgspec.convert(facts, kind)

@@ -35,12 +35,13 @@ class Arm:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """``about``: what is compared, for the page."""
+    """``about``: what is compared, for the page. ``over_bytes``: its plot also shows SPL over what the cameras sent."""
 
     name: str
     title: str
     about: str
     arms: tuple[Arm, ...]
+    over_bytes: bool = False
 
 
 def folder_name(settings: RunSettings) -> str:
@@ -196,10 +197,13 @@ TABLES: dict[str, Table] = {
                 Arm("frames, half the cameras", _run(perception="onnx-coco", density_m2=200)),
                 Arm("none", _run(perception="onnx-coco", surveillance=False)),
             ),
+            over_bytes=True,
         ),
         Table(
-            "delay", "Late cameras", "Actions between a camera's invocation and the arrival of its views.",
-            tuple(Arm(f"{n} steps", _run(delay_steps=n)) for n in (0, 1, 5, 10)),
+            "delay", "Late cameras",
+            "Actions between a camera's invocation and the arrival of its views. A search begins with a look around, so the "
+            "first ways are decided after 12 actions or more: what comes before then comes early enough.",
+            tuple(Arm(f"{n} steps", _run(delay_steps=n)) for n in (0, 1, 5, 10, 20, 40)),
         ),
         Table(
             "errors", "Worse and better perception",

@@ -19,6 +19,7 @@ from benchmark.runner.settings import RunSettings
 from benchmark.tables.arms import Arm, Table, folder_name
 from benchmark.tables.page import Line, page, plot
 from surveilnav.building.stored import replacing
+from surveilnav.perception.choose import choose_backend
 
 
 class Made(NamedTuple):
@@ -50,7 +51,7 @@ def make(
         ConfigError: settings, dataset or records that can't be used.
     """
     split, path = table.arms[0].settings.split, out / f"{table.name}.md"
-    models, total, basis = models_of(root, split), episodes_of(root, split), basis_of(root, split)
+    basis, models, total = basis_of(root, split), models_of(root, split), episodes_of(root, split)
     runs = _runs(table.arms)
     playing = {name: arm for arm in table.arms if wanted(arm) for name in _runs([arm])}
     mended = [  # opens them all: a folder that can't be used is said before hours are spent on another
@@ -83,13 +84,25 @@ def expect_own_runs(
     """Says what of several tables can't be used before hours are spent on the first.
 
     Raises:
-        ConfigError: a wanted arm's settings or folder can't be used.
+        ConfigError: a wanted arm's settings, split or folder can't be used.
+        PerceptionError: a wanted arm's detectors can't be had.
     """
     basis = cache(partial(basis_of, root))  # hashes a split's files
+    have_backend = cache(_have_backend)
     for name, settings in _runs(arm for table in tables for arm in table.arms if wanted(arm)).items():
         settings.check()
-        if _folder(out, name).exists():
-            Records(_folder(out, name), settings, basis(settings.split))
+        own, total = basis(settings.split), episodes_of(root, settings.split)
+        there = Records(_folder(out, name), settings, own).done() if _folder(out, name).exists() else ()
+        if len(there) < total:
+            have_backend(settings.perception, tuple(settings.detectors))
+
+
+def _have_backend(name: str, detectors: tuple[str, ...]) -> None:
+    """Finds the weights, or fetches them. PerceptionError: they can't be had."""
+    if detectors:
+        choose_backend(name, detector_names=detectors, large_detector_names=detectors)
+    else:
+        choose_backend(name)
 
 
 def _runs(arms: Iterable[Arm]) -> dict[str, RunSettings]:

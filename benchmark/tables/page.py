@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import IO
+from typing import IO, Any
 
 from benchmark.episode import REASONS
 from benchmark.runner.basis import Basis
@@ -50,7 +50,8 @@ def page(
         "Means in percent with 95 % bootstrap intervals: whole scenes are drawn, with all their searches; the luck of "
         "`simulated` isn't in them (another seed may move the SR of 60 searches by 5 points). "
         "Differences are a line's minus the first line's, paired by episode, in points; beside them the first line's SPL "
-        "over the line's own (left out where that may be 0). Camera MB: what the invoked cameras sent. What the paper has "
+        "over the line's own (left out where that may be 0). MB: what the cameras sent in an episode, by tier: frames "
+        "of those that were invoked, and in buildings of several floors summaries of all. What the paper has "
         "was measured on other buildings. Every policy that explores knows that the floor it starts on has a goal (Habitat's "
         "rule for starts). Where no real detector looks, depth and instance ids have half the resolution: 320x240 of the "
         "robot, 640x640 of a camera.", "",
@@ -75,11 +76,11 @@ def page(
 def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
     """A row for every arm, played or not."""
     first = next((line for line in lines if line.arm is table.arms[0]), None)
-    with_bytes = any(line.summary.bytes for line in lines)
+    tiers = sorted({tier for line in lines for tier in line.summary.bytes})
     with_paper = any(arm.paper for arm in table.arms)
     columns = ["", "episodes", "SR", "SPL", "SoftSPL", "SR difference", "SPL difference", "first's SPL / its"]
     columns += [f"SR at {m:g} m" for m in WITHIN_M] + ["steps", "path [m]"]
-    columns += ["camera MB an episode"] * with_bytes + ["paper: SR / SPL"] * with_paper
+    columns += [f"{tier} [MB]" for tier in tiers] + ["paper: SR / SPL"] * with_paper
     text = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for line in lines:
         arm, s = line.arm, line.summary
@@ -89,8 +90,7 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
             f"{s.soft_spl.mean:.1f}", *difference, *(f"{s.sr_within[m]:.1f}" for m in WITHIN_M),
             f"{s.steps:.0f}", f"{s.path_m:.1f}",
         ]  # fmt: skip
-        if with_bytes:
-            cells.append(f"{sum(s.bytes.values()) / 1e6:.1f}" if s.bytes else "0.0")
+        cells += [f"{s.bytes.get(tier, 0.0) / 1e6:.3g}" for tier in tiers]
         if with_paper:
             cells.append(f"{arm.paper[0]:.1f} / {arm.paper[1]:.1f}" if arm.paper else "")
         text.append("| " + " | ".join(cells) + " |")
@@ -151,14 +151,21 @@ def _by(lines: Sequence[Line], group: Callable[[EpisodeRecord], str | None]) -> 
 
 
 def plot(table: Table, lines: Sequence[Line], file: IO[bytes]) -> None:
-    """SR and SPL of every arm with their intervals, as bars; PNG."""
+    """SR and SPL of every arm with their intervals, as bars, and SPL over the cameras' bytes if the table asks; PNG."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(10, 1.2 + 0.38 * len(lines)), sharey=True, layout="constrained")
-    for axis, name in zip(axes, ("sr", "spl"), strict=True):
+    size = (10, 1.2 + 0.38 * len(lines))
+    if table.over_bytes:
+        figure = plt.figure(figsize=(size[0], size[1] + 3.2), layout="constrained")
+        above, below = figure.subfigures(2, 1, height_ratios=(size[1], 3.2))
+        _over_bytes(lines, below.subplots())
+    else:
+        figure = plt.figure(figsize=size, layout="constrained")
+        above = figure
+    for axis, name in zip(above.subplots(1, 2, sharey=True), ("sr", "spl"), strict=True):
         values: list[Interval] = [getattr(line.summary, name) for line in lines]
         at = range(len(lines), 0, -1)
         means = [v.mean for v in values]
@@ -172,3 +179,16 @@ def plot(table: Table, lines: Sequence[Line], file: IO[bytes]) -> None:
     figure.suptitle(table.title)
     figure.savefig(file, format="png", dpi=110, metadata={"Software": ""})
     plt.close(figure)
+
+
+def _over_bytes(lines: Sequence[Line], axis: Any) -> None:
+    """SPL over the bytes of all tiers, a point for every arm."""
+    for i, line in enumerate(lines):
+        spl, sent_mb = line.summary.spl, sum(line.summary.bytes.values()) / 1e6
+        error = [[spl.mean - spl.low], [spl.high - spl.mean]]
+        axis.errorbar(sent_mb, spl.mean, yerr=error, fmt="o", capsize=2, color="#2a6f97" if i == 0 else "#6a9ab5")
+        axis.annotate(line.arm.label, (sent_mb, spl.mean), xytext=(6, 4), textcoords="offset points", fontsize=8)
+    axis.set_xlabel("sent by cameras in an episode [MB]")
+    axis.set_ylabel("SPL [%]")
+    axis.margins(x=0.25)
+    axis.spines[["top", "right"]].set_visible(False)

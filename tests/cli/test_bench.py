@@ -45,6 +45,19 @@ def test_a_run_says_its_numbers_as_one_object(root, tmp_path):
     assert {k: v for k, v in again.items() if k != "seconds"} == {k: v for k, v in said.items() if k != "seconds"}
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--planner", "SP", "planner is one of fmm, sp, got 'SP'"),
+        ("--views", "all", "views is one of panoramic, half, got"),
+    ],
+)
+def test_a_setting_that_doesnt_exist_is_named_with_those_that_do(root, tmp_path, option, value, said):
+    run = surveilnav("bench", "run", "--root", root, "--out", tmp_path / "run", option, value)
+    assert (run.returncode, run.stdout) == (1, "")
+    assert run.stderr.startswith(f"error: {said}")
+
+
 def kept(run):
     """The episodes that a run's folder holds, as their records say but for the time they took."""
     if not (run / "episodes.sqlite").exists():
@@ -135,10 +148,15 @@ def test_tables_play_the_arms_that_are_asked_for(arguments, asked, monkeypatch, 
         made[table.name] = [arm.label for arm in table.arms if wanted(arm)]
         return Made(out / f"{table.name}.md", [], True, 1, [])
 
+    def expect_own_runs(tables, root, out, wanted):  # the dataset isn't built here
+        looked_at.update({t.name: [arm.label for arm in t.arms if wanted(arm)] for t in tables})
+
+    looked_at = {}
     monkeypatch.setattr("benchmark.tables.make.make", make)
+    monkeypatch.setattr("benchmark.tables.make.expect_own_runs", expect_own_runs)
     done = CliRunner().invoke(app, ["table", *arguments, "--out", str(tmp_path), "--json"])
     assert done.exit_code == 0
-    assert made == asked
+    assert made == looked_at == asked
     assert "nothing was played with this program (1 of " in " ".join(done.output.split())
     said = json.loads(done.stdout)["tables"]
     assert [t["table"] for t in said] == list(asked)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import io
 import sqlite3
@@ -9,6 +10,7 @@ import sqlite3
 import msgspec
 import pytest
 
+from benchmark.dataset.format import VERSION, Manifest, SplitCounts, write
 from benchmark.dataset.splits import SPLITS
 from benchmark.runner.basis import Basis
 from benchmark.runner.records import Broken, Records
@@ -16,8 +18,9 @@ from benchmark.runner.run import Finished
 from benchmark.runner.settings import RunSettings
 from benchmark.tables.arms import TABLES, Arm, Table, folder_name
 from benchmark.tables.make import expect_own_runs, make
-from benchmark.tables.page import Line, page, plot
-from surveilnav.errors import ConfigError
+from benchmark.tables.page import Line, _over_bytes, page, plot
+from surveilnav.errors import ConfigError, SurveilNavError
+from surveilnav.perception.weights import WEIGHTS
 from tests.benchmark.runner.test_records import FAILED, RECORD
 
 ARMS = (Arm("with", RunSettings(), (67.4, 34.5)), Arm("without", RunSettings(surveillance=False)))
@@ -227,6 +230,47 @@ def test_a_folder_of_another_run_is_said_before_another_table_is_played(tmp_path
         expect_own_runs([TABLE, other], tmp_path, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (RunSettings(split="val"), "has the splits val_mini, not 'val'"),
+        (RunSettings(perception="onnx-coco"), "isn't what yolox-nano should be"),
+    ],
+)
+def test_what_an_arm_needs_is_said_before_another_table_is_played(tmp_path, monkeypatch, settings, said):
+    """A split that wasn't built, weights that are damaged."""
+    monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(tmp_path))
+    (tmp_path / WEIGHTS["yolox-nano"].file).write_bytes(b"damaged")
+    index = write(tmp_path / "val_mini" / "val_mini.json.gz", {})
+    counts = SplitCounts(scenes=0, floors=0, cameras=0, episodes=1)
+    manifest = Manifest(
+        version=VERSION, made_by="", rules={}, splits={"val_mini": counts}, sha256={"val_mini/val_mini.json.gz": index}
+    )  # fmt: skip
+    write(tmp_path / "dataset.json", manifest)
+    expect_own_runs([TABLE], tmp_path, tmp_path)
+    with pytest.raises(SurveilNavError, match=said):
+        expect_own_runs([TABLE, Table("other", "Other", "", (Arm("one", settings),))], tmp_path, tmp_path)
+
+
+def test_what_is_played_already_needs_no_weights(tmp_path, monkeypatch, basis):
+    monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(tmp_path))
+    (tmp_path / WEIGHTS["deimv2-femto"].file).write_bytes(b"damaged")
+    arm = Arm("one", RunSettings(perception="onnx-coco", detectors=["deimv2-femto"]))
+    run = keep(tmp_path, arm, basis, RECORD)
+    with pytest.raises(SurveilNavError, match="isn't what deimv2-femto should be"):
+        expect_own_runs([Table("other", "Other", "", (arm,))], tmp_path, tmp_path)
+    run.add(FAILED)
+    expect_own_runs([Table("other", "Other", "", (arm,))], tmp_path, tmp_path)
+
+
+def test_a_dataset_that_isnt_text_is_named(tmp_path):
+    (tmp_path / "dataset.json").write_bytes(b'{"version": "\xff"}')
+    with pytest.raises(ConfigError, match=r"dataset.json is damaged"):
+        make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: False)
+    with pytest.raises(ConfigError, match=r"dataset.json is damaged"):
+        expect_own_runs([TABLE], tmp_path, tmp_path)
+
+
 def test_a_record_that_cannot_be_read_is_named_and_played_again(tmp_path, basis, played):
     run = keep(tmp_path, ARMS[1], basis, RECORD, FAILED)
     with sqlite3.connect(run.path) as db:
@@ -253,8 +297,34 @@ def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypat
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before
 
 
-def test_the_plot_is_the_same_twice():
+@pytest.mark.parametrize("over_bytes", [False, True])
+def test_the_plot_is_the_same_twice(over_bytes):
     pictures = io.BytesIO(), io.BytesIO()
+    table = dataclasses.replace(TABLE, over_bytes=over_bytes)
     for file in pictures:
-        plot(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])], file)
+        plot(table, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])], file)
     assert pictures[0].getvalue() == pictures[1].getvalue()
+
+
+def test_the_plot_shows_bytes_if_the_table_asks(monkeypatch):
+    shown = []
+    real = _over_bytes
+    monkeypatch.setattr(
+        "benchmark.tables.page._over_bytes", lambda lines, axis: shown.append(axis) or real(lines, axis)
+    )
+    lines = [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])]
+    plot(TABLE, lines, io.BytesIO())
+    assert not shown
+    plot(dataclasses.replace(TABLE, over_bytes=True), lines, io.BytesIO())
+    (axis,) = shown
+    assert [bars[0].get_xydata().tolist() for bars in axis.containers] == [[[0.0005, 25.0]], [[0.0, 0.0]]]
+    assert [text.get_text() for text in axis.texts] == ["with", "without"]
+    assert [t.name for t in TABLES.values() if t.over_bytes] == ["tiers"]
+
+
+def test_bytes_are_listed_by_tier():
+    both = msgspec.structs.replace(RECORD, bytes={"jpeg+depth": 31_731_755, "summaries": 700})
+    text = page(TABLE, [Line.of(ARMS[0], [both]), Line.of(ARMS[1], [FAILED])], 1, MODELS, BASIS)
+    assert "| path [m] | jpeg+depth [MB] | summaries [MB] | paper: SR / SPL |" in text
+    assert "| 4.0 | 31.7 | 0.0007 | 67.4 / 34.5 |" in text
+    assert "| 4.0 | 0 | 0 |  |" in text
