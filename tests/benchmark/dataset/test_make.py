@@ -28,14 +28,19 @@ def _bytes(root):
     return {p.relative_to(root).as_posix(): p.read_bytes() for p in sorted(root.rglob("*.json*"))}
 
 
+@pytest.fixture
+def root(dataset, tmp_path):
+    """A copy of the dataset, to be spoiled."""
+    shutil.copytree(dataset, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
 def test_built_twice_it_is_the_same(dataset, tmp_path):
     make(tmp_path, [SPLIT], workers=2)
     assert _bytes(tmp_path) == _bytes(dataset)
 
 
-def test_only_what_is_missing_is_built(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_only_what_is_missing_is_built(root, dataset):
     (root / "val_mini" / "scenes" / "parametric_flat-s0.json").unlink()  # as a kill leaves it
     built = []
     make(root, [SPLIT], workers=1, on_progress=lambda done, total, scene: built.append((done, total, scene)))
@@ -54,18 +59,14 @@ def test_only_what_is_missing_is_built(dataset, tmp_path):
     ],
     ids=["missing", "damaged", "flipped", "other format", "changed"],
 )
-def test_what_is_damaged_is_built_anew(dataset, tmp_path, spoil):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_what_is_damaged_is_built_anew(root, dataset, spoil):
     spoil(root / "val_mini")
     assert any("parametric_flat-s0" in f.where for f in check(root, deep=False))
     make(root, [SPLIT], workers=1)
     assert _bytes(root) == _bytes(dataset)
 
 
-def test_what_was_changed_in_another_split_gets_no_new_hash(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_what_was_changed_in_another_split_gets_no_new_hash(root):
     shutil.copytree(root / "val_mini", root / "val")
     (root / "val" / "val_mini.json.gz").rename(root / "val" / "val.json.gz")
     write_manifest(root)
@@ -76,9 +77,7 @@ def test_what_was_changed_in_another_split_gets_no_new_hash(dataset, tmp_path):
     assert (root / "dataset.json").read_bytes() == before
 
 
-def test_a_full_disk_is_named_and_the_next_build_goes_on(dataset, tmp_path, monkeypatch):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_full_disk_is_named_and_the_next_build_goes_on(root, dataset, monkeypatch):
     cameras = root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz"
     cameras.unlink()
     real = os.replace
@@ -105,9 +104,7 @@ def _flip(path):
     path.write_bytes(data)
 
 
-def test_a_dataset_of_another_version_is_kept_unless_asked(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_dataset_of_another_version_is_kept_unless_asked(root, dataset):
     manifest = json.loads((root / "dataset.json").read_text())
     (root / "dataset.json").write_text(json.dumps(manifest | {"version": 1}))
     before = _bytes(root)
@@ -118,9 +115,7 @@ def test_a_dataset_of_another_version_is_kept_unless_asked(dataset, tmp_path):
     assert _bytes(root) == _bytes(dataset)
 
 
-def test_a_split_that_is_half_built_isnt_listed(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_split_that_is_half_built_isnt_listed(root):
     shutil.copytree(root / "val_mini", root / "val")
     (root / "val" / "val_mini.json.gz").unlink()  # as a build of val that was stopped leaves it: no index
     assert list(write_manifest(root).splits) == ["val_mini"]
@@ -130,17 +125,18 @@ def test_a_sound_dataset_has_no_errors(dataset):
     assert [f for f in check(dataset) if f.level == "error"] == []
 
 
-def test_counts_that_dont_come_out_are_an_error(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_counts_that_dont_come_out_are_an_error(root):
     with pytest.raises(ConfigError, match="should have 4 floors"):
         make(root, [SplitSpec("val_mini", SPLIT.scenes, 9, (4, 3))], workers=1)
 
 
 def _edit(path, change):
-    content = json.loads(gzip.decompress(path.read_bytes()))
+    """Of a file of JSON, packed or not."""
+    packed = path.suffix == ".gz"
+    content = json.loads(gzip.decompress(path.read_bytes()) if packed else path.read_bytes())
     change(content)
-    path.write_bytes(gzip.compress(json.dumps(content).encode()))
+    text = json.dumps(content).encode()
+    path.write_bytes(gzip.compress(text) if packed else text)
 
 
 def _start_elsewhere(content):
@@ -221,9 +217,7 @@ def _goal_that_isnt_there(content):
         (_start_without_place, "error", "holds what can't be"),
     ],
 )
-def test_faults_are_named(dataset, tmp_path, change, level, said):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_faults_are_named(root, change, level, said):
     _edit(root / "val_mini" / "content" / "parametric_flat-s0.json.gz", change)
     changed = [f.what for f in check(root, deep=False) if f.level == "error"]
     assert any("was changed" in what for what in changed)
@@ -255,9 +249,7 @@ def test_faults_are_named(dataset, tmp_path, change, level, said):
         "no density",
     ],
 )
-def test_what_is_wrong_with_a_camera_is_named(dataset, tmp_path, m2, change, said):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_what_is_wrong_with_a_camera_is_named(root, m2, change, said):
     _edit(root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", lambda content: change(content, m2))
     write_manifest(root)
     found = [f for f in check(root) if said in f.what]
@@ -265,9 +257,7 @@ def test_what_is_wrong_with_a_camera_is_named(dataset, tmp_path, m2, change, sai
     assert f"{m2} m2" in found[0].what
 
 
-def test_cameras_with_another_lens_are_named(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_cameras_with_another_lens_are_named(root):
     _edit(root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", lambda c: c["intrinsics"].update(fx_px=500.0))
     write_manifest(root)
     assert [f.what for f in check(root) if f.level == "error"] == [
@@ -275,37 +265,28 @@ def test_cameras_with_another_lens_are_named(dataset, tmp_path):
     ]
 
 
-def test_a_scene_without_its_cameras_is_named(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_scene_without_its_cameras_is_named(root):
     _edit(
         root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", lambda c: c.update(cameras={"100": [], "200": []})
     )
-    path = root / "val_mini" / "scenes" / "parametric_flat-s0.json"
-    record = json.loads(path.read_text())
-    record["floors"][0]["cameras"] = {"100": 0, "200": 0}
-    path.write_text(json.dumps(record))
+    _edit(
+        root / "val_mini" / "scenes" / "parametric_flat-s0.json",
+        lambda r: r["floors"][0].update(cameras={"100": 0, "200": 0}),
+    )
     write_manifest(root)
     assert [f.what for f in check(root) if f.level == "error"] == [
         f"camera c0-1 per {m2} m2 is missing" for m2 in (100, 200)
     ]
 
 
-def test_a_density_that_is_nowhere_is_named(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_density_that_is_nowhere_is_named(root):
     _edit(root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz", lambda c: c["cameras"].pop("200"))
-    path = root / "val_mini" / "scenes" / "parametric_flat-s0.json"
-    record = json.loads(path.read_text())
-    del record["floors"][0]["cameras"]["200"]
-    path.write_text(json.dumps(record))
+    _edit(root / "val_mini" / "scenes" / "parametric_flat-s0.json", lambda r: r["floors"][0]["cameras"].pop("200"))
     write_manifest(root)
     assert [f.what for f in check(root) if f.level == "error"] == ["the dataset has cameras per 100 m2, not per 200"]
 
 
-def test_files_that_the_manifest_doesnt_know_are_named(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_files_that_the_manifest_doesnt_know_are_named(root):
     for folder, end in (("scenes", ".json"), ("content", ".json.gz"), ("cameras", ".json.gz")):
         source = root / "val_mini" / folder / f"parametric_flat-s0{end}"
         shutil.copy(source, source.with_name(f"castle-s0{end}"))
@@ -323,9 +304,7 @@ def test_files_that_the_manifest_doesnt_know_are_named(dataset, tmp_path):
 @pytest.mark.parametrize(
     "name", ["notes.json", "scenes/old/x.json", "content/parametric_flat-s0.json", "more/x.json.gz"]
 )
-def test_files_that_are_none_of_a_dataset_get_no_hash(dataset, tmp_path, name):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_files_that_are_none_of_a_dataset_get_no_hash(root, name):
     (root / "val_mini" / name).parent.mkdir(parents=True, exist_ok=True)
     (root / "val_mini" / name).write_text("{}")
     assert f"val_mini/{name}" in [f.where for f in check(root, deep=False) if "isn't in the manifest" in f.what]
@@ -333,9 +312,7 @@ def test_files_that_are_none_of_a_dataset_get_no_hash(dataset, tmp_path, name):
         make(root, [SPLIT], workers=1)
 
 
-def test_a_split_that_was_stopped_goes_on_beside_one_that_is_whole(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_split_that_was_stopped_goes_on_beside_one_that_is_whole(root):
     val = SplitSpec("val", SPLIT.scenes, SPLIT.episodes, SPLIT.expected)
     shutil.copytree(root / "val_mini", root / "val")
     (root / "val" / "val_mini.json.gz").unlink()  # no index, not in the manifest
@@ -345,9 +322,7 @@ def test_a_split_that_was_stopped_goes_on_beside_one_that_is_whole(dataset, tmp_
     assert built == [(1, 1, "parametric_flat-s0")]
 
 
-def test_a_split_whose_folder_was_deleted_is_forgotten(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_split_whose_folder_was_deleted_is_forgotten(root):
     shutil.copytree(root / "val_mini", root / "own")
     (root / "own" / "val_mini.json.gz").rename(root / "own" / "own.json.gz")
     assert set(write_manifest(root).splits) == {"own", "val_mini"}
@@ -360,9 +335,7 @@ def test_a_split_whose_folder_was_deleted_is_forgotten(dataset, tmp_path):
     assert set(make(root, [SPLIT], workers=1).splits) == {"val_mini"}
 
 
-def test_files_that_the_manifest_forgot_are_named(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_files_that_the_manifest_forgot_are_named(root, dataset):
     manifest = json.loads((root / "dataset.json").read_text())
     manifest["sha256"] = {k: v for k, v in manifest["sha256"].items() if "/cameras/" not in k}
     (root / "dataset.json").write_text(json.dumps(manifest))
@@ -376,9 +349,7 @@ def test_files_that_the_manifest_forgot_are_named(dataset, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["val_mini/scenes/parametric_flat-s0.json", "dataset.json"])
-def test_bytes_that_arent_text_are_named(dataset, tmp_path, name):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_bytes_that_arent_text_are_named(root, dataset, name):
     data = bytearray((root / name).read_bytes())
     at = data.index(b'": "') + 5
     data[at : at + 2] = b"\xff\xfe"
@@ -392,9 +363,7 @@ def test_bytes_that_arent_text_are_named(dataset, tmp_path, name):
         assert _bytes(root) == _bytes(dataset)
 
 
-def test_a_dataset_that_another_program_or_another_rule_made_is_named(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_dataset_that_another_program_or_another_rule_made_is_named(root):
     manifest = json.loads((root / "dataset.json").read_text())
     manifest |= {"made_by": "surveilnav 0.0.1", "rules": manifest["rules"] | {"cameras": "where it looks nice"}}
     (root / "dataset.json").write_text(json.dumps(manifest))
@@ -404,26 +373,20 @@ def test_a_dataset_that_another_program_or_another_rule_made_is_named(dataset, t
     assert "another rule of cameras: 'where it looks nice'" in found[1][1]
 
 
-def test_a_changed_scene_isnt_drawn(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_changed_scene_isnt_drawn(root, tmp_path):
     _edit(root / "val_mini" / "content" / "parametric_flat-s0.json.gz", _start_elsewhere)
     with pytest.raises(ConfigError, match="aren't what they were"):
         draw(root, "val_mini", "parametric_flat-s0", tmp_path / "out")
 
 
-def test_a_building_that_comes_out_otherwise_is_named(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_building_that_comes_out_otherwise_is_named(root):
     path = root / "val_mini" / "scenes" / "parametric_flat-s0.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"content_hash": "0" * 64}))
     write_manifest(root)
     assert any("another version of the program" in f.what for f in check(root))
 
 
-def test_a_damaged_file_is_named(dataset, tmp_path):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_damaged_file_is_named(root):
     path = root / "val_mini" / "content" / "parametric_flat-s0.json.gz"
     path.write_bytes(path.read_bytes()[:200])
     assert any("can't be read" in f.what and "parametric_flat-s0" in f.what for f in check(root, deep=False))
@@ -475,9 +438,7 @@ def test_a_split_of_ones_own_that_cant_be_is_named(name, buildings, said):
         own_split(name, buildings, 3)
 
 
-def test_a_building_with_too_few_places_to_start_is_named(dataset, tmp_path, monkeypatch):
-    root = tmp_path / "copy"
-    shutil.copytree(dataset, root)
+def test_a_building_with_too_few_places_to_start_is_named(root, monkeypatch):
     monkeypatch.setattr("benchmark.dataset.make.is_whole", lambda *_: True)
     with pytest.raises(ConfigError, match=r"parametric_flat should have 6 episodes, it came out with 5.*--episodes"):
         make(root, [SplitSpec("val_mini", SPLIT.scenes, 11)], workers=1)
