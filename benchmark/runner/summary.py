@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -94,10 +94,16 @@ class Paired(NamedTuple):
     ratio: Interval | None
 
 
-def paired(line: Sequence[EpisodeRecord], first: Sequence[EpisodeRecord]) -> Paired | None:
-    """A line's minus the first's; None: they have no episode in common."""
+def pairs_of(
+    line: Iterable[EpisodeRecord], first: Iterable[EpisodeRecord]
+) -> list[tuple[EpisodeRecord, EpisodeRecord]]:
+    """A line's records, each with the first's of the same episode; those without one are left out."""
     by_key = {r.key: r for r in first}
-    pairs = [(r, by_key[r.key]) for r in line if r.key in by_key]
+    return [(r, by_key[r.key]) for r in line if r.key in by_key]
+
+
+def paired(pairs: Sequence[tuple[EpisodeRecord, EpisodeRecord]]) -> Paired | None:
+    """Of pairs of a line's record and the first's: the line's minus the first's. None: there is no pair."""
     if not pairs:
         return None
     scenes = [a.scene for a, _ in pairs]

@@ -20,12 +20,14 @@ class Arm:
     Attributes:
         paper: what the paper has for it (SR, SPL), None: nothing.
         seeds: it is played with so many, from its settings' on; the line is of them all.
+        levels: which of each of its table's factors it has.
     """
 
     label: str
     settings: RunSettings
     paper: tuple[float, float] | None = None
     seeds: int = 1
+    levels: tuple[str, ...] = ()
 
     @property
     def runs(self) -> tuple[RunSettings, ...]:
@@ -35,13 +37,15 @@ class Arm:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """``about``: what is compared, for the page. ``over_bytes``: its plot also shows SPL over what the cameras sent."""
+    """``about``: what is compared, for the page. ``over_bytes``: its plot also shows SPL over what the cameras sent.
+    ``factors``: what its arms combine; the page also tells the levels of each apart."""
 
     name: str
     title: str
     about: str
     arms: tuple[Arm, ...]
     over_bytes: bool = False
+    factors: tuple[str, ...] = ()
 
 
 def folder_name(settings: RunSettings) -> str:
@@ -129,8 +133,9 @@ def _components() -> Table:
         if fusion != _FUSIONS[0]:
             maps["value"] = {"fusion": fusion}
         planning = {"strategy": strategy} if strategy != _STRATEGIES[0] else {}
-        n, label = len(maps) + len(planning), f"{geometry}, {fusion}, {strategy}"
-        arms.append((n, Arm(label + " (default)" * (n == 0), _run(fusion=maps, planning=planning))))
+        n, levels = len(maps) + len(planning), (geometry, fusion, strategy)
+        label = ", ".join(levels) + " (default)" * (n == 0)
+        arms.append((n, Arm(label, _run(fusion=maps, planning=planning), levels=levels)))
     return Table(
         "components", "Association x value fusion x strategy",
         "How two views of a thing are compared, how the values of several views of a place become one, and what ranks "
@@ -139,6 +144,7 @@ def _components() -> Table:
         "object of two, at once or later, only with overlap. With `object` and `greedy`, values decide only "
         "where to look around once more when all is explored.",
         tuple(arm for _, arm in sorted(arms, key=itemgetter(0))),
+        factors=("association geometry", "value fusion", "strategy"),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from typing import IO, Any
 from benchmark.episode import REASONS
 from benchmark.runner.basis import Basis
 from benchmark.runner.records import EpisodeRecord
-from benchmark.runner.summary import SUCCESS_RULE, WITHIN_M, Interval, Summary, paired, summarise
+from benchmark.runner.summary import SUCCESS_RULE, WITHIN_M, Interval, Summary, paired, pairs_of, summarise
 from benchmark.tables.arms import Arm, Table
 
 #: Categories of which there are so few furniture models that one of them may decide a number.
@@ -58,7 +58,10 @@ def page(
         *_comparison(table, lines, total),
     ]  # fmt: skip
     if lines:
-        text += ["", f"![]({table.name}.png)", "", "## Why searches failed", "", *_reasons(lines)]
+        text += ["", f"![]({table.name}.png)"]
+        if table.factors:
+            text += ["", "## By factor", "", *_factors(table, lines)]
+        text += ["", "## Why searches failed", "", *_reasons(lines)]
         text += ["", "## By category", "", "SR / SPL (searches).", "", *_by(lines, lambda r: r.category)]
         text += [
             "",
@@ -101,13 +104,36 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
 def _difference(line: Line, first: Line) -> tuple[str, str, str]:
     """SR and SPL against the first line's, and that one's SPL over this one's; of how many episodes, where these aren't
     all."""
-    if (found := paired(line.records, first.records)) is None:
+    if (found := paired(pairs_of(line.records, first.records))) is None:
         return "", "", ""
     all_paired = found.pairs == line.summary.episodes == first.summary.episodes * line.arm.seeds
     of = "" if all_paired else f" (of {found.pairs})"
     r = found.ratio
     ratio = f"{r.mean:.2f} [{r.low:.2f}, {r.high:.2f}]{of}" if r else ""
     return _signed(found.sr) + of, _signed(found.spl) + of, ratio
+
+
+def _factors(table: Table, lines: Sequence[Line]) -> list[str]:
+    """A row for every level of every factor, of all lines that have it."""
+    text = [
+        "All lines with the level; differences are to the lines that have the factor's first level and are the same in all "
+        "else, paired by episode.", "",
+        "| | lines | SR | SPL | SR difference | SPL difference |", "|" + "---|" * 6,
+    ]  # fmt: skip
+    of = {line.arm.levels: line.records for line in lines}
+    for i, factor in enumerate(table.factors):
+        first = table.arms[0].levels[i]
+        for level in dict.fromkeys(arm.levels[i] for arm in table.arms):
+            own = [levels for levels in of if levels[i] == level]
+            pairs = [p for ls in own for p in pairs_of(of[ls], of.get((*ls[:i], first, *ls[i + 1 :]), ()))]
+            if not own:
+                continue
+            s = summarise([r for levels in own for r in of[levels]])
+            found = paired(pairs) if level != first else None
+            difference = (_signed(found.sr), _signed(found.spl)) if found else ("", "")
+            cells = [f"{factor}: {level}", str(len(own)), str(s.sr), str(s.spl), *difference]
+            text.append("| " + " | ".join(cells) + " |")
+    return text
 
 
 def _signed(i: Interval) -> str:

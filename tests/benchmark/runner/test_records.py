@@ -16,7 +16,7 @@ import pytest
 from benchmark.runner.basis import Basis, hash_of, meaning, program_hash, program_parts
 from benchmark.runner.records import Broken, EpisodeRecord, Records, _record_of, kept, read
 from benchmark.runner.settings import RunSettings
-from benchmark.runner.summary import interval, paired, summarise
+from benchmark.runner.summary import interval, paired, pairs_of, summarise
 from surveilnav.errors import ConfigError
 
 RECORD = EpisodeRecord(
@@ -280,9 +280,9 @@ def test_success_farther_off_and_failures_that_were_seen():
 
 def test_paired_differences_use_common_episodes():
     line = [RECORD, msgspec.structs.replace(FAILED, success=True, spl=0.4)]
-    found = paired(line, [FAILED, msgspec.structs.replace(RECORD, episode_id="99")])
+    found = paired(pairs_of(line, [FAILED, msgspec.structs.replace(RECORD, episode_id="99")]))
     assert (found.pairs, found.sr.mean, round(found.spl.mean, 6)) == (1, 100.0, 40.0)
-    assert paired([RECORD], [FAILED]) is None
+    assert paired(pairs_of([RECORD], [FAILED])) is None
 
 
 def test_a_ratio_is_that_of_resampled_pairs():
@@ -292,14 +292,14 @@ def test_a_ratio_is_that_of_resampled_pairs():
         [msgspec.structs.replace(RECORD, scene=f"flat-s{i}", spl=float(v)) for i, v in enumerate(column)]
         for column in spl.T
     )
-    found = paired(line, first).ratio
+    found = paired(pairs_of(line, first)).ratio
     draws = []
     for _ in range(4000):  # Efron's bootstrap, word by word
         some = [spl[i] for i in rng.integers(40, size=40)]
         draws.append(sum(b for _, b in some) / sum(a for a, _ in some))
     assert found.mean == pytest.approx(spl[:, 1].sum() / spl[:, 0].sum())
     assert (found.low, found.high) == pytest.approx(np.percentile(draws, [2.5, 97.5]), abs=0.02)
-    assert paired([msgspec.structs.replace(r, spl=0.0) for r in line], first).ratio is None
+    assert paired(pairs_of([msgspec.structs.replace(r, spl=0.0) for r in line], first)).ratio is None
 
 
 @pytest.mark.parametrize(

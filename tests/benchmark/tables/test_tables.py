@@ -99,6 +99,28 @@ def test_components_are_crossed_the_fewest_changes_first():
         ("objects" in a.settings.fusion) + ("value" in a.settings.fusion) + len(a.settings.planning) for a in arms
     ]
     assert changes == sorted(changes)
+    assert len({arm.levels for arm in arms}) == 27
+    assert {len(arm.levels) for arm in arms} == {len(TABLES["components"].factors)}
+
+
+def test_levels_of_a_factor_are_compared_with_all_else_the_same():
+    found, lost = RECORD, msgspec.structs.replace(RECORD, success=False, spl=0.0, reason="out_of_steps")
+    arms = {
+        levels: Arm(", ".join(levels), RunSettings(), levels=levels)
+        for levels in (("big", "red"), ("small", "red"), ("big", "blue"), ("small", "blue"), ("small", "green"))
+    }
+    table = Table("size", "Size", "About.", tuple(arms.values()), factors=("size", "colour"))
+    played = {("big", "red"): lost, ("small", "red"): found, ("small", "blue"): lost, ("small", "green"): found}
+    text = page(table, [Line.of(arms[levels], [r]) for levels, r in played.items()], 1, MODELS, BASIS)
+    rows = [line for line in text.splitlines() if line.startswith(("| size: ", "| colour: "))]
+    assert rows == [
+        "| size: big | 1 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] |  |  |",
+        # of three lines only the red one has one of the first level beside it
+        "| size: small | 3 | 66.7 [0.0, 100.0] | 33.3 [0.0, 50.0] | +100.0 [+100.0, +100.0] | +50.0 [+50.0, +50.0] |",
+        "| colour: red | 2 | 50.0 [0.0, 100.0] | 25.0 [0.0, 50.0] |  |  |",
+        "| colour: blue | 1 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | -100.0 [-100.0, -100.0] | -50.0 [-50.0, -50.0] |",
+        "| colour: green | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] | +0.0 [+0.0, +0.0] | +0.0 [+0.0, +0.0] |",
+    ]
 
 
 def test_an_unfinished_arm_says_so():
