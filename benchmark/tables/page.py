@@ -124,13 +124,15 @@ def _factors(table: Table, lines: Sequence[Line]) -> list[str]:
     for i, factor in enumerate(table.factors):
         first = table.arms[0].levels[i]
         for level in dict.fromkeys(arm.levels[i] for arm in table.arms):
-            own = [levels for levels in of if levels[i] == level]
-            pairs = [p for ls in own for p in pairs_of(of[ls], of.get((*ls[:i], first, *ls[i + 1 :]), ()))]
+            own = {levels: records for levels, records in of.items() if levels[i] == level}
             if not own:
                 continue
-            s = summarise([r for levels in own for r in of[levels]])
-            found = paired(pairs) if level != first else None
-            difference = (_signed(found.sr), _signed(found.spl)) if found else ("", "")
+            s, difference = summarise([r for records in own.values() for r in records]), ("", "")
+            if level != first:
+                beside = {levels: of.get((*levels[:i], first, *levels[i + 1 :]), ()) for levels in own}
+                pairs = [pair for levels, records in own.items() for pair in pairs_of(records, beside[levels])]
+                if found := paired(pairs):
+                    difference = _signed(found.sr), _signed(found.spl)
             cells = [f"{factor}: {level}", str(len(own)), str(s.sr), str(s.spl), *difference]
             text.append("| " + " | ".join(cells) + " |")
     return text

@@ -105,8 +105,7 @@ def _flip(path):
 
 
 def test_a_dataset_of_another_version_is_kept_unless_asked(root, dataset):
-    manifest = json.loads((root / "dataset.json").read_text())
-    (root / "dataset.json").write_text(json.dumps(manifest | {"version": 1}))
+    _edit(root / "dataset.json", lambda m: m.update(version=1))
     before = _bytes(root)
     with pytest.raises(ConfigError, match=r"version 1.*--anew"):
         make(root, [SPLIT], workers=1)
@@ -336,9 +335,10 @@ def test_a_split_whose_folder_was_deleted_is_forgotten(root):
 
 
 def test_files_that_the_manifest_forgot_are_named(root, dataset):
-    manifest = json.loads((root / "dataset.json").read_text())
-    manifest["sha256"] = {k: v for k, v in manifest["sha256"].items() if "/cameras/" not in k}
-    (root / "dataset.json").write_text(json.dumps(manifest))
+    _edit(
+        root / "dataset.json",
+        lambda m: m.update(sha256={k: v for k, v in m["sha256"].items() if "/cameras/" not in k}),
+    )
     (root / "val_mini" / "cameras" / "parametric_flat-s0.json.gz").unlink()
     assert {(f.where, f.what) for f in check(root, deep=False)} >= {
         ("val_mini/cameras/parametric_flat-s0.json.gz", "is missing, in the manifest, too"),
@@ -364,9 +364,8 @@ def test_bytes_that_arent_text_are_named(root, dataset, name):
 
 
 def test_a_dataset_that_another_program_or_another_rule_made_is_named(root):
-    manifest = json.loads((root / "dataset.json").read_text())
-    manifest |= {"made_by": "surveilnav 0.0.1", "rules": manifest["rules"] | {"cameras": "where it looks nice"}}
-    (root / "dataset.json").write_text(json.dumps(manifest))
+    rules = {"cameras": "where it looks nice"}
+    _edit(root / "dataset.json", lambda m: m.update(made_by="surveilnav 0.0.1", rules=m["rules"] | rules))
     found = [(f.level, f.what) for f in check(root, deep=False)]
     assert [level for level, _ in found] == ["note", "error"]
     assert "was made by surveilnav 0.0.1, this is" in found[0][1]
@@ -380,8 +379,7 @@ def test_a_changed_scene_isnt_drawn(root, tmp_path):
 
 
 def test_a_building_that_comes_out_otherwise_is_named(root):
-    path = root / "val_mini" / "scenes" / "parametric_flat-s0.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"content_hash": "0" * 64}))
+    _edit(root / "val_mini" / "scenes" / "parametric_flat-s0.json", lambda r: r.update(content_hash="0" * 64))
     write_manifest(root)
     assert any("another version of the program" in f.what for f in check(root))
 
