@@ -167,7 +167,7 @@ class Projection:
         c = self.config
         _count_points(
             self.points, self.p_camera[0], self.p_camera[1], 0.0, c.resolution_m, *self.window[:2], self.seen.copy(),
-            c.obstacle_min_m, c.obstacle_max_m, c.obstacle_noise_per_m, c.explored_max_m, *self.counts[:4],
+            np.inf, c.obstacle_min_m, c.obstacle_max_m, c.obstacle_noise_per_m, c.explored_max_m, *self.counts[:4],
         )  # fmt: skip
 
     def by_numpy(self) -> None:
