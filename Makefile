@@ -6,7 +6,7 @@ READY := .venv/.set-up
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test test-compose demo dataset bench bench-core bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test canary test-compose demo dataset bench bench-core bench-render bench-homes bench-association bench-calibration docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -25,6 +25,9 @@ check: $(READY) ## format, lint, types, import rules
 
 test: $(READY) ## all tests that need no Docker engine, on real Zenoh
 	$(BIN)/python -m pytest -q -m "not compose" $(ARGS)
+
+canary: $(READY) ## a dozen fixed searches, action by action as written in benchmark/canary.json (2 minutes)
+	$(BIN)/python -m benchmark.canary $(ARGS)
 
 test-compose: $(READY) ## the compose file, on a real Docker engine (skipped where there is none)
 	$(BIN)/python -m pytest -q tests/compose $(ARGS)
