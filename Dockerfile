@@ -14,13 +14,14 @@ RUN pip install -q --no-cache-dir -c constraints.txt ".[mesh]" && pip uninstall 
 # --- our own code, and the homes and furniture of Sweet Home 3D ---
 FROM packages AS code
 COPY shared shared
+COPY simulator simulator
 COPY cli cli
 COPY services services
 COPY benchmark benchmark
 RUN pip install -q --no-cache-dir --no-deps --target /opt/surveilnav .
 # Where Debian's mirrors can't be reached, parametric furniture stands in.
 RUN mkdir -p /var/cache/surveilnav && apt-get update -qq \
- && { PYTHONPATH=/opt/surveilnav SURVEILNAV_CACHE_DIR=/var/cache/surveilnav python -m surveilnav.building.assets \
+ && { PYTHONPATH=/opt/surveilnav SURVEILNAV_CACHE_DIR=/var/cache/surveilnav python -m simulator.furniture.assets \
       || echo "note: no Sweet Home 3D packages in this image"; }
 
 # --- what runs ---

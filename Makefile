@@ -49,13 +49,13 @@ bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)
 
 bench-homes: $(READY) ## nine homes x targets x seeds, with and without cameras; resumable; needs detector weights
-	$(BIN)/python -m benchmark.homes $(ARGS)
+	$(BIN)/python -m benchmark.studies.homes $(ARGS)
 
 bench-calibration: $(READY) ## the simulated detector fitted to the real one; resumable; needs detector weights
-	$(BIN)/python -m benchmark.calibration $(ARGS)
+	$(BIN)/python -m benchmark.studies.calibration $(ARGS)
 
 bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
-	$(BIN)/python -m benchmark.association $(ARGS)
+	$(BIN)/python -m benchmark.studies.association $(ARGS)
 
 docs: $(READY) ## write docs/contract.md from the contract table
 	$(BIN)/python -m surveilnav.contract > docs/contract.md

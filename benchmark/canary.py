@@ -24,8 +24,8 @@ from typing import Any
 
 import msgspec
 
+from benchmark.play.workers import in_workers
 from benchmark.runner.settings import RunSettings
-from benchmark.workers import in_workers
 from surveilnav.errors import ConfigError
 
 FILE = Path(__file__).with_name("canary.json")
@@ -103,14 +103,14 @@ def digest_of(searches: Sequence[Search]) -> str:
 
 def play(search: Search) -> Outcome:
     """Plays one. Raises what opening its building may, and PerceptionError where its detector can't be had."""
-    from benchmark.episode import run_episode
-    from benchmark.oracle import OraclePlanner
+    from benchmark.play.episode import run_episode
+    from benchmark.play.oracle import OraclePlanner
+    from benchmark.play.sight import PoseError, Sight
     from benchmark.policies import Task, Truth, policy_of
-    from benchmark.sight import PoseError, Sight
     from services.planner.core.drive import FmmPlanner
-    from surveilnav.building.goals import Start, find_goals
-    from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
-    from surveilnav.perception.choose import choose_backend
+    from simulator.simulation import SimulatedBuilding, SimulationSettings
+    from simulator.truth.choose import choose_backend
+    from simulator.world.goals import Start, find_goals
 
     settings = msgspec.convert(search.run, RunSettings)
     building = SimulatedBuilding(

@@ -31,14 +31,14 @@ from cli.report import (
 )
 from cli.report import outcome as in_words
 from cli.stack import Stack, environment
-from surveilnav.building.goals import Goals, Start, Verdict, find_goals, judge, sample_start
-from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from simulator.world.goals import Goals, Start, Verdict, find_goals, judge, sample_start
+from surveilnav.bus import Node, Refused, clock_ns
+from surveilnav.bus.router import free_port
 from surveilnav.contract import CAMERA_REQUEST, MAP_LAYER, MISSION_CANCEL, MISSION_GOAL, OBJECTS
 from surveilnav.errors import BusError, MissionError, SurveilNavError
 from surveilnav.geometry import Grid, yaw_of
 from surveilnav.messages import CameraRequest, MissionCancel, MissionGoal, MissionStatus, ObjectRecord
-from surveilnav.runtime import Node, Refused, clock_ns
-from surveilnav.runtime.router import free_port
 from surveilnav.sensing.packing import unpack_array
 
 ROBOT = "r1"

@@ -12,8 +12,8 @@ from typing import Any, Literal
 
 from rich.console import Console
 
-from surveilnav.building.assets import ensure_assets
-from surveilnav.building.sources import EXAMPLE_HOMES
+from simulator.furniture.assets import ensure_assets
+from simulator.sources import EXAMPLE_HOMES
 from surveilnav.config import cache_dir, models_dir
 from surveilnav.errors import SurveilNavError
 

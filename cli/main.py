@@ -152,7 +152,7 @@ def doctor(as_json: AsJson = False) -> None:
 @app.command()
 def buildings(as_json: AsJson = False) -> None:
     """List the buildings that can be simulated."""
-    from surveilnav.building.sources import list_buildings
+    from simulator.sources import list_buildings
 
     rows = list_buildings()
     if as_json:
@@ -169,7 +169,7 @@ def prepare() -> None:
     The building comes from the environment (SURVEILNAV_SIM__BUILDING, ...): the first step of `docker compose up`.
     """
     from cli.progress import bar
-    from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+    from simulator.simulation import SimulatedBuilding, SimulationSettings
 
     with bar(console) as progress:
         plan = SimulatedBuilding(SimulationSettings(), progress).prepare()
@@ -182,7 +182,7 @@ def main() -> None:
     try:
         app(standalone_mode=True)
     except ValidationError as error:
-        from surveilnav.runtime.main import explain
+        from surveilnav.bus.main import explain
 
         print(explain(error), file=sys.stderr)
         sys.exit(1)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from surveilnav.bus import Node
 from surveilnav.contract import (
     CAMERA_INFO,
     MAP_REVISION,
@@ -17,7 +18,6 @@ from surveilnav.contract import (
     TRAFFIC,
 )
 from surveilnav.messages import CameraInfo, MissionStatus, Observation, Plan, Revision, TrafficReport
-from surveilnav.runtime import Node
 
 TERMINAL = ("done", "failed", "cancelled")
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
+from surveilnav.bus import BusSettings, Node
 from surveilnav.errors import SurveilNavError
-from surveilnav.runtime import BusSettings, Node
 
 #: Kinds that must be on the bus before a mission can begin.
 CORE_KINDS = ("robot", "perception", "fusion", "planner")
@@ -41,7 +41,7 @@ class Stack:
     def __enter__(self) -> Stack:
         self.log_dir.mkdir(parents=True, exist_ok=True)
         try:
-            self._start("router", "surveilnav.runtime.router", "--listen", self.environment["SURVEILNAV_BUS__ROUTER"])
+            self._start("router", "surveilnav.bus.router", "--listen", self.environment["SURVEILNAV_BUS__ROUTER"])
             for name in ("perception", "fusion", "planner"):
                 self.start_service(name)
             self._start("robot", "services.robot_node")

@@ -10,8 +10,8 @@ from rich.console import Console
 
 from cli.progress import bar
 from cli.stack import Stack, environment
-from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
-from surveilnav.runtime import Node
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.bus import Node
 
 
 def run_up(

@@ -10,8 +10,8 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from surveilnav.runtime import BusSettings, Node
-from surveilnav.runtime.router import free_port, open_router
+from surveilnav.bus import BusSettings, Node
+from surveilnav.bus.router import free_port, open_router
 
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("fixed")

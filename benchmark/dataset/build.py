@@ -22,12 +22,13 @@ from benchmark.dataset.format import (
     ViewPoint,
 )
 from benchmark.dataset.splits import SceneSpec, take
-from benchmark.sight import offered_views
+from benchmark.play.sight import offered_views
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from simulator.world.goals import Goals, Start, find_goals, habitat_starts
+from simulator.world.navigation import NavigationMap
+from simulator.world.scene import Instance, Scene
 from surveilnav import __version__
-from surveilnav.building.goals import Goals, Start, find_goals, habitat_starts
-from surveilnav.building.navigation import NavigationMap
-from surveilnav.building.scene import Instance, Scene
-from surveilnav.building.simulation import CameraPlan, SimulatedBuilding, SimulationSettings
+from surveilnav.camera_plan import CameraPlan
 from surveilnav.errors import TargetError
 
 MADE_BY = f"surveilnav {__version__}"

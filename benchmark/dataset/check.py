@@ -18,9 +18,10 @@ from benchmark.dataset.integrity import damage, read_manifest
 from benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
 from benchmark.dataset.make import counts
 from benchmark.dataset.show import seen_floor
-from surveilnav.building.cameras import AZIMUTHS
-from surveilnav.building.goals import MIN_DETOUR, Goals, find_goals
-from surveilnav.building.simulation import CameraPlan, PlannedCamera, SimulatedBuilding
+from simulator.simulation import SimulatedBuilding
+from simulator.world.cameras import AZIMUTHS
+from simulator.world.goals import MIN_DETOUR, Goals, find_goals
+from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.errors import ConfigError, SurveilNavError, TargetError
 
 _TOLERANCE_M = 0.02

@@ -21,10 +21,10 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from surveilnav.building.simulation import PlannedCamera
-from surveilnav.building.stored import replacing
+from surveilnav.camera_plan import PlannedCamera
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Pinhole
+from surveilnav.stored import replacing
 
 #: Grows when a file's meaning changes: the runner reads no other.
 VERSION = 2

@@ -10,10 +10,10 @@ import numpy as np
 from benchmark.dataset import format as files
 from benchmark.dataset.axes import from_habitat, yaw_of
 from benchmark.dataset.format import HabitatEpisode, HabitatFile, HabitatGoal, SceneCameras, SceneRecord
-from surveilnav.building.goals import Goals, Start
-from surveilnav.building.navigation import NavigationMap
-from surveilnav.building.scene import Instance, Scene
-from surveilnav.building.simulation import CameraPlan
+from simulator.world.goals import Goals, Start
+from simulator.world.navigation import NavigationMap
+from simulator.world.scene import Instance, Scene
+from surveilnav.camera_plan import CameraPlan
 from surveilnav.errors import ConfigError
 
 

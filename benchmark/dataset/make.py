@@ -11,7 +11,7 @@ from benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCo
 from benchmark.dataset.integrity import damage, damaged_scenes, files_in, files_of, is_whole, read_manifest
 from benchmark.dataset.load import load_scene
 from benchmark.dataset.splits import SPLITS, SceneSpec, SplitSpec, quotas
-from benchmark.workers import in_workers
+from benchmark.play.workers import in_workers
 from surveilnav.errors import ConfigError
 
 

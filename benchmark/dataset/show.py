@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.integrity import damage, read_manifest
 from benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
-from surveilnav.building.navigation import FloorNavigation
-from surveilnav.building.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
+from simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
+from simulator.world.navigation import FloorNavigation
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Grid
 

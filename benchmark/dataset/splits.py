@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from surveilnav.building.generated.buildings import is_generated
-from surveilnav.building.sources import EXAMPLE_HOMES, TRAIN_HOMES, list_buildings
+from simulator.generated.buildings import is_generated
+from simulator.sources import EXAMPLE_HOMES, TRAIN_HOMES, list_buildings
 from surveilnav.errors import ConfigError
 
 Models = Literal["all", "train", "val"]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from surveilnav.building.sources import TRAIN_HOMES
+from simulator.sources import TRAIN_HOMES
 from surveilnav.categories import TARGETS
 
 _PATH = Path(__file__).with_name("cooccurrence.json")
@@ -81,7 +81,7 @@ def of_train() -> Cooccurrence:
 
 def count_train() -> Cooccurrence:
     """Counted anew. AssetError: the example homes can't be had."""
-    from surveilnav.building.sources import open_building
+    from simulator.sources import open_building
 
     rooms: dict[tuple[str, str, str], set[str]] = {}
     for home in TRAIN_HOMES:

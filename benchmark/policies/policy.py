@@ -9,8 +9,8 @@ from typing import Any, Protocol
 from services.fusion.core import FusionConfig
 from services.planner.core import Decision, MapView, RobotView
 from services.planner.core.drive import LocalPlanner
-from surveilnav.building.goals import Goals
-from surveilnav.building.navigation import NavigationMap
+from simulator.world.goals import Goals
+from simulator.world.navigation import NavigationMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)

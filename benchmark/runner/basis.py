@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import benchmark
 import services
+import simulator
 import surveilnav
 from benchmark.dataset.integrity import damage, read_manifest
 from benchmark.dataset.load import scenes_of
@@ -19,11 +20,12 @@ from surveilnav.errors import ConfigError
 #: What decides how a search goes, by package; the rest opens, counts and prints.
 _PARTS = {
     benchmark: (
-        "dataset/axes.py", "dataset/build.py", "dataset/format.py", "dataset/load.py", "episode.py", "oracle.py", "policies",
-        "runner/play.py", "runner/settings.py", "sight.py",
+        "dataset/axes.py", "dataset/build.py", "dataset/format.py", "dataset/load.py", "play/episode.py", "play/oracle.py", "policies",
+        "runner/play.py", "runner/settings.py", "play/sight.py",
     ),
     services: ("fusion/core", "planner/core", "robot_node/core.py", "camera_node/core.py"),
-    surveilnav: ("building", "geometry", "messages", "perception", "sensing", "categories.py", "runtime/wire.py"),
+    simulator: ("",),
+    surveilnav: ("geometry", "messages", "perception", "sensing", "categories.py", "bus/wire.py"),
 }  # fmt: skip
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 

@@ -13,18 +13,18 @@ from typing import Any
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.format import HabitatEpisode
 from benchmark.dataset.load import SceneData, load_scene, start_of
-from benchmark.episode import Episode, FusedCameras, run_episode
-from benchmark.oracle import OraclePlanner
+from benchmark.play.episode import Episode, FusedCameras, run_episode
+from benchmark.play.oracle import OraclePlanner
+from benchmark.play.sight import PoseError, Sight
 from benchmark.policies import Task, Truth, policy_of
 from benchmark.runner.basis import Basis
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
-from benchmark.sight import PoseError, Sight
 from services.planner.core.drive import FmmPlanner
-from surveilnav.building.goals import Goals
-from surveilnav.building.simulation import SimulatedBuilding
+from simulator.simulation import SimulatedBuilding
+from simulator.truth.choose import choose_backend
+from simulator.world.goals import Goals
 from surveilnav.errors import SurveilNavError
-from surveilnav.perception.choose import choose_backend
 
 
 class ScenePlayer:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.dataset.load import load_scene, scenes_of
+from benchmark.play.workers import in_workers
 from benchmark.runner.basis import Basis, basis_of, program_hash
 from benchmark.runner.play import parent_lives, play_scene
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
-from benchmark.workers import in_workers
 from surveilnav.errors import ConfigError
 
 _POLL_S = 2.0

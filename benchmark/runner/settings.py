@@ -11,8 +11,8 @@ from pydantic import TypeAdapter, ValidationError
 from benchmark.policies import policy_of
 from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
+from simulator.truth.choose import BACKENDS
 from surveilnav.errors import ConfigError
-from surveilnav.perception.choose import BACKENDS
 from surveilnav.perception.weights import WEIGHTS
 
 _PLANNING = TypeAdapter(PlannerConfig)

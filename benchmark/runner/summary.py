@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.runner.records import EpisodeRecord
-from surveilnav.building.goals import SUCCESS_M
+from simulator.world.goals import SUCCESS_M
 
 RESAMPLES = 10_000
 #: Failures of searches that ended with ``stop``.

@@ -18,8 +18,8 @@ from benchmark.runner.run import Finished, Progress, run
 from benchmark.runner.settings import RunSettings
 from benchmark.tables.arms import Arm, Table, folder_name
 from benchmark.tables.page import Line, page, plot
-from surveilnav.building.stored import replacing
-from surveilnav.perception.choose import choose_backend
+from simulator.truth.choose import choose_backend
+from surveilnav.stored import replacing
 
 
 class Made(NamedTuple):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Any
 
-from benchmark.episode import REASONS
+from benchmark.play.episode import REASONS
 from benchmark.runner.basis import Basis
 from benchmark.runner.records import EpisodeRecord
 from benchmark.runner.summary import SUCCESS_RULE, WITHIN_M, Interval, Summary, paired, pairs_of, summarise

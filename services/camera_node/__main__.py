@@ -9,9 +9,10 @@ from services.camera_node.config import CameraSettings
 from services.camera_node.eyes import open_eyes
 from services.camera_node.service import CameraService
 from services.camera_node.slots import lease, named
-from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
-from surveilnav.runtime import BusSettings, Node
-from surveilnav.runtime.main import run_service
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.bus import BusSettings, Node
+from surveilnav.bus.main import run_service
+from surveilnav.perception import Backend
 
 
 def main() -> None:
@@ -24,12 +25,22 @@ def main() -> None:
         camera, node = _leased(building, bus)
     with node:
         service = CameraService(node, building, camera, settings)
-        eyes = open_eyes(node, building, camera, settings, lambda: service.sending)
+        eyes = open_eyes(
+            node, building, camera, settings, lambda: service.sending, lambda: _backend(building, settings)
+        )
         try:
             node.run(service.step, idle_s=0.02)
         finally:
             if eyes is not None:
                 eyes.close()
+
+
+def _backend(building: SimulatedBuilding, settings: CameraSettings) -> Backend:
+    from simulator.truth.choose import choose_backend  # the networks' runtime: only where somebody looks
+
+    return choose_backend(
+        settings.perception, threads=settings.threads, seed=building.settings.seed, download=settings.download
+    )
 
 
 def _leased(building: SimulatedBuilding, bus: BusSettings):  # type: ignore[no-untyped-def]

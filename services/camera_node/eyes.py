@@ -17,11 +17,12 @@ import zenoh
 
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
-from surveilnav.building.simulation import PlannedCamera, SimulatedBuilding
+from simulator.simulation import SimulatedBuilding
+from surveilnav.bus import Node, clock_ns
+from surveilnav.camera_plan import PlannedCamera
 from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import Backend
-from surveilnav.runtime import Node, clock_ns
 from surveilnav.sensing.views import TrueInstances
 
 #: Steeper views than this aren't looked at: detectors can't read what is seen from straight above.
@@ -33,25 +34,18 @@ _RETRY_S = 60.0
 
 
 def open_eyes(
-    node: Node, building: SimulatedBuilding, camera: PlannedCamera, settings: CameraSettings, busy: Callable[[], bool]
-) -> Eyes | None:
+    node: Node, building: SimulatedBuilding, camera: PlannedCamera, settings: CameraSettings, busy: Callable[[], bool],
+    load: Callable[[], Backend],
+) -> Eyes | None:  # fmt: skip
     """The camera's eyes, looking; None where it has no perception, or where there is no floor to choose.
 
-    ``busy`` says when the camera has more important things to do: no look begins then.
+    ``busy`` says when the camera has more important things to do: no look begins then. ``load`` makes the backend.
     """
     if settings.perception == "none" or len(building.plan.floors) < settings.least_floors:
         return None
-    eyes = Eyes(node, building, camera, settings, lambda: _load(building, settings), busy)
+    eyes = Eyes(node, building, camera, settings, load, busy)
     eyes.start()
     return eyes
-
-
-def _load(building: SimulatedBuilding, settings: CameraSettings) -> Backend:
-    from surveilnav.perception.choose import choose_backend  # the networks' runtime: only where somebody looks
-
-    return choose_backend(
-        settings.perception, threads=settings.threads, seed=building.settings.seed, download=settings.download
-    )
 
 
 class Eyes:

@@ -10,10 +10,11 @@ import cv2
 
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
-from surveilnav.building.simulation import CAMERA_DEPTH_RANGE_M, PlannedCamera, SimulatedBuilding
+from simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
+from surveilnav.camera_plan import PlannedCamera
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
 from surveilnav.messages import Ack, CameraInfo, CameraViewInfo, FrameHeader, Truth
-from surveilnav.runtime import Answer, Node, Refused, Request, clock_ns
 from surveilnav.sensing.packing import encode_jpeg, encode_rgbd, pack_array
 
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import uuid
 
 from services.camera_node import core
-from surveilnav.building.simulation import CameraPlan, PlannedCamera
+from surveilnav.bus import Answer, BusSettings, Node, Request, clock_ns
+from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.contract import CAMERA_SLOT
 from surveilnav.errors import ConfigError
 from surveilnav.messages import Ack, SlotClaim
-from surveilnav.runtime import Answer, BusSettings, Node, Request, clock_ns
 
 _ASK_TIMEOUT_S = 1.0
 

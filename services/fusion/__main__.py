@@ -6,8 +6,8 @@ import sys
 
 from services.fusion.config import FusionSettings
 from services.fusion.service import FusionService
-from surveilnav.runtime import BusSettings, Node
-from surveilnav.runtime.main import run_service
+from surveilnav.bus import BusSettings, Node
+from surveilnav.bus.main import run_service
 
 
 def main() -> None:

@@ -23,10 +23,10 @@ from services.fusion.core.objects import Happened
 from services.fusion.core.snapshot import SnapshotError, freeze, pack, thaw, unpack
 from services.fusion.perceiver import Perceived, ViewKey
 from services.fusion.store import Entry, Store, StoredEvent, StoreError
+from surveilnav.bus import Node
 from surveilnav.errors import WireError
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.messages.maps import ObjectEvent
-from surveilnav.runtime import Node
 from surveilnav.sensing.packing import decode_frame, perception_from_wire
 
 _HEADER = msgspec.msgpack.Decoder(FrameHeader)

@@ -17,10 +17,10 @@ from dataclasses import dataclass, field
 import msgspec
 
 from services.fusion.config import FusionSettings
+from surveilnav.bus import Node, Received, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import BusError, PerceptionError, WireError
 from surveilnav.messages import FrameHeader, InferReply, InferRequest, WorkerLoad
-from surveilnav.runtime import Node, Received, Refused, clock_ns
 from surveilnav.sensing.packing import decode_frame, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import PosedView, ViewPerception
 

@@ -16,11 +16,11 @@ from services.fusion.keeper import Keeper
 from services.fusion.perceiver import Perceived, Perceiver
 from services.fusion.sources import Sources
 from services.fusion.store import StoreError
+from surveilnav.bus import Answer, Node, Publisher, Refused, Request, clock_ns
 from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.messages import DEFAULT_LAYERS, CameraUse, LayerHeader, ObjectList, ObjectRecord, Revision
 from surveilnav.messages.maps import LayerName
-from surveilnav.runtime import Answer, Node, Publisher, Refused, Request, clock_ns
 from surveilnav.sensing.packing import pack_array, unpack_embedding
 
 _HEARTBEAT_S = 1.0

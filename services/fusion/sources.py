@@ -11,10 +11,10 @@ from services.fusion.config import FusionSettings
 from services.fusion.core import MapConfig
 from services.fusion.core.invocation import Invocation, invoke
 from services.fusion.keeper import HeldRobot
+from surveilnav.bus import Node, Received, Slot, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
 from surveilnav.errors import BusError
 from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
-from surveilnav.runtime import Node, Received, Slot, clock_ns
 
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
 _MAX_SEQ, _MAX_STAMP_NS = 2**53, 2**62  # beyond, no store, map or reader in JavaScript can hold it

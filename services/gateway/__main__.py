@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from services.gateway.app import create_app
 from services.gateway.config import GatewaySettings
 from services.gateway.service import Backend
+from surveilnav.bus import BusSettings, Node, logs
 from surveilnav.errors import BusError, ConfigError, SurveilNavError
-from surveilnav.runtime import BusSettings, Node, logs
 
 
 def listen(host: str, port: int) -> socket.socket:

@@ -16,11 +16,11 @@ from services.gateway.core import layers, resources
 from services.gateway.core.problems import Problem, refusal
 from services.gateway.core.traffic import sum_traffic
 from surveilnav import contract
+from surveilnav.bus import Node, Received, Refused, Unanswered, clock_ns
 from surveilnav.categories import canonical
 from surveilnav.contract import Stream
 from surveilnav.errors import WireError
 from surveilnav.messages import CameraRequest, MissionAck, MissionCancel, MissionGoal, MissionStatus
-from surveilnav.runtime import Node, Received, Refused, Unanswered, clock_ns
 
 ROOT = "/api/v1"
 #: How long a list of what is put on change is believed before it is asked for again.

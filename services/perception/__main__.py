@@ -8,9 +8,9 @@ import structlog
 
 from services.perception.config import PerceptionSettings
 from services.perception.service import PerceptionService
-from surveilnav.perception.choose import choose_backend
-from surveilnav.runtime import BusSettings, Node
-from surveilnav.runtime.main import run_service
+from simulator.truth.choose import choose_backend
+from surveilnav.bus import BusSettings, Node
+from surveilnav.bus.main import run_service
 
 
 def main() -> None:

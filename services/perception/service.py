@@ -7,11 +7,11 @@ import time
 
 from services.perception.config import PerceptionSettings
 from services.perception.truth_channel import TruthChannel
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import PerceptionError, TargetError, WireError
 from surveilnav.messages import InferReply, InferRequest, TextReply, WorkerLoad
 from surveilnav.perception import Backend
-from surveilnav.runtime import Answer, Node, Refused, Request, clock_ns
 from surveilnav.sensing.packing import decode_rgbd, pack_embedding, perception_to_wire
 
 MAX_TEXTS = 256

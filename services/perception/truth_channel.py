@@ -8,10 +8,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from surveilnav.bus import Node
 from surveilnav.contract import TRUTH
 from surveilnav.errors import WireError
 from surveilnav.messages import Truth
-from surveilnav.runtime import Node
 from surveilnav.sensing.packing import MAX_PIXELS, unpack_array
 from surveilnav.sensing.views import TrueInstances
 

@@ -14,9 +14,9 @@ from services.planner.core import Decision, MapView, MissionState, RobotView, st
 from services.planner.store import Pending, SavedMission, Store, StoreError
 from services.planner.summaries import Summaries
 from services.planner.world import CancelError, LostError, World, yaw_of_status
+from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
 from surveilnav.messages import MissionGoal, MissionStatus, Plan, Revision, RobotStatus, Stair
-from surveilnav.runtime import Node, Publisher, Refused, Table, clock_ns
 
 FINISHED = ("done", "failed", "cancelled")
 #: So often in a row a robot may refuse a stair; the core gives the stair up long before.

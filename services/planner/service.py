@@ -13,11 +13,11 @@ from services.planner.config import PlannerSettings
 from services.planner.mission import Mission, Surroundings, accepted
 from services.planner.store import Store, StoreError
 from services.planner.summaries import Summaries
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.categories import closed_set_target
 from surveilnav.contract import MAP_REVISION, MISSION_CANCEL, MISSION_GOAL, MISSION_PLAN, MISSION_STATUS, ROBOT_STATUS
 from surveilnav.errors import MissionError, TargetError
 from surveilnav.messages import MissionAck, MissionCancel, MissionGoal
-from surveilnav.runtime import Answer, Node, Refused, Request, clock_ns
 
 _CANCEL_WAIT_S = 3.0
 _KEEP_AGAIN_S = 2.0

@@ -14,9 +14,9 @@ from pathlib import Path
 import msgspec
 
 from services.planner.core import Decision
+from surveilnav.bus import Node
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import MissionStatus, Plan
-from surveilnav.runtime import Node
 
 #: Of the tables and of what is in them. A store of another version is set aside, not read.
 VERSION = 1

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import msgspec
 
+from surveilnav.bus import Node, Received
 from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.messages import CameraSummary
-from surveilnav.runtime import Node, Received
 
 _LIMIT_BYTES = 512
 _MAX_LABEL_CHARS = 64

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from services.planner.config import PlannerSettings
 from services.planner.core import MapView
+from surveilnav.bus import Node, Refused, Table, Unanswered, clock_ns
 from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS, ROBOT_COMMAND, ROBOT_STATUS
 from surveilnav.errors import WireError
 from surveilnav.geometry import Grid
 from surveilnav.messages import Command, CommandReply, LayerHeader, Revision, RobotStatus, Stair
 from surveilnav.messages.robot import ActionName
-from surveilnav.runtime import Node, Refused, Table, Unanswered, clock_ns
 from surveilnav.sensing.packing import unpack_array
 
 _LAYERS = ("occupancy", "explored", "frontier", "value")

@@ -6,9 +6,9 @@ import sys
 
 from services.robot_node.config import RobotSettings
 from services.robot_node.service import RobotService, start_state
-from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
-from surveilnav.runtime import Node
-from surveilnav.runtime.main import run_service
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.bus import Node
+from surveilnav.bus.main import run_service
 
 
 def main() -> None:

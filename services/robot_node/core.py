@@ -31,7 +31,7 @@ _CLEARANCE_M = 1e-3
 
 
 class TransitLike(Protocol):
-    """A stair: see ``surveilnav.building.navigation.Transit``."""
+    """A stair: see ``simulator.world.navigation.Transit``."""
 
     @property
     def length_m(self) -> float: ...
@@ -44,7 +44,7 @@ class TransitLike(Protocol):
 
 
 class NavigationLike(Protocol):
-    """What motion needs to know of the world: see ``surveilnav.building.navigation.NavigationMap``."""
+    """What motion needs to know of the world: see ``simulator.world.navigation.NavigationMap``."""
 
     @property
     def transits(self) -> tuple[TransitLike, ...]: ...

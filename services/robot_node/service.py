@@ -9,12 +9,12 @@ import numpy as np
 
 from services.robot_node import core
 from services.robot_node.config import RobotSettings
-from surveilnav.building.simulation import SimulatedBuilding
+from simulator.simulation import SimulatedBuilding
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import ROBOT_COMMAND, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Pose
 from surveilnav.messages import CommandReply, Observation, RobotStatus, Truth
-from surveilnav.runtime import Answer, Node, Refused, Request, clock_ns
 from surveilnav.sensing.packing import encode_rgbd, pack_array
 
 #: An observation that nobody follows up is put again, ever more seldom: the router may have lost it.
@@ -140,7 +140,7 @@ def start_state(building: SimulatedBuilding, settings: RobotSettings) -> core.Ro
     if settings.start:
         return _told(building, settings.start)
     if settings.start_for:
-        from surveilnav.building.goals import find_goals, sample_start
+        from simulator.world.goals import find_goals, sample_start
 
         goals = find_goals(building.scene, navigation, settings.start_for, caster=building.caster)
         start = sample_start(building.scene, navigation, goals, seed=seed, caster=building.caster)

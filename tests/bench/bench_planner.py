@@ -80,13 +80,13 @@ def test_field(benchmark, side_cells, by):
 @pytest.fixture(scope="module")
 def search():
     """One search of a home, looked at from a place where it can be played again: views, what the planner was told."""
-    from benchmark.episode import map_view, robot_state_view
-    from benchmark.sight import Sight
+    from benchmark.play.episode import map_view, robot_state_view
+    from benchmark.play.sight import Sight
     from services.robot_node import core as robot
-    from surveilnav.building.goals import find_goals, sample_start
-    from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+    from simulator.simulation import SimulatedBuilding, SimulationSettings
+    from simulator.truth.choose import choose_backend
+    from simulator.world.goals import find_goals, sample_start
     from surveilnav.errors import AssetError
-    from surveilnav.perception.choose import choose_backend
 
     try:
         building = SimulatedBuilding(SimulationSettings(building=HOME))
@@ -119,7 +119,7 @@ def search():
 
 def test_whole_robot_step(benchmark, search):
     """Detector and embeddings left out: they are recorded."""
-    from benchmark.episode import map_view
+    from benchmark.play.episode import map_view
 
     cameras, steps, text = search
     cpu_ms, plan_ms = [], []

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from surveilnav.building.depth_noise import DepthNoise
-from surveilnav.building.render import Renderer
-from surveilnav.building.scene import Scene
-from surveilnav.building.sources import EXAMPLE_HOMES, PARAMETRIC_HOME, open_building
+from simulator.render.depth_noise import DepthNoise
+from simulator.render.renderer import Renderer
+from simulator.sources import EXAMPLE_HOMES, PARAMETRIC_HOME, open_building
+from simulator.world.scene import Scene
 from surveilnav.errors import SurveilNavError
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 

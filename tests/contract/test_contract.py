@@ -11,11 +11,11 @@ import msgspec
 import pytest
 
 from surveilnav import contract, messages
+from surveilnav.bus.wire import decode, encode
 from surveilnav.contract import STREAMS, schema_of
 from surveilnav.errors import WireError
 from surveilnav.geometry import Grid, Pinhole, Pose
 from surveilnav.messages.base import Message
-from surveilnav.runtime.wire import decode, encode
 
 ROOT = Path(__file__).parents[2]
 MESSAGES = [v for v in vars(messages).values() if isinstance(v, type) and issubclass(v, Message)]

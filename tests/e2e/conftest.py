@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from cli.stack import Stack, environment
-from surveilnav.building.simulation import SimulatedBuilding, SimulationSettings
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.bus import Node, clock_ns
+from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_GOAL, MISSION_STATUS, TRAFFIC
 from surveilnav.messages import MissionAck, MissionGoal, MissionStatus, TrafficReport
-from surveilnav.runtime import Node, clock_ns
-from surveilnav.runtime.router import free_port
 
 
 @dataclass

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from surveilnav.runtime.router import free_port, open_router
+from surveilnav.bus.router import free_port, open_router
 
 ROOT = Path(__file__).parents[2]
 

@@ -11,10 +11,10 @@ import httpx
 import pytest
 import zenoh
 
+from surveilnav.bus import clock_ns
+from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_CANCEL, MISSION_STATUS, ROBOT_STATUS, STREAMS
 from surveilnav.messages import MissionCancel
-from surveilnav.runtime import clock_ns
-from surveilnav.runtime.router import free_port
 
 TERMINAL = ("done", "failed", "cancelled")
 

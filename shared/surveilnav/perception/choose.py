@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import Backend, detectors, weights
 from surveilnav.perception.onnx_coco import OnnxCoco, Thresholds
-from surveilnav.perception.truth import Oracle, Simulated
 
-BACKENDS: tuple[str, ...] = ("auto", "onnx-coco", "oracle", "simulated")
 #: The pairs that did best for their time on rendered homes: for robots' views, and for cameras' (the first in tiles).
 DEFAULT_DETECTORS: tuple[str, ...] = ("yolox-nano", "picodet-s")
 DEFAULT_LARGE_DETECTORS: tuple[str, ...] = ("yolox-nano", "deimv2-femto")
+
+#: Makes a backend that is told why it runs.
+Maker = Callable[[str], Backend]
+_NONE: Mapping[str, Maker] = MappingProxyType({})
 
 
 def choose_backend(
@@ -22,9 +25,9 @@ def choose_backend(
     large_detector_names: Sequence[str] = DEFAULT_LARGE_DETECTORS,
     thresholds: Thresholds | None = None,
     threads: int = 1,
-    seed: int = 0,
-    harder: float = 0.0,
     download: bool = True,
+    others: Mapping[str, Maker] = _NONE,
+    stand_in: str = "",
 ) -> Backend:
     """The backend of that name; "auto" takes the best that can run.
 
@@ -33,31 +36,26 @@ def choose_backend(
         large_detector_names: the same for larger ones.
         thresholds: of ``onnx-coco``.
         threads: of each network.
-        seed, harder: of ``simulated``.
         download: whether weights may be fetched.
+        others: backends that this library doesn't have, by name: those of a simulator.
+        stand_in: which of them "auto" takes where no real detector can run; empty: none.
 
     Raises:
         PerceptionError: it can't run; the message says what is missing.
     """
-    if name == "oracle":
-        return Oracle()
-    if name == "simulated":
-        return Simulated(
-            "asked for by name: the simulator's own instance ids through an error model", seed, harder=harder
+    if name in others:
+        return others[name]("asked for by name")
+    if name not in ("auto", "onnx-coco"):
+        raise PerceptionError(
+            f"expected a perception backend out of {', '.join(('auto', 'onnx-coco', *others))}, got {name!r}"
         )
-    names = (tuple(detector_names), tuple(large_detector_names))
-    if name == "onnx-coco":
-        return _onnx_coco(*names, thresholds, threads, download, "asked for by name")
-    if name != "auto":
-        raise PerceptionError(f"expected a perception backend out of {', '.join(BACKENDS)}, got {name!r}")
+    reason = "asked for by name" if name == "onnx-coco" else "the best that runs here"
     try:
-        return _onnx_coco(*names, thresholds, threads, download, "the best that runs here")
+        return _onnx_coco(tuple(detector_names), tuple(large_detector_names), thresholds, threads, download, reason)
     except PerceptionError as error:
-        return Simulated(
-            "no real detector: the simulator's own instance ids through an error model stand in, "
-            f"so these figures aren't a detector's. onnx-coco can't run: {error}",
-            seed,
-        )
+        if name == "onnx-coco" or not stand_in:
+            raise
+        return others[stand_in](f"no real detector: onnx-coco can't run: {error}")
 
 
 def _onnx_coco(

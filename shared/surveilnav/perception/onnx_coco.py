@@ -25,7 +25,7 @@ from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """What counts. Chosen on rendered Sweet Home 3D homes (206 robot views, 50 camera views; ``benchmark.perception``).
+    """What counts. Chosen on rendered Sweet Home 3D homes (206 robot views, 50 camera views; ``benchmark.studies.detectors``).
 
     Attributes:
         min_score: weaker detections are kept out of the answer (they still tint the image embedding).

@@ -18,8 +18,8 @@ from benchmark.dataset.splits import SplitSpec, own_split, quotas, splits_of, ta
 from benchmark.runner.basis import basis_of
 from benchmark.runner.run import run
 from benchmark.runner.settings import RunSettings
-from surveilnav.building.meshes import export_glb
-from surveilnav.building.sources import open_building
+from simulator.meshes import export_glb
+from simulator.sources import open_building
 from surveilnav.errors import ConfigError
 from tests.benchmark.dataset.conftest import SPLIT
 

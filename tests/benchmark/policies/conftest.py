@@ -12,10 +12,10 @@ from services.planner.core.drive import FmmPlanner
 from services.planner.core.state import RobotView
 from services.planner.core.terrain import clear_lines
 from services.robot_node import core as robot
-from surveilnav.building.goals import find_goals, judge, sample_start
-from surveilnav.building.navigation import NavigationMap
-from surveilnav.building.raycast import RayCaster
-from surveilnav.building.sources import open_building
+from simulator.sources import open_building
+from simulator.world.goals import find_goals, judge, sample_start
+from simulator.world.navigation import NavigationMap
+from simulator.world.raycast import RayCaster
 from surveilnav.messages import ObjectRecord
 
 SIGHT_M = 3.0

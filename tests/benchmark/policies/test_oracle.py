@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from benchmark.floors import start_on
 from benchmark.policies import POLICIES
+from benchmark.studies.floors import start_on
 from surveilnav.errors import TargetError
 
 ORACLE = POLICIES["oracle"]

@@ -11,16 +11,16 @@ from benchmark.dataset.build import open_scene
 from benchmark.dataset.load import load_scene
 from benchmark.dataset.make import make, write_manifest
 from benchmark.dataset.splits import SceneSpec, SplitSpec
-from benchmark.episode import REASONS, FusedCameras, run_episode
+from benchmark.play.episode import REASONS, FusedCameras, run_episode
+from benchmark.play.sight import Sight
 from benchmark.runner import play
 from benchmark.runner.basis import basis_of
 from benchmark.runner.play import ScenePlayer
 from benchmark.runner.records import Records
 from benchmark.runner.run import run
 from benchmark.runner.settings import RunSettings
-from benchmark.sight import Sight
+from simulator.truth.choose import choose_backend
 from surveilnav.errors import ConfigError
-from surveilnav.perception.choose import choose_backend
 
 SETTINGS = RunSettings(perception="oracle", max_steps=40)
 

@@ -17,13 +17,13 @@ from services.camera_node import eyes as eyes_module
 from services.camera_node.config import CameraSettings
 from services.camera_node.eyes import Eyes, open_eyes
 from services.camera_node.service import CameraService
-from surveilnav.building.simulation import CameraPlan, PlannedCamera
+from simulator.truth.backends import Oracle
+from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.categories import COCO
 from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRAFFIC
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole, Pose, camera_pose
 from surveilnav.messages import CameraRequest
-from surveilnav.perception.truth import Oracle
 from surveilnav.sensing.views import Detected, ViewPerception
 
 SIDE = 64
@@ -219,10 +219,12 @@ def test_a_detector_that_cannot_run_is_named_and_the_camera_goes_on(start, camer
 
 
 def test_who_does_not_choose_a_floor_loads_no_detector(camera_node):
-    assert open_eyes(camera_node, Building(), CAMERA, CameraSettings(perception="none"), bool) is None
+    assert open_eyes(camera_node, Building(), CAMERA, CameraSettings(perception="none"), bool, Oracle) is None
     one_floor = Building(floors=["0"])
-    assert open_eyes(camera_node, one_floor, CAMERA, CameraSettings(perception="oracle"), bool) is None
-    anyway = open_eyes(camera_node, one_floor, CAMERA, CameraSettings(perception="oracle", least_floors=1), bool)
+    assert open_eyes(camera_node, one_floor, CAMERA, CameraSettings(perception="oracle"), bool, Oracle) is None
+    anyway = open_eyes(
+        camera_node, one_floor, CAMERA, CameraSettings(perception="oracle", least_floors=1), bool, Oracle
+    )
     assert anyway is not None
     anyway.close()
     code = "import sys, services.camera_node.__main__; print([m for m in sys.modules if 'onnx' in m or 'choose' in m])"

@@ -14,7 +14,7 @@ from services.fusion.core.carving import Clearance, FreeSpace
 from services.fusion.core.cloud import VoxelCloud, voxel_centres
 from services.fusion.core.config import MapConfig
 from services.fusion.core.floor_map import FloorMap
-from surveilnav.building.depth_noise import DepthNoise
+from simulator.render.depth_noise import DepthNoise
 from surveilnav.geometry import Pinhole, camera_pose
 
 CONFIG = MapConfig()

@@ -20,6 +20,7 @@ from services.fusion.config import FusionSettings
 from services.fusion.core import JointMap
 from services.fusion.service import FusionService
 from surveilnav import contract
+from surveilnav.bus import Answer, Node, Refused, clock_ns
 from surveilnav.geometry import Grid, Pinhole, Pose, base_pose
 from surveilnav.messages import (
     Ack,
@@ -32,7 +33,6 @@ from surveilnav.messages import (
     TextReply,
     WorkerLoad,
 )
-from surveilnav.runtime import Answer, Node, Refused, clock_ns
 from surveilnav.sensing.packing import (
     decode_frame,
     encode_rgbd,

@@ -18,9 +18,9 @@ from services.gateway.app import create_app
 from services.gateway.service import Backend
 from surveilnav import contract
 from surveilnav import messages as m
+from surveilnav.bus import Answer, BusSettings, Node, Refused, Request, clock_ns
+from surveilnav.bus.router import free_port, open_router
 from surveilnav.geometry import Grid, Pinhole, Pose, base_pose, camera_pose
-from surveilnav.runtime import Answer, BusSettings, Node, Refused, Request, clock_ns
-from surveilnav.runtime.router import free_port, open_router
 from surveilnav.sensing.packing import pack_array
 
 GRID = Grid(-1.0, -2.0, 0.5, 12, 16)

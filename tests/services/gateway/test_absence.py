@@ -13,8 +13,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from surveilnav.runtime import BusSettings, Node
-from surveilnav.runtime.router import free_port, open_router
+from surveilnav.bus import BusSettings, Node
+from surveilnav.bus.router import free_port, open_router
 
 ROOT = Path(__file__).parents[3]
 

@@ -13,8 +13,8 @@ import pytest
 
 from surveilnav import contract
 from surveilnav import messages as m
+from surveilnav.bus import clock_ns
 from surveilnav.geometry import Grid
-from surveilnav.runtime import clock_ns
 
 SURROGATE = b'{"target": "\\ud800"}'
 

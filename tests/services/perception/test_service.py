@@ -17,12 +17,12 @@ import pytest
 
 from services.perception.config import PerceptionSettings
 from services.perception.service import PerceptionService
+from simulator.truth.backends import Oracle
+from surveilnav.bus import BusSettings, Node, Refused, Unanswered, clock_ns
+from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, Part, Truth
-from surveilnav.perception.truth import Oracle
-from surveilnav.runtime import BusSettings, Node, Refused, Unanswered, clock_ns
-from surveilnav.runtime.router import free_port, open_router
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
 

@@ -18,6 +18,7 @@ import pytest
 from services.planner.config import PlannerSettings
 from services.planner.service import PlannerService
 from services.planner.store import Store
+from surveilnav.bus import Answer, Refused, Unanswered
 from surveilnav.contract import (
     CAMERA_SUMMARY,
     MAP_LAYER,
@@ -42,7 +43,6 @@ from surveilnav.messages import (
     RobotStatus,
     Stair,
 )  # fmt: skip
-from surveilnav.runtime import Answer, Refused, Unanswered
 from surveilnav.sensing.packing import pack_array
 
 ROOM = """

@@ -19,8 +19,8 @@ from services.robot_node.core import (
     refusal,
     stairs_of,
 )
-from surveilnav.building.geodesic import first_blocked
-from surveilnav.building.navigation import Transit
+from simulator.world.geodesic import first_blocked
+from simulator.world.navigation import Transit
 from surveilnav.geometry import yaw_of
 
 STAIR = Transit("0", "1", (2.0, 2.0, 0.0), (4.0, 4.0, 2.7), 3.1)

@@ -8,9 +8,9 @@ from pathlib import Path
 import httpx
 import pytest
 
+from simulator.truth.choose import choose_backend
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import weights
-from surveilnav.perception.choose import choose_backend
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from simulator.truth.choose import choose_backend
 from surveilnav.categories import COCO
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.choose import choose_backend
 from surveilnav.perception.detectors import load
 from surveilnav.perception.onnx_coco import OnnxCoco, Thresholds
 

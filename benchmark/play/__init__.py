@@ -1,0 +1,1 @@
+"""One search in one process, from the same cores as the services."""

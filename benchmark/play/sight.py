@@ -1,0 +1,244 @@
+"""What robot and cameras see in a simulated building, with what perception says of it: views as fusion gets them.
+
+Two ways. ``pixels``: rendered with light, through the encoders of the bus and back, so the bytes are those that a camera
+would offer and a detector sees what JPEG left. ``depth``: for perception that is told the truth and looks at no pixel:
+depth and instance ids alone, at a fraction of the resolution; a camera's bytes are those that were measured once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from services.camera_node.core import Seen, labels_of, summary
+from services.robot_node import core as robot
+from simulator.render.depth_noise import DepthNoise
+from simulator.render.picture import Rendered
+from simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding, noise_seed
+from surveilnav.bus.wire import encode
+from surveilnav.camera_plan import CameraPlan, PlannedCamera
+from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
+from surveilnav.geometry import Matrix4, Pinhole, Pose
+from surveilnav.messages import CameraInfo, CameraSummary, CameraViewInfo, FrameHeader, Observation
+from surveilnav.perception import Backend
+from surveilnav.sensing.packing import decode_frame, encode_rgbd
+from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception
+
+Way = Literal["pixels", "depth"]
+Views = Literal["panoramic", "half"]
+
+_NADIR_RAD = math.radians(-75.0)
+_BUILDING = "building"
+_ROBOT = "r1"
+
+
+@dataclass(frozen=True, slots=True)
+class Sighted:
+    """A view as it arrives, what perception says of it, and the bytes that its sender offered (0: not counted)."""
+
+    view: PosedView
+    perception: ViewPerception | None
+    offered_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class PoseError:
+    """Every camera was surveyed wrongly by this much, in a direction and about an axis drawn for it."""
+
+    position_m: float = 0.0
+    angle_rad: float = 0.0
+
+    def drawn(self, camera: str, seed: int) -> Matrix4:
+        """A camera's error (4, 4): its views are turned by its rotation about the camera, and moved by its translation."""
+        rng = np.random.default_rng(noise_seed(seed, "pose error", camera))
+        axis, direction = rng.normal(size=(2, 3))
+        turn, _ = cv2.Rodrigues(self.angle_rad * axis / np.linalg.norm(axis))
+        error = np.eye(4)
+        error[:3, :3], error[:3, 3] = turn, self.position_m * direction / np.linalg.norm(direction)
+        return error
+
+
+NO_POSE_ERROR = PoseError()
+_NOT_MEASURED: Mapping[str, Sequence[int]] = {}
+
+
+def _frame(
+    rendered: Rendered, camera: PlannedCamera, index: int, said: Pose, plan: CameraPlan
+) -> tuple[FrameHeader, bytes, int]:
+    """A camera's view as it goes over the bus: header, payload, and the bytes of both and of the key."""
+    payload, image, depth = encode_rgbd(
+        rendered.rgb, rendered.depth_m, depth_range_m=CAMERA_DEPTH_RANGE_M, jpeg_quality=85
+    )
+    header = FrameHeader(
+        stamp_ns=0, source=f"camera/{camera.name}", view=index, seq=1, floor=camera.floor, T_world_camera=said,
+        camera=plan.intrinsics, mounting_offset_m=plan.mounting_offset_m, depth_range_m=CAMERA_DEPTH_RANGE_M, image=image,
+        depth=depth,
+    )  # fmt: skip
+    key = CAMERA_FRAME.key_for(building=_BUILDING, floor=camera.floor, camera=camera.name, view=index)
+    return header, payload, len(payload) + len(encode(header)) + len(key)
+
+
+def offered_views(building: SimulatedBuilding, plan: CameraPlan) -> dict[str, list[int]]:
+    """By camera, the bytes that each of its views takes: rendered in the building's light, through the bus's encoders."""
+    settings, noise = building.settings, DepthNoise.camera()
+    offered: dict[str, list[int]] = {}
+    for camera in plan.cameras:
+        for index, pose in enumerate(camera.views):
+            rendered = building.renderer.render(
+                pose.matrix(), plan.intrinsics, depth_range_m=CAMERA_DEPTH_RANGE_M,
+                noise=noise if settings.depth_noise else None, seed=noise_seed(settings.seed, camera.name, index),
+            )  # fmt: skip
+            offered.setdefault(camera.name, []).append(_frame(rendered, camera, index, pose, plan)[2])
+    return offered
+
+
+class Sight:
+    """The eyes of one building. Camera views are made and perceived once: they don't change.
+
+    Attributes:
+        infos: the cameras as they announce themselves, with the views that they have.
+    """
+
+    def __init__(
+        self,
+        building: SimulatedBuilding,
+        backend: Backend,
+        *,
+        plan: CameraPlan | None = None,
+        views: Views = "panoramic",
+        way: Way = "pixels",
+        scale: int = 2,
+        pose_error: PoseError = NO_POSE_ERROR,
+        view_bytes: Mapping[str, Sequence[int]] = _NOT_MEASURED,
+    ) -> None:
+        """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this.
+        ``pose_error``: how wrong the cameras are about where they hang. ``view_bytes``: of ``depth``, by camera what each
+        of its views takes (``offered_views``)."""
+        if way == "depth" and not backend.needs_truth:
+            raise ValueError(f"{backend.name} looks at pixels: it needs way='pixels'")
+        self.building, self.backend, self.way = building, backend, way
+        self._plan = plan or building.plan
+        self._half, self._scale = views == "half", scale if way == "depth" else 1
+        self._view_bytes = view_bytes
+        self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
+        self._cameras = {camera.name: camera for camera in self._plan.cameras}
+        self._labels = building.scene.truth_labels if backend.needs_truth else {}
+        self.infos = [self._info(camera) for camera in self._plan.cameras]
+        self.camera = lru_cache(maxsize=None)(self._camera)
+        self.summary = lru_cache(maxsize=None)(self._summary)
+
+    def robot(self, state: robot.RobotState, seed: int = 0) -> Sighted:
+        """What the robot sees at ``state``; ``seed`` sets the luck of its perception apart from other episodes'."""
+        T_world_camera = robot.camera_pose_of(state)
+        key = (seed, f"robot/{_ROBOT}", 0, state.seq) if seed else (f"robot/{_ROBOT}", 0, state.seq)
+        if self.way == "depth":
+            rendered = self._depth(
+                T_world_camera, robot.CAMERA, robot.DEPTH_RANGE_M, DepthNoise.robot(), "robot", state.seq
+            )
+            view = PosedView(
+                f"robot/{_ROBOT}", 0, state.seq, state.seq, state.floor, T_world_camera, self._lens(robot.CAMERA),
+                robot.CAMERA_HEIGHT_M, rendered.rgb, rendered.depth_m, robot.DEPTH_RANGE_M,
+            )  # fmt: skip
+            return Sighted(view, self._perceive(view, rendered, key), 0)
+        rendered = self.building.robot_view(T_world_camera, robot.CAMERA, robot.DEPTH_RANGE_M, state.seq)
+        payload, image, depth = encode_rgbd(rendered.rgb, rendered.depth_m, depth_range_m=robot.DEPTH_RANGE_M)
+        header = Observation(
+            stamp_ns=state.seq, source=f"robot/{_ROBOT}", view=0, seq=state.seq, floor=state.floor,
+            T_world_camera=Pose.from_matrix(T_world_camera), camera=robot.CAMERA,
+            mounting_offset_m=robot.CAMERA_HEIGHT_M, depth_range_m=robot.DEPTH_RANGE_M, image=image, depth=depth,
+            T_world_base=Pose.from_matrix(robot.base_pose_of(state)), last_action=state.last_action,  # type: ignore[arg-type]
+            collided=state.collided, path_m=state.path_m,
+        )  # fmt: skip
+        address = ROBOT_OBSERVATION.key_for(building=_BUILDING, robot=_ROBOT)
+        view = decode_frame(header, payload)
+        return Sighted(view, self._perceive(view, rendered, key), len(payload) + len(encode(header)) + len(address))
+
+    def by_floor(self) -> dict[str, dict[str, float]]:
+        """Floor -> label -> highest confidence that a camera of that floor reports."""
+        floors: dict[str, dict[str, float]] = {}
+        for info in self.infos:
+            labels = floors.setdefault(info.floor, {})
+            for label, confidence in self.summary(info.camera)[0].labels.items():
+                labels[label] = max(confidence, labels.get(label, 0.0))
+        return floors
+
+    def _camera(self, name: str) -> tuple[Sighted, ...]:
+        camera = self._cameras[name]
+        return tuple(self._camera_view(camera, index) for index in self._indices(camera))
+
+    def _summary(self, name: str) -> tuple[CameraSummary, int]:
+        """What a camera reports of all its views, made by its own perception, and the bytes that it offers for it."""
+        seen = {}
+        for index, view in enumerate(self.camera(name)):
+            labels: dict[str, float] = {}
+            for detected in view.perception.detections if view.perception else ():
+                labels[detected.label] = max(detected.score, labels.get(detected.label, 0.0))
+            seen[index] = Seen(1, labels)
+        floor = self._cameras[name].floor
+        message = summary(name, floor, labels_of(seen), stamp_ns=0)
+        key = CAMERA_SUMMARY.key_for(building=_BUILDING, floor=floor, camera=name)
+        return message, len(encode(message)) + len(key)
+
+    def _camera_view(self, camera: PlannedCamera, index: int) -> Sighted:
+        lens, offset_m = self._plan.intrinsics, self._plan.mounting_offset_m
+        source, pose = f"camera/{camera.name}", camera.views[index]
+        said = self._said(camera.name, pose)
+        if self.way == "depth":
+            rendered = self._depth(pose.matrix(), lens, CAMERA_DEPTH_RANGE_M, DepthNoise.camera(), camera.name, index)
+            view = PosedView(
+                source, index, 1, 0, camera.floor, said.matrix(), self._lens(lens), offset_m, rendered.rgb,
+                rendered.depth_m, CAMERA_DEPTH_RANGE_M,
+            )  # fmt: skip
+            measured = self._view_bytes.get(camera.name)
+            offered = measured[index] if measured else 0
+            return Sighted(view, self._perceive(view, rendered, (source, index, 1)), offered)
+        rendered = self.building.camera_view(camera, index)
+        header, payload, offered = _frame(rendered, camera, index, said, self._plan)
+        view = decode_frame(header, payload)
+        return Sighted(view, self._perceive(view, rendered, (source, index, 1)), offered)
+
+    def _said(self, camera: str, pose: Pose) -> Pose:
+        """Where a camera says that a view was taken from."""
+        error, T = self._error[camera], pose.matrix()
+        if (error == np.eye(4)).all():
+            return pose
+        T[:3, :3], T[:3, 3] = error[:3, :3] @ T[:3, :3], T[:3, 3] + error[:3, 3]
+        return Pose.from_matrix(T)
+
+    def _perceive(self, view: PosedView, rendered: Rendered, key: tuple[object, ...]) -> ViewPerception | None:
+        """What perception says of a view; None for one that looks straight down, which detectors can't read."""
+        forward = view.T_world_camera[:3, 2]
+        if math.asin(float(np.clip(forward[2], -1, 1))) < _NADIR_RAD:
+            return None
+        told = TrueInstances(rendered.instance_ids, self._labels, view.T_world_camera)
+        truth = told if self.backend.needs_truth else None
+        return self.backend.perceive(view.rgb, view.depth_m, view.camera, truth=truth, key=key)
+
+    def _depth(
+        self, T_world_camera: Matrix4, camera: Pinhole, range_m: tuple[float, float], noise: DepthNoise, *name: object
+    ) -> Rendered:
+        settings = self.building.settings
+        return self.building.renderer.render(
+            T_world_camera, self._lens(camera), depth_range_m=range_m, noise=noise if settings.depth_noise else None,
+            seed=noise_seed(settings.seed, *name), colors=False,
+        )  # fmt: skip
+
+    def _lens(self, camera: Pinhole) -> Pinhole:
+        """The same lens over fewer, larger pixels."""
+        return camera.resized(camera.width_px // self._scale, camera.height_px // self._scale)
+
+    def _indices(self, camera: PlannedCamera) -> tuple[int, ...]:
+        return camera.half if self._half else tuple(range(len(camera.views)))
+
+    def _info(self, camera: PlannedCamera) -> CameraInfo:
+        return CameraInfo(
+            stamp_ns=0, camera=camera.name, floor=camera.floor, position_m=camera.position_m,
+            mounting_offset_m=self._plan.mounting_offset_m, intrinsics=self._plan.intrinsics,
+            views=[CameraViewInfo(i, camera.views[i]) for i in self._indices(camera)],
+        )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Studies of parts: association, calibration, homes, floors, detectors."""

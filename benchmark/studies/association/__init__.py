@@ -1,0 +1,1 @@
+"""Which way of making objects of detections errs least."""

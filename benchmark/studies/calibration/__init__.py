@@ -1,0 +1,1 @@
+"""The error model of ``simulated``, fitted to a real detector."""

@@ -1,0 +1,146 @@
+"""Measures a real detector on rendered views of the train buildings and fits the backend ``simulated`` to it.
+
+    python -m benchmark.studies.calibration [--buildings 2_bedroom ...] [--views 240] [--models train] [--seed 11]
+    python -m benchmark.studies.calibration --split val_mini [--views 120]
+
+Every building is seen by its cameras and by a robot on a tour, pixels with baked light; what ``onnx-coco`` finds of
+what each view truly shows goes to runs/calibration, building by building, and isn't measured again. Then the error
+model is fitted to two thirds of the buildings and compared with the detector on the others, until every one was left
+out once (docs/results/calibration); and fitted to all of them (data/simulated_errors.json; not with ``--dry``).
+
+With ``--split`` nothing is fitted: the model in use is compared with the detector on the scenes of a split of the dataset
+(docs/results/calibration/<split>). On those of ``val`` it has seen neither plans nor furniture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from benchmark.dataset.splits import SPLITS, SceneSpec
+from benchmark.studies.calibration import views
+from benchmark.studies.calibration.fit import fit, matched
+from benchmark.studies.calibration.page import Side, compare
+from benchmark.studies.calibration.plots import plots
+from benchmark.studies.recordings import Tour, record
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from simulator.truth import error_model
+from simulator.truth.choose import choose_backend
+from simulator.truth.error_model import ErrorModel
+from surveilnav.errors import SurveilNavError
+
+TRAIN = tuple(dict.fromkeys(scene.building for scene in SPLITS["train"].scenes))
+FOLDS = 3
+CAMERAS = 4
+ROUNDS = 5  # of bringing what is drawn to what was measured
+OUT = Path("docs/results/calibration")
+DATA = Path("runs/calibration")
+MODEL = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
+_ROW = re.compile(r"\[[^\[\]{}]*\]")  # of numbers: kept on one line
+
+
+def measured(scene: SceneSpec, n_views: int) -> views.Looks:
+    """The looks of one building: kept ones, or new ones."""
+    name = scene.building
+    path = DATA / f"{name}-s{scene.seed}-{scene.models}-{n_views}.looks"
+    kept = views.load(path)
+    if kept is not None:
+        return kept
+    began_s = time.monotonic()
+
+    def progress(done: int, of: int) -> None:
+        left_s = (time.monotonic() - began_s) / done * (of - done)
+        print(f"\r{name}: {done} of {of} views, about {left_s:.0f} s left ", end="", file=sys.stderr, flush=True)
+
+    settings = SimulationSettings(building=name, seed=scene.seed, models=scene.models, cameras=CAMERAS)
+    building = SimulatedBuilding(settings)
+    recording = record(building, choose_backend("onnx-coco"), Tour(n_views, math.radians(30.0), 0.5), progress)
+    looks = views.looks_of(name, recording, building)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    views.save(looks, path)
+    print(file=sys.stderr)
+    return looks
+
+
+def fitted(buildings: Sequence[views.Looks], args: argparse.Namespace) -> ErrorModel:
+    """The model of some buildings."""
+    rows = views.rows_of(buildings)
+    n_camera = sum(look.is_camera for building in buildings for look in building.looks)
+    n = sum(len(building.looks) for building in buildings)
+    names = ", ".join(building.name for building in buildings)
+    counts = ", ".join(f"{len(r.ids)} {kind}s, {int(r.found.sum())} found" for kind, r in rows.items())
+    source = (
+        f"python -m benchmark.studies.calibration --seed {args.seed} --models {args.models} --views {args.views}: onnx-coco on "
+        f"{n - n_camera} robot views and {n_camera} camera views of {names}; {counts}"
+    )
+    model = fit(rows, presence_of(buildings), source)
+    for seed in range(100, 100 + ROUNDS):
+        drawn = [views.simulated(building, model, seed)[0] for building in buildings]
+        model = matched(model, rows, views.rows_of(buildings, drawn))
+    return model
+
+
+def presence_of(buildings: Sequence[views.Looks]) -> np.ndarray:
+    return np.array([look.presence for building in buildings for look in building.looks], np.float32)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="benchmark.studies.calibration.run", description=(__doc__ or "").partition("\n")[0]
+    )
+    parser.add_argument("--buildings", nargs="+", default=list(TRAIN))
+    parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every building")
+    parser.add_argument("--models", choices=("all", "train", "val"), default="train")
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--split", choices=tuple(SPLITS), help="fit nothing: compare the model in use on these scenes")
+    parser.add_argument("--out", type=Path, help=f"{OUT}, with --split the folder of its name therein")
+    parser.add_argument("--dry", action="store_true", help="don't replace the committed model")
+    args = parser.parse_args(argv)
+    scenes = [SceneSpec(name, args.seed, args.models) for name in args.buildings]
+    if args.split:
+        scenes = list({s.building: s for s in SPLITS[args.split].scenes}.values())  # looks go by building: each once
+    elif len(scenes) < FOLDS:
+        print(f"calibration: give at least {FOLDS} buildings: each is compared with a model of others", file=sys.stderr)
+        return 2
+    try:
+        buildings = [measured(scene, args.views) for scene in scenes]
+    except SurveilNavError as error:
+        print(f"calibration: {error}", file=sys.stderr)
+        return 2
+    unseen = {}
+    if args.split:
+        model = error_model.error_model()
+        unseen = dict.fromkeys((building.name for building in buildings), model)
+        about = (
+            f"Made by `python -m benchmark.studies.calibration --split {args.split} --views {args.views}`. The model in use, "
+            f"fitted to the buildings of the source, is compared with the detector on the scenes of `{args.split}`."
+        )
+    else:
+        for fold in range(FOLDS):
+            model = fitted([building for i, building in enumerate(buildings) if i % FOLDS != fold], args)
+            unseen.update({building.name: model for building in buildings[fold::FOLDS]})
+        model = fitted(buildings, args)
+        about = "Every building is compared with a model of other buildings. The committed model is fitted to all."
+    real, sims = Side.real(buildings), [Side.simulated(buildings, unseen, seed) for seed in range(4)]
+    out = args.out or (OUT / args.split if args.split else OUT)
+    out.mkdir(parents=True, exist_ok=True)
+    page = compare(real, sims, model, about)
+    (out / "README.md").write_text(page, encoding="utf-8")
+    plots(real, sims, out)
+    print(page)
+    if not (args.dry or args.split):
+        text = msgspec.json.format(msgspec.json.encode(model), indent=1).decode()
+        MODEL.write_text(_ROW.sub(lambda row: re.sub(r"\s+", " ", row[0]), text) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

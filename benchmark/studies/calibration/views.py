@@ -1,0 +1,275 @@
+"""What a real detector found of what each view truly shows: the measurements that the error model is fitted to."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.studies.recordings import Recording, SeenView
+from simulator.simulation import SimulatedBuilding
+from simulator.truth.backends import Simulated
+from simulator.truth.error_model import ErrorModel, Floats, sights
+from simulator.truth.visible import Candidates, Place, VisibleThing, candidates, world_points
+from surveilnav.categories import COCO
+from surveilnav.geometry import Pinhole, Pose
+from surveilnav.perception import closed_set
+from surveilnav.perception.boxes import overlaps
+from surveilnav.sensing.views import Detected, TrueInstances, box_cells
+from surveilnav.stored import read_parts, write_parts
+
+MIN_SIZE_RAD = 0.02
+_NO_PICTURE = np.zeros((0, 0, 3), np.uint8)
+_FORMAT = b"surveilnav looks 2"
+_SCALE = 2  # views are kept at this fraction of their resolution: that at which ``simulated`` sees them
+
+
+class Found(msgspec.Struct, frozen=True):
+    """A detection: box in pixels of the kept view, the instance that most of its mask shows (0: none) and its share,
+    the median depth under its mask [m], the share that its label has of all classes' scores, and the next class."""
+
+    label: str
+    score: float
+    box_px: tuple[float, float, float, float]
+    id: int
+    share: float
+    depth_m: float
+    certainty: float = 1.0
+    second: str = ""
+
+
+class Look(msgspec.Struct, frozen=True):
+    """A view with what truly shows and what was found. ``presence``: of each class, from the image's embedding."""
+
+    source: str
+    view: int
+    seq: int
+    T_world_camera: Pose
+    camera: Pinhole
+    ids: bytes
+    depth_mm: bytes
+    found: list[Found]
+    presence: list[float]
+
+    @property
+    def is_camera(self) -> bool:
+        return self.source.startswith("camera/")
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        return self.source, self.view, self.seq
+
+    def truth(self, labels: dict[int, str]) -> tuple[TrueInstances, NDArray[np.float32]]:
+        """What each pixel shows, and depth [m]."""
+        shape = self.camera.height_px, self.camera.width_px
+        ids = np.frombuffer(zlib.decompress(self.ids), np.uint16).reshape(shape)
+        depth = np.frombuffer(zlib.decompress(self.depth_mm), np.uint16).reshape(shape)
+        told = TrueInstances(ids, labels, self.T_world_camera.matrix())
+        return told, depth.astype(np.float32) / np.float32(1000)
+
+
+class _Home(msgspec.Struct, frozen=True):
+    name: str
+    labels: dict[int, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Looks:
+    """All views of one building."""
+
+    name: str
+    labels: dict[int, str]
+    looks: list[Look]
+
+
+def looks_of(name: str, recording: Recording, building: SimulatedBuilding) -> Looks:
+    """Adds to a building's recording what its views truly show."""
+    if recording.facts.scene_hash != building.scene.content_hash:
+        raise ValueError(f"the recording of {name} shows another building: delete it")
+    seen = [_look(s, building) for s in recording.views if s.perception is not None]
+    return Looks(name, dict(building.scene.truth_labels), seen)
+
+
+def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
+    view, camera = seen.view, seen.view.camera
+    small = camera.resized(camera.width_px // _SCALE, camera.height_px // _SCALE)
+    shown = building.renderer.render(
+        view.T_world_camera, small, depth_range_m=view.depth_range_m, noise=None, seed=0, colors=False
+    )
+    depth_m = np.nan_to_num(view.depth_m[_SCALE // 2 :: _SCALE, _SCALE // 2 :: _SCALE])
+    assert seen.perception is not None
+    image = seen.perception.image_embedding
+    large = shown.instance_ids.repeat(_SCALE, axis=0).repeat(_SCALE, axis=1)
+    found = [_found(d, view.depth_m, large, _SCALE) for d in seen.perception.detections]
+    return Look(
+        view.source, view.view, view.seq, Pose.from_matrix(view.T_world_camera), small,
+        zlib.compress(shown.instance_ids.tobytes(), 1),
+        zlib.compress((depth_m * 1000).round().astype(np.uint16).tobytes(), 1),
+        found, [round(float(p), 4) for p in closed_set.presence(image)],
+    )  # fmt: skip
+
+
+def _found(d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1) -> Found:
+    x0, y0, x1, y1 = box_cells(d.box_px, depth_m.shape[1], depth_m.shape[0])
+    under_ids = ids[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)].ravel()
+    counts = np.bincount(under_ids) if under_ids.size else np.zeros(1, np.int64)
+    id_ = int(counts.argmax())
+    under = depth_m[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)]
+    under = under[under > 0]
+    box = tuple(float(v) / scale for v in d.box_px)
+    shares = d.embedding[: len(COCO)] ** 2
+    first, second = (int(i) for i in np.argsort(-shares, kind="stable")[:2])
+    return Found(
+        d.label, d.score, box, id_, float(counts[id_] / max(1, under_ids.size)), float(np.median(under)) if under.size else 0.0,  # type: ignore[arg-type]
+        round(float(shares[first] / shares.sum()), 3), COCO[second] if shares[second] > 0 else "",
+    )  # fmt: skip
+
+
+def save(looks: Looks, path: Path) -> None:
+    building = _Home(looks.name, looks.labels)
+    write_parts(path, _FORMAT, [msgspec.msgpack.encode(part) for part in (building, *looks.looks)])
+
+
+def load(path: Path) -> Looks | None:
+    """What ``save`` wrote; None if there is no such file, or it is damaged."""
+    parts = read_parts(path, _FORMAT)
+    if parts is None:
+        return None
+    building = msgspec.msgpack.decode(parts[0], type=_Home)
+    return Looks(building.name, building.labels, [msgspec.msgpack.decode(p, type=Look) for p in parts[1:]])
+
+
+def simulated(looks: Looks, model: ErrorModel, seed: int = 0) -> tuple[list[list[Found]], NDArray[np.float32]]:
+    """What the backend ``simulated`` finds in the same views, and its presence of classes (views, 80)."""
+    backend, found, presence = Simulated(seed=seed, model=model), [], []
+    for look in looks.looks:
+        truth, depth_m = look.truth(looks.labels)
+        seen = backend.perceive(_NO_PICTURE, depth_m, look.camera, truth=truth, key=look.key)
+        found.append([_found(d, depth_m, truth.ids) for d in seen.detections])
+        presence.append(closed_set.presence(seen.image_embedding))
+    return found, np.array(presence, np.float32)
+
+
+# --- rows ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True, eq=False)
+class Rows:
+    """All candidates of one kind in many views, and what became of each.
+
+    ``view``: (N,) number of the view; ``building``: (N,); ``name``: what it was called, "" if it wasn't found; ``box``:
+    (N, 4) of the detection: corners relative to the visible box, or for places (width, height, 0, 0) at 1 m [rad].
+    """
+
+    kind: str
+    labels: NDArray[np.str_]
+    ids: NDArray[np.uint64]
+    x: Floats
+    direction: Floats
+    range_m: Floats
+    view: NDArray[np.int64]
+    building: NDArray[np.int64]
+    name: NDArray[np.str_]
+    score: Floats
+    certainty: Floats
+    box: Floats
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        return np.asarray(self.name != "")
+
+    @property
+    def right(self) -> NDArray[np.bool_]:
+        return np.asarray(self.name == self.labels)
+
+    @property
+    def classes(self) -> list[str]:
+        """All labels except the empty one."""
+        return sorted(set(self.labels.tolist()) - {""})
+
+    @property
+    def sight(self) -> NDArray[np.str_]:
+        return np.array(sights(self.x), dtype=np.str_)
+
+    def where(self, keep: NDArray) -> Rows:
+        values = (getattr(self, name)[keep] for name in self.__dataclass_fields__ if name != "kind")
+        return Rows(self.kind, *values)
+
+
+def rows_of(buildings: Sequence[Looks], found: Sequence[Sequence[Sequence[Found]]] | None = None) -> dict[str, Rows]:
+    """The rows of buildings, by kind; ``found`` replaces what was found (of every view of every building)."""
+    parts: dict[str, list[tuple]] = {}
+    number = 0
+    for h, building in enumerate(buildings):
+        for i, look in enumerate(building.looks):
+            truth, depth_m = look.truth(building.labels)
+            said = look.found if found is None else found[h][i]
+            shown = candidates(truth, depth_m, look.camera, look.is_camera, MIN_SIZE_RAD)
+            for c, outcomes in zip(shown, _assigned(shown, said, look), strict=True):
+                n = len(c.ids)
+                names, scores, certainties, boxes = zip(*outcomes, strict=True)
+                parts.setdefault(c.kind, []).append((
+                    c.labels, c.ids, c.x, c.direction, c.range_m, np.full(n, number), np.full(n, h), names, scores,
+                    certainties, boxes,
+                ))  # fmt: skip
+            number += 1
+    return {kind: Rows(kind, *(np.concatenate(column) for column in zip(*p, strict=True))) for kind, p in parts.items()}
+
+
+_Outcome = tuple[str, float, float, tuple[float, ...]]
+_MISSED: _Outcome = ("", 0.0, 1.0, (0.0, 0.0, 0.0, 0.0))
+
+
+def _assigned(shown: Sequence[Candidates], found: Sequence[Found], look: Look) -> Iterator[list[_Outcome]]:
+    """For every kind, what each candidate was found as: its own name if anything says it, else the best score's.
+
+    A detection goes to the thing whose box it fits (IoU 0.5, its own class first), else to that which most of its mask
+    shows, else to the place where its middle lies.
+    """
+    things = [t for c in shown for t in c.shown if isinstance(t, VisibleThing)]
+    at = [c.shown for c in shown if c.kind == "place"]
+    owners = owners_of(things, found)
+    outcomes: dict[int, _Outcome] = {}
+    for d, owner in sorted(zip(found, owners, strict=True), key=lambda pair: pair[0].score):
+        if owner is not None:
+            x0, y0, x1, y1 = owner.box_px
+            loose = (np.array(d.box_px) - np.array([x0, y0, x0, y0])) / np.array([x1 - x0, y1 - y0] * 2)
+            known = outcomes.get(owner.number)
+            if known is None or d.label == owner.label or known[0] != owner.label:
+                outcomes[owner.number] = d.label, d.score, d.certainty, tuple(loose.tolist())
+        elif at and d.depth_m > 0:
+            x0, y0, x1, y1 = d.box_px
+            px_per_m = look.camera.fx_px / d.depth_m
+            size = ((x1 - x0) / px_per_m, (y1 - y0) / px_per_m, 0.0, 0.0)
+            outcomes[_nearest(at[0], d, look).number] = d.label, d.score, d.certainty, size
+    for c in shown:
+        yield [outcomes.get(t.number, _MISSED) for t in c.shown]
+
+
+def owners_of(things: Sequence[VisibleThing], found: Sequence[Found]) -> list[VisibleThing | None]:
+    """The thing that each detection shows, or None."""
+    if not things or not found:
+        return [None] * len(found)
+    iou, _ = overlaps(np.array([d.box_px for d in found], np.float32), np.array([t.box_px for t in things], np.float32))
+    own = np.array([[d.label == t.label for t in things] for d in found])
+    best = (np.where(iou >= 0.5, iou, 0.0) + own * (iou >= 0.5)).argmax(axis=1)
+    by_id = {t.id: t for t in things}
+    return [
+        things[j] if iou[i, j] >= 0.5 else by_id.get(d.id) if d.share >= 0.5 else None
+        for i, (d, j) in enumerate(zip(found, best, strict=True))
+    ]
+
+
+def _nearest(at: Sequence[VisibleThing | Place], d: Found, look: Look) -> Place:
+    """The place nearest to the middle of a detection."""
+    shown = [p for p in at if isinstance(p, Place)]
+    x0, y0, x1, y1 = d.box_px
+    middle = ((x0 + x1) / 2, (y0 + y1) / 2, d.depth_m)
+    u, v, z = np.array([middle, *((*p.center_px, p.range_m) for p in shown)]).T
+    p_world = world_points(u, v, z, look.camera, look.T_world_camera.matrix())
+    return shown[int(np.linalg.norm(p_world[1:] - p_world[0], axis=1).argmin())]

@@ -1,1 +1,0 @@
-"""Simulated buildings: sources, scene, renderer, navigation, camera placement. No bus in here."""

@@ -1,0 +1,85 @@
+"""The router: Zenoh itself in router mode. ``python -m surveilnav.bus.router [--listen tcp/127.0.0.1:7447]``.
+
+The same Rust core as zenohd; ``--config FILE`` takes a Zenoh JSON5 file that works for both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import socket
+import sys
+import threading
+from pathlib import Path
+
+import zenoh
+
+from surveilnav.bus import logs
+from surveilnav.bus.settings import DEFAULT_PORT, router_config
+from surveilnav.errors import BusError, ConfigError, SurveilNavError
+
+
+def open_router(listen: str) -> zenoh.Session:
+    """A session that routes, listening at ``tcp/HOST:PORT``. Close it when done.
+
+    Raises:
+        BusError: the port is taken, or the host isn't this machine's.
+    """
+    host, _, port = listen.removeprefix("tcp/").rpartition(":")
+    _check_free(host, port, listen)
+    try:
+        return zenoh.open(zenoh.Config.from_json5(router_config(listen)))
+    except zenoh.ZError as error:
+        raise BusError(f"the router can't listen at {listen}: {error}") from error
+
+
+def _check_free(host: str, port: str, listen: str) -> None:
+    """Zenoh's own error doesn't say that the port is taken."""
+    if not port.isdigit() or not 0 < int(port) < 65536:
+        raise BusError(f"expected tcp/HOST:PORT with a port from 1 to 65535, got {listen!r}")
+    try:
+        with socket.create_server(
+            (host.strip("[]"), int(port)), family=socket.AF_INET6 if ":" in host else socket.AF_INET
+        ):
+            pass
+    except OSError as error:
+        raise BusError(
+            f"port {port} at {host} is taken or not this machine's ({error.strerror}). Stop what listens there "
+            f"(`ss -ltnp 'sport = :{port}'` shows it) or choose another with --listen tcp/HOST:PORT "
+            "and SURVEILNAV_BUS__ROUTER."
+        ) from error
+
+
+def free_port() -> int:
+    """A TCP port of the loopback interface that nobody uses now."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="surveilnav.bus.router", description=__doc__)
+    parser.add_argument("--listen", default=f"tcp/127.0.0.1:{DEFAULT_PORT}", help="tcp/HOST:PORT")
+    parser.add_argument("--config", type=Path, help="a Zenoh JSON5 file instead of the built-in settings")
+    arguments = parser.parse_args(argv)
+    logs.configure()
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    try:
+        if arguments.config:
+            if not arguments.config.is_file():
+                raise ConfigError(f"no such router configuration: {arguments.config}")
+            session = zenoh.open(zenoh.Config.from_file(str(arguments.config)))
+        else:
+            session = open_router(arguments.listen)
+    except (SurveilNavError, zenoh.ZError) as error:
+        print(f"router: {error}", file=sys.stderr)
+        return 1
+    with session:
+        print(f"router: listening at {arguments.config or arguments.listen}", file=sys.stderr, flush=True)
+        stopping.wait()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

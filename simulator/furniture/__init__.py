@@ -1,0 +1,1 @@
+"""Furniture: the libraries it comes from, its models, its names, where it stands."""

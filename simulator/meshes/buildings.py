@@ -1,0 +1,180 @@
+"""Meshes become buildings: floors, stairs, named things, one scene."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.meshes.flights import find_stairs
+from simulator.meshes.gltf import MAX_TRIANGLES, Glb, read_glb
+from simulator.meshes.names import label_of_extra, label_of_node
+from simulator.meshes.storeys import find_storeys, outlines
+from simulator.meshes.walkable import find_spots
+from simulator.meshes.wavefront import read_obj_building
+from simulator.plans.assembly import Mesh, SceneBuilder
+from simulator.world.raycast import RayCaster
+from simulator.world.scene import Floor, Room, Scene, Stair
+from surveilnav.errors import BuildingError
+
+#: glTF's frame (y up) in ours (z up).
+T_WORLD_YUP = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
+#: Large enough for every rule about sizes, where a size isn't known yet.
+_ANY_SIZE_M = (1.0, 1.0, 1.0)
+_SMALLEST_M, _LARGEST_M, _HIGHEST_M = 1.5, 1000.0, 300.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A thing in the world. ``label`` None: the name decides."""
+
+    name: str
+    label: str | None
+    meshes: tuple[Mesh, ...]
+    room: str = ""
+    model: str = ""
+
+
+def open_mesh(path: Path, *, up: str = "y", scale: float = 1.0) -> Scene:
+    """A GLB or OBJ as a building: one instance per named thing, floors and stairs found from the geometry.
+
+    Args:
+        up: the axis that points up in the file, "y" (glTF's rule) or "z".
+        scale: metres per unit of the file.
+
+    Raises:
+        BuildingError: it can't be read, has nowhere to stand, or isn't of a building's size.
+    """
+    if not path.is_file():
+        raise BuildingError(f"there is no file {path}; expected a .glb or .obj file, or a folder of HM3D")
+    if not 0.0 < scale < np.inf:
+        raise BuildingError(f"the scale is a positive number of metres per unit, got {scale}")
+    T = np.diag([scale, scale, scale, 1.0])
+    if up == "y":
+        T = T_WORLD_YUP @ T
+    elif up != "z":
+        raise BuildingError(f"up is 'y' or 'z', got {up!r}")
+    notes: tuple[str, ...] = ()
+    if path.suffix.lower() == ".obj":
+        pieces = [Piece(name, None, (mesh.moved(T),)) for name, mesh in read_obj_building(path)]
+    else:
+        glb = read_glb(path)
+        pieces, notes = _pieces(glb, T), glb.notes
+    return building_of(pieces, scene_name(path.stem), f"mesh {path.name}", notes)
+
+
+def scene_name(stem: str) -> str:
+    """A file's name as a building's."""
+    return re.sub(r"[^A-Za-z0-9_.]+", "_", stem)[:40].strip("_.") or "building"
+
+
+def _pieces(glb: Glb, T_world_file: NDArray[np.float64]) -> list[Piece]:
+    """One piece per mesh node; a part without a class of its own joins the nearest node above that has one."""
+    stated = {n: _stated_label(glb.extras[n]) for mesh in glb.meshes for n in mesh.way}
+    classed = {n for n in stated if stated[n] or (stated[n] is None and label_of_node(glb.names[n], _ANY_SIZE_M))}
+    grouped: dict[int, list[Mesh]] = {}
+    for node in glb.meshes:
+        own = node.way[-1]
+        if stated[own] is None:  # what a node states holds, be it "no class"
+            own = next((n for n in reversed(node.way) if n in classed), own)
+        grouped.setdefault(own, []).append(node.mesh.moved(T_world_file))
+    pieces = []
+    for number, meshes in grouped.items():
+        extras = glb.extras[number]
+        room, model = (str(extras[k])[:80] if isinstance(extras.get(k), str) else "" for k in ("room", "model"))
+        name = glb.names[number][:80] or f"node {number}"
+        pieces.append(Piece(name, stated[number], tuple(meshes), room, model))
+    return pieces
+
+
+def _stated_label(extras: dict[str, Any]) -> str | None:
+    """The class that a node's extras state; None if they state none."""
+    found = (label_of_extra(extras.get(key)) for key in ("label", "category", "class"))
+    return next((label for label in found if label is not None), None)
+
+
+def building_of(pieces: Sequence[Piece], name: str, source: str, notes: Sequence[str] = ()) -> Scene:
+    """The scene of some pieces in the world (z up, metres).
+
+    Raises:
+        BuildingError: nothing there, not of a building's size, or nowhere to stand.
+    """
+    pieces = [Piece(p.name, p.label, tuple(m for m in p.meshes if len(m.triangles)), p.room, p.model) for p in pieces]
+    pieces = [p for p in pieces if p.meshes]
+    if not pieces:
+        raise BuildingError(f"{name} has no triangles: expected the mesh of a building")
+    _check_size(pieces, name)
+    bare = _assembled(pieces, name, source, (), [], (), [])
+    caster = RayCaster(bare)
+    spots = find_spots(bare, caster)
+    storeys, about_floors = find_storeys(spots)
+    if not storeys:
+        raise BuildingError(
+            f"{name} has no floor: expected level ground of at least 4 m2 with 1.5 m of free height. Is its up axis right "
+            "(GLB and OBJ: y up; HM3D: z up) and its unit metres?"
+        )
+    stairs = find_stairs(bare, spots, storeys)
+    floors = tuple(s.floor for s in storeys)
+    rooms = [room for s in storeys for room in outlines(spots, s)]
+    found = [*notes, *about_floors, *_about(floors, stairs)]
+    return _assembled(pieces, name, source, floors, rooms, stairs, found)
+
+
+def _check_size(pieces: Sequence[Piece], name: str) -> None:
+    low = np.min([m.vertices.min(axis=0) for p in pieces for m in p.meshes], axis=0)
+    high = np.max([m.vertices.max(axis=0) for p in pieces for m in p.meshes], axis=0)
+    width, depth, height = (float(v) for v in high - low)
+    if max(width, depth) > _LARGEST_M or height > _HIGHEST_M or max(width, depth) < _SMALLEST_M:
+        raise BuildingError(
+            f"{name} is {width:.4g} x {depth:.4g} x {height:.4g} m: not a building's size. Is its unit metres? "
+            "Convert it: python -m simulator.meshes FILE OUT.glb --scale 0.001 (millimetres)"
+        )
+
+
+def _about(floors: Sequence[Floor], stairs: Sequence[Stair]) -> list[str]:
+    """What people should know of floors that can't be reached."""
+    joined = {f for s in stairs for f in (s.lower_floor, s.upper_floor)}
+    lonely = [f"{f.id} ({f.z_m:.2f} m)" for f in floors if f.id not in joined]
+    return [f"no stairs found to floor {', '.join(lonely)}"] if len(floors) > 1 and lonely else []
+
+
+def _assembled(
+    pieces: Sequence[Piece], name: str, source: str, floors: tuple[Floor, ...], rooms: list[Room],
+    stairs: tuple[Stair, ...], notes: list[str],
+) -> Scene:  # fmt: skip
+    builder = SceneBuilder(name, rooms=list(rooms), floors=list(floors), stairs=list(stairs), notes=list(notes))
+    builder._max_triangles = MAX_TRIANGLES
+    for piece in pieces:
+        mesh = _joined(piece.meshes)
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        size = (float(high[0] - low[0]), float(high[1] - low[1]), float(high[2] - low[2]))
+        label = piece.label if piece.label is not None else label_of_node(piece.name, size)
+        floor = _floor_of(floors, float(low[2]), float(high[2]))
+        builder.add(mesh, piece.name, label, floor, model=piece.model, room=piece.room)
+    return builder.build(source)
+
+
+def _floor_of(floors: Sequence[Floor], z_low_m: float, z_high_m: float) -> str:
+    """The floor that a thing stands or hangs on: the highest below its middle."""
+    below = [f for f in floors if f.z_m <= (z_low_m + z_high_m) / 2 + 0.1]
+    return (below[-1] if below else floors[0]).id if floors else ""
+
+
+def _joined(meshes: Sequence[Mesh]) -> Mesh:
+    if len(meshes) == 1:
+        return meshes[0]
+    materials = tuple({id(m): m for mesh in meshes for m in mesh.materials}.values())
+    index = {id(m): i for i, m in enumerate(materials)}
+    offsets = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+    return Mesh(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.triangles + np.int32(o) for m, o in zip(meshes, offsets[:-1], strict=True)]),
+        np.concatenate([m.uvs for m in meshes]),
+        np.concatenate([np.array([index[id(k)] for k in m.materials], np.int32)[m.material] for m in meshes]),
+        materials,
+    )

@@ -1,0 +1,82 @@
+"""What a node's or an annotation's name says about its class."""
+
+from __future__ import annotations
+
+import re
+
+from simulator.furniture.labels import label_of
+from surveilnav.categories import COCO, canonical
+
+#: Structure by the name alone ("Wall.003", "Floor of Kitchen"); "floor lamp" is none.
+_STRUCTURE = re.compile(
+    r"^(?:inner |outer |exterior |interior )?(wall|floor|ceiling|door|window|stair)(?:s|case|way)?(?: of .*)?$"
+)
+#: A name of these names a place, a file's scaffolding or nothing.
+_PLACE = re.compile(r"room\b|kitchen|house|building|scene|collection|furniture|group", re.IGNORECASE)
+
+#: Raw names of HM3D that Habitat's ObjectNav folds into its six categories (matterport_category_mappings.tsv: raw_category
+#: to mpcat40), without the parts of things (headboard, toilet seat) and those that nobody would call so (dog bed,
+#: whiteboard, bidet). As there, "wall tv" is none.
+_HM3D: dict[str, tuple[str, ...]] = {
+    "chair": (
+        "chair", "chairs", "arm chair", "armchair", "bar chair", "barbers chair", "bean bag", "bean bag chair",
+        "beanbag chair", "chaise", "computer chair", "couch chair", "desk chair", "dining chair", "easy chair", "easychair",
+        "folding chair", "highchair", "lounge chair", "office chair", "patio chair", "recliner", "rocking chair",
+        "round chair", "small chair", "sofa chair", "sofachair", "soft chair", "stacked chairs", "swivel chair",
+        "wooden chair",
+    ),
+    "couch": ("couch", "sofa", "loveseat", "circular sofa", "l shape sofa", "long sofa", "sofa couch", "sofa set"),
+    "bed": ("bed", "bedframe", "bed frame", "bedstead", "mattress", "massage bed", "tanning bed", "hammock"),
+    "toilet": ("toilet", "toilet bowl", "commode"),
+    "tv": ("tv", "t.v", "tv monitor", "television", "monitor", "computer monitor", "computer screen", "display"),
+    "potted plant": ("plant", "plants", "potted plant", "flower", "flowers", "bush", "bushes", "tree", "trees"),
+}  # fmt: skip
+_HM3D_LABEL = {name: label for label, names in _HM3D.items() for name in names}
+#: Parts of the building; frames of windows are none, or rooms would be lit twice through them.
+_HM3D_PARTS: dict[str, tuple[str, ...]] = {
+    "wall": ("wall",),
+    "floor": ("floor",),
+    "ceiling": ("ceiling",),
+    "door": (
+        "door", "doors", "closet door", "door frame", "doorframe", "doorway", "double door", "garage door",
+        "glass door", "shower door", "sliding door",
+    ),
+    "window": ("window", "windows"),
+    "stairs": ("stairs", "stair", "step", "steps", "stair step", "staircase", "stairway"),
+}  # fmt: skip
+_HM3D_STRUCTURE = {name: label for label, names in _HM3D_PARTS.items() for name in names}
+
+
+def plain_name(name: str) -> str:
+    """A name without numbering and underscores: "Sofa_Chair.003" -> "sofa chair"."""
+    words = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    words = re.sub(r"[_.\-\s]+", " ", re.sub(r"\d+", " ", words))
+    return words.strip().lower()
+
+
+def label_of_node(name: str, size_m: tuple[float, float, float]) -> str:
+    """The class of a node by its name and its box, "wall" and the like included; "" for none."""
+    plain = plain_name(name)
+    structure = _STRUCTURE.match(plain)
+    if structure:
+        return "stairs" if structure[1] == "stair" else structure[1]
+    return "" if _PLACE.search(plain) else label_of(plain, size_m)
+
+
+def label_of_extra(value: object) -> str | None:
+    """The class that a file states itself: canonical, "" where it isn't one; None if nothing is stated."""
+    if not isinstance(value, str):
+        return None
+    label = canonical(value)
+    return label if label in COCO or label in _HM3D_STRUCTURE.values() else ""
+
+
+def label_of_hm3d(name: str) -> str:
+    """The class of one of HM3D's raw names."""
+    folded = " ".join(name.strip().lower().replace("_", " ").split())
+    label = _HM3D_LABEL.get(folded) or _HM3D_STRUCTURE.get(folded)
+    if label is not None:
+        return label
+    # The six follow Habitat's table alone; of COCO's other classes the plain names count.
+    other = canonical(folded)
+    return other if other in COCO and other not in _HM3D else ""

@@ -1,0 +1,1 @@
+"""From a plan of rooms and walls to a scene."""

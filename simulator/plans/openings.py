@@ -1,0 +1,112 @@
+"""Doors, windows and stairs: what they cut out, and what of their models stays."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.plans.plan import Opening
+from simulator.plans.sweethome import Piece
+
+#: An opening reaches this far to both sides of its piece, so that a wall thicker than the model is cut through.
+_REACH_M = 0.02
+
+#: Lower openings are no way for a person or a robot.
+_DOOR_HEIGHT_M = 1.8
+
+_OPENING = re.compile(r"sweethome3d_(opening|hinge|window_pane)|window_pane", re.IGNORECASE)
+_PANE = re.compile(r"window_pane", re.IGNORECASE)
+_CLOSED = re.compile(r"front|entrance|exterior|garage|elevator|hatch|shutter", re.IGNORECASE)
+_DOOR = re.compile(r"door|gate|frame", re.IGNORECASE)
+_WINDOW = re.compile(r"window", re.IGNORECASE)
+
+
+def is_door(piece: Piece) -> bool:
+    """Whether an opening is a door; a French window, which reaches down to the floor, is one too."""
+    words = f"{piece.catalog_id} {piece.name}"
+    if _WINDOW.search(words):
+        return piece.z_m < 0.05 and piece.size_m[2] >= _DOOR_HEIGHT_M
+    return bool(_DOOR.search(words))
+
+
+def stands_open(piece: Piece) -> bool:
+    """Whether a robot may pass: doors inside the building are open, those to the street are not."""
+    return is_door(piece) and not _CLOSED.search(f"{piece.catalog_id} {piece.name}")
+
+
+def drops_group(piece: Piece, group: str) -> bool:
+    """Whether a group of a door's or window's model is left away: the leaf, handle and panes of an open door."""
+    return stands_open(piece) and bool(_OPENING.search(group))
+
+
+def is_pane(group: str) -> bool:
+    """Whether a group is glass."""
+    return bool(_PANE.search(group))
+
+
+def opening_of(piece: Piece, z_floor_m: float) -> Opening:
+    """The box that a door or window cuts out of the walls that it lies on."""
+    z = z_floor_m + piece.z_m
+    # A threshold is no obstacle: what stands within 5 cm of the floor is cut down to it.
+    low = z_floor_m if piece.z_m < 0.05 else z
+    return Opening(
+        (piece.x_m, piece.y_m), piece.yaw_rad, piece.size_m[0], piece.size_m[1] + 2 * _REACH_M, low, z + piece.size_m[2]
+    )
+
+
+def is_stairs(piece: Piece) -> bool:
+    """Whether a piece is a staircase that cuts the floor above."""
+    return bool(piece.stair_cut)
+
+
+def stair_cut_outline(piece: Piece) -> NDArray[np.float64]:
+    """The staircase's cut in the floor above, (N, 2) [m, world]: its path in the unit square, y towards the front."""
+    unit = path_points(piece.stair_cut)
+    if len(unit) < 3:
+        unit = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    x = (unit[:, 0] - 0.5) * piece.size_m[0] * (-1.0 if piece.mirrored else 1.0)
+    y = -(unit[:, 1] - 0.5) * piece.size_m[1]
+    c, s = math.cos(piece.yaw_rad), math.sin(piece.yaw_rad)
+    return np.column_stack([piece.x_m + c * x - s * y, piece.y_m + s * x + c * y])
+
+
+_TOKEN = re.compile(r"[MmLlHhVvCcQqZz]|[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_ARGUMENTS = {"m": 2, "l": 2, "h": 1, "v": 1, "c": 6, "q": 4}
+
+
+def path_points(path: str) -> NDArray[np.float64]:
+    """The first closed outline of an SVG path, (N, 2); a curve becomes the straight line to its end."""
+    points: list[tuple[float, float]] = []
+    x = y = 0.0
+    command = ""
+    tokens = _TOKEN.findall(path[:10_000])
+    at = 0
+    while at < len(tokens) and len(points) < 500:
+        if tokens[at].isalpha():
+            command = tokens[at]
+            at += 1
+            if command in "zZ":
+                break
+            continue
+        need = _ARGUMENTS.get(command.lower(), 0)
+        if need == 0 or at + need > len(tokens) or any(t.isalpha() for t in tokens[at : at + need]):
+            break
+        values = [float(t) for t in tokens[at : at + need]]
+        at += need
+        relative = command.islower()
+        if command in "hH":
+            x = x + values[0] if relative else values[0]
+        elif command in "vV":
+            y = y + values[0] if relative else values[0]
+        else:
+            x, y = (x + values[-2], y + values[-1]) if relative else (values[-2], values[-1])
+        if not (math.isfinite(x) and math.isfinite(y) and abs(x) <= 10 and abs(y) <= 10):
+            return np.zeros((0, 2))
+        if not points or points[-1] != (x, y):
+            points.append((x, y))
+    if len(points) > 1 and points[0] == points[-1]:
+        points.pop()
+    return np.array(points, dtype=np.float64).reshape(-1, 2)

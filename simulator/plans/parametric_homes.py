@@ -1,0 +1,198 @@
+"""Two homes written down in code, with furniture made of boxes: they need no assets and build in a moment.
+
+``parametric_flat``: one floor of 10 x 8 m, five rooms. ``parametric_house``: two such floors and a stair.
+The plan is the same for every seed; colours, floor coverings and small things change.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from simulator.furniture.parametric import SIZES_M, parametric_piece, stair_flight
+from simulator.plans.assembly import SceneBuilder
+from simulator.plans.plan import Opening, Point, Wall, build_skirt, build_slab, build_wall, wall_outline
+from simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
+from simulator.world.scene import Floor, Material, Room, Scene, Stair
+
+ROOM_HEIGHT_M = 2.5
+SLAB_M = 0.12
+_OUTER_M, _INNER_M = 0.2, 0.1
+
+#: The stair of the house: (x, y) of the first tread's edge, run along +x, width.
+_STAIR_FOOT = (1.1, 0.65)
+_STAIR_RUN_M, _STAIR_WIDTH_M, _STEPS = 2.64, 0.9, 12
+
+#: Rooms as x0, y0, x1, y1 between the walls' centre lines.
+_ROOMS: dict[str, tuple[float, float, float, float]] = {
+    "living": (0.0, 0.0, 6.0, 3.6), "kitchen": (6.0, 0.0, 10.0, 3.6), "hall": (0.0, 3.6, 10.0, 4.9),
+    "bedroom": (0.0, 4.9, 4.0, 8.0), "bath": (4.0, 4.9, 6.2, 8.0), "study": (6.2, 4.9, 10.0, 8.0),
+}  # fmt: skip
+
+#: Inner walls: start, end (they butt against the faces of the others).
+_INNER: tuple[tuple[Point, Point], ...] = (
+    ((0.1, 3.6), (9.9, 3.6)), ((0.1, 4.9), (9.9, 4.9)), ((6.0, 0.1), (6.0, 3.55)),
+    ((4.0, 4.95), (4.0, 7.9)), ((6.2, 4.95), (6.2, 7.9)),
+)  # fmt: skip
+
+#: Openings: x, y, along x (else y), width, foot, top.
+_DOORS = (
+    (4.7, 3.6, True, 0.95, 0.0, 2.1), (8.0, 3.6, True, 0.95, 0.0, 2.1), (6.0, 1.8, False, 1.2, 0.0, 2.2),
+    (2.9, 4.9, True, 0.95, 0.0, 2.1), (5.1, 4.9, True, 0.95, 0.0, 2.1), (7.4, 4.9, True, 0.95, 0.0, 2.1),
+)  # fmt: skip
+_WINDOWS = (
+    (4.4, 0.0, True, 1.5, 0.9, 2.1), (8.0, 0.0, True, 1.2, 1.0, 2.1), (2.0, 8.0, True, 1.4, 0.9, 2.1),
+    (5.1, 8.0, True, 0.6, 1.4, 2.1), (8.2, 8.0, True, 1.4, 0.9, 2.1), (10.0, 4.25, False, 0.8, 0.9, 2.1),
+)  # fmt: skip
+
+#: Furniture: class, x, y, the way it looks in quarter turns from -y counter-clockwise, height above the floor.
+_Piece = tuple[str, float, float, int, float]
+_LIVING: tuple[_Piece, ...] = (
+    ("rug", 3.9, 2.0, 0, 0.0), ("couch", 2.5, 3.05, 0, 0.0), ("cabinet", 2.6, 1.42, 2, 0.0), ("tv", 2.6, 1.42, 2, 0.5),
+    ("potted plant", 0.5, 3.1, 0, 0.0), ("lamp", 3.8, 3.3, 0, 0.0),
+)  # fmt: skip
+_BEDROOM: tuple[_Piece, ...] = (
+    ("bed", 1.2, 6.85, 0, 0.0), ("potted plant", 3.5, 7.5, 0, 0.0), ("bookshelf", 3.75, 6.2, 3, 0.0),
+)  # fmt: skip
+_BATH: tuple[_Piece, ...] = (
+    ("toilet", 4.55, 7.5, 0, 0.0),
+    ("sink", 5.84, 7.0, 3, 0.0),
+    ("bathtub", 4.45, 5.95, 1, 0.0),
+)
+_STUDY: tuple[_Piece, ...] = (
+    ("dining table", 8.6, 7.4, 0, 0.0), ("chair", 8.6, 6.65, 2, 0.0), ("bookshelf", 6.45, 6.9, 1, 0.0),
+    ("chair", 9.5, 5.4, 3, 0.0), ("potted plant", 9.5, 7.4, 0, 0.0),
+)  # fmt: skip
+_KITCHEN: tuple[_Piece, ...] = (
+    ("dining table", 7.7, 1.5, 0, 0.0), ("chair", 7.3, 2.15, 0, 0.0), ("chair", 8.1, 2.15, 0, 0.0),
+    ("chair", 7.3, 0.85, 2, 0.0), ("chair", 8.1, 0.85, 2, 0.0), ("refrigerator", 9.5, 0.5, 3, 0.0),
+    ("oven", 9.55, 1.3, 3, 0.0), ("sink", 9.6, 2.1, 3, 0.0),
+)  # fmt: skip
+_UP_LANDING: tuple[_Piece, ...] = (("couch", 3.0, 3.05, 0, 0.0), ("potted plant", 5.5, 3.1, 0, 0.0))
+_UP_STUDY: tuple[_Piece, ...] = (("bed", 8.9, 6.85, 0, 0.0), ("chair", 6.6, 7.5, 0, 0.0))
+_UP_OFFICE: tuple[_Piece, ...] = (
+    ("dining table", 8.6, 0.6, 0, 0.0), ("chair", 8.6, 1.35, 0, 0.0), ("cabinet", 9.65, 2.4, 3, 0.0),
+    ("tv", 9.65, 2.4, 3, 0.5),
+)  # fmt: skip
+
+_GROUND = {
+    "living": "Living room",
+    "kitchen": "Kitchen",
+    "hall": "Hall",
+    "bedroom": "Bedroom",
+    "bath": "Bathroom",
+    "study": "Study",
+}
+_UPPER = {
+    "living": "Landing", "kitchen": "Office", "hall": "Upper hall", "bedroom": "Bedroom 2", "bath": "Bathroom 2",
+    "study": "Bedroom 3",
+}  # fmt: skip
+
+
+def parametric_flat(seed: int = 0) -> Scene:
+    """One floor, 10 x 8 m: living room, kitchen, hall, bedroom, bathroom, study; all six targets."""
+    builder = SceneBuilder(f"parametric_flat-s{seed}")
+    rng = np.random.default_rng([seed, 1])
+    _storey(builder, "0", "Ground floor", 0.0, _GROUND, (*_LIVING, *_KITCHEN, *_BEDROOM, *_BATH, *_STUDY), rng)
+    builder.credits.append("parametric furniture: SurveilNav, Apache-2.0")
+    return builder.build("parametric_flat: written in code, no assets")
+
+
+def parametric_house(seed: int = 0) -> Scene:
+    """Two floors and a stair of 12 treads; the same targets below, beds, couch, tv and plants above."""
+    builder = SceneBuilder(f"parametric_house-s{seed}")
+    rng = np.random.default_rng([seed, 2])
+    rise = ROOM_HEIGHT_M + SLAB_M
+    x, y = _STAIR_FOOT
+    hole = np.array(
+        [
+            (x - 0.05, y - _STAIR_WIDTH_M / 2), (x + _STAIR_RUN_M, y - _STAIR_WIDTH_M / 2),
+            (x + _STAIR_RUN_M, y + _STAIR_WIDTH_M / 2), (x - 0.05, y + _STAIR_WIDTH_M / 2),
+        ]
+    )  # fmt: skip
+    ground = (*_LIVING, *_KITCHEN, *_BEDROOM, *_BATH, *_STUDY)
+    _storey(builder, "0", "Ground floor", 0.0, _GROUND, ground, rng, ceiling_holes=(hole,))
+    upper = (*_UP_LANDING, *_UP_OFFICE, *_BEDROOM, *_BATH, *_UP_STUDY)
+    _storey(builder, "1", "Upper floor", rise, _UPPER, upper, rng, floor_holes=(hole,), railing=True)
+    T = np.eye(4)
+    T[:2, 3] = _STAIR_FOOT
+    flight = stair_flight(_STAIR_WIDTH_M, _STAIR_RUN_M, rise, _STEPS).moved(T)
+    builder.add(flight, "Stairs", "stairs", "0", model="parametric/stairs", room="Living room")
+    builder.stairs.append(
+        Stair(
+            "0", "1", (x - 0.45, y, 0.0), (x + _STAIR_RUN_M + 0.45, y, rise), math.hypot(_STAIR_RUN_M, rise) + 0.9
+        )
+    )  # fmt: skip
+    builder.credits.append("parametric furniture: SurveilNav, Apache-2.0")
+    return builder.build("parametric_house: written in code, no assets")
+
+
+def _storey(
+    builder: SceneBuilder, floor: str, name: str, z_m: float, room_names: dict[str, str], pieces: tuple[_Piece, ...],
+    rng: np.random.Generator, floor_holes: tuple[np.ndarray, ...] = (), ceiling_holes: tuple[np.ndarray, ...] = (),
+    railing: bool = False,
+) -> None:  # fmt: skip
+    """One floor: shell, rooms, furniture."""
+    builder.floors.append(Floor(floor, name, z_m, ROOM_HEIGHT_M))
+    paint, white = wall_material(rng), Material("ceiling", (0.95, 0.95, 0.94))
+    openings = [
+        Opening((x, y), 0.0 if along_x else math.pi / 2, width, 0.4, z_m + z0, z_m + z1)
+        for x, y, along_x, width, z0, z1 in (*_DOORS, *_WINDOWS)
+    ]
+    # Clockwise ring of the outer walls (joined head to tail, so that they are mitred), then the inner ones.
+    ring: tuple[Point, ...] = ((0.0, 0.0), (0.0, 8.0), (10.0, 8.0), (10.0, 0.0))
+    walls = [
+        Wall(
+            ring[i],
+            ring[(i + 1) % 4],
+            _OUTER_M,
+            ROOM_HEIGHT_M,
+            ROOM_HEIGHT_M,
+            z_m,
+            paint,
+            paint,
+            (i - 1) % 4,
+            (i + 1) % 4,
+        )
+        for i in range(4)
+    ]
+    walls += [Wall(a, b, _INNER_M, ROOM_HEIGHT_M, ROOM_HEIGHT_M, z_m, paint, paint) for a, b in _INNER]
+    for index, wall in enumerate(walls):
+        mesh, _ = build_wall(wall, wall_outline(walls, index), openings)
+        builder.add(mesh, f"Wall {index + 1}", "wall", floor)
+    if railing:
+        x, y = _STAIR_FOOT
+        rail = Wall(
+            (x - 0.1, y + _STAIR_WIDTH_M / 2 + 0.04), (x + _STAIR_RUN_M, y + _STAIR_WIDTH_M / 2 + 0.04),
+            0.06, 0.9, 0.9, z_m, paint, paint,
+        )  # fmt: skip
+        builder.add(build_wall(rail, wall_outline([rail], 0), [])[0], "Railing", "wall", floor)
+        rail = Wall(
+            (x - 0.08, y - _STAIR_WIDTH_M / 2), (x - 0.08, y + _STAIR_WIDTH_M / 2), 0.06, 0.9, 0.9, z_m, paint, paint
+        )
+        builder.add(build_wall(rail, wall_outline([rail], 0), [])[0], "Railing", "wall", floor)
+    for key, (x0, y0, x1, y1) in _ROOMS.items():
+        # Floors reach to the centre lines of the walls: no gap in a doorway.
+        outline = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+        room = room_names[key]
+        builder.rooms.append(Room(room, floor, outline))
+        kind = floor_kind(room, rng)
+        covering = floor_material(kind, rng)
+        slab = build_slab(np.array(outline), z_m, covering, floor_holes, up=True, tile_m=TILE_M[kind])
+        builder.add(slab, f"Floor of {room}", "floor", floor, room=room)
+        top = build_slab(np.array(outline), z_m + ROOM_HEIGHT_M, white, ceiling_holes, up=False)
+        builder.add(top, f"Ceiling of {room}", "ceiling", floor, room=room)
+    for hole in floor_holes:
+        builder.add(build_skirt(hole, z_m - SLAB_M, z_m, white), "Edge of the stair hole", "floor", floor)
+    for label, x, y, quarter_turns, above in pieces:
+        T = np.eye(4)
+        c, s = round(math.cos(quarter_turns * math.pi / 2)), round(math.sin(quarter_turns * math.pi / 2))
+        T[:2, :2] = [[c, -s], [s, c]]
+        T[:3, 3] = (x, y, z_m + above)
+        room = next((room_names[k] for k, (x0, y0, x1, y1) in _ROOMS.items() if x0 <= x < x1 and y0 <= y < y1), "")
+        mesh = parametric_piece(label, SIZES_M[label], rng).moved(T)
+        detectable = "" if label in ("bathtub", "bookshelf", "lamp", "cabinet", "rug") else label
+        builder.add(
+            mesh, label.capitalize(), detectable, floor, model=f"parametric/{label.replace(' ', '_')}", room=room
+        )

@@ -1,0 +1,269 @@
+"""From a plan to a building's shell: walls with openings cut out, floors and ceilings.
+
+Everything here is in the world frame: metres, z up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.plans.assembly import Mesh, MeshBuilder
+from simulator.plans.polygons import Polygon, intersect_convex, signed_area, subtract
+from simulator.world.scene import Material
+
+#: An opening cuts a wall when they are parallel to within this angle; else it only touches the wall's end.
+PARALLEL_TOLERANCE_RAD = math.radians(25.0)
+
+#: A mitre may reach this many thicknesses beyond the wall's end (Sweet Home 3D's own limit).
+MITRE_LIMIT = 2.0
+
+Point = tuple[float, float]
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wall:
+    """A straight wall: a centre line with a thickness, standing on ``z_m``.
+
+    ``height_m`` at its start, ``end_height_m`` at its end (a sloped wall where they differ). ``at_start`` and
+    ``at_end`` are indices of the walls joined there, or None.
+    """
+
+    start_m: Point
+    end_m: Point
+    thickness_m: float
+    height_m: float
+    end_height_m: float
+    z_m: float
+    left: Material
+    right: Material
+    at_start: int | None = None
+    at_end: int | None = None
+
+    @property
+    def length_m(self) -> float:
+        return math.dist(self.start_m, self.end_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """A door's or window's box: centre, turned by ``yaw_rad``, cut out of the walls that it lies on."""
+
+    centre_m: Point
+    yaw_rad: float
+    width_m: float
+    depth_m: float
+    z_low_m: float
+    z_high_m: float
+
+    @property
+    def outline(self) -> Polygon:
+        """Its four corners, counter-clockwise."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        w, d = self.width_m / 2, self.depth_m / 2
+        corners = np.array([[-w, -d], [w, -d], [w, d], [-w, d]])
+        outline: Polygon = corners @ np.array([[c, s], [-s, c]]) + np.array(self.centre_m)
+        return outline
+
+
+def _straight_outline(wall: Wall) -> Polygon:
+    """Corners: left start, left end, right end, right start."""
+    a, b = np.array(wall.start_m), np.array(wall.end_m)
+    d = (b - a) / max(wall.length_m, 1e-9)
+    n = np.array([-d[1], d[0]]) * wall.thickness_m / 2
+    return np.array([a + n, b + n, b - n, a - n])
+
+
+def wall_outline(walls: Sequence[Wall], index: int) -> Polygon:
+    """Corners (4, 2): left start, left end, right end, right start, mitred with the joined walls."""
+    wall = walls[index]
+    plain = _straight_outline(wall)
+    outline = plain.copy()
+    for at_start in (True, False):
+        joined = wall.at_start if at_start else wall.at_end
+        if joined is None or not 0 <= joined < len(walls) or joined == index:
+            continue
+        other = walls[joined]
+        theirs = _straight_outline(other)
+        here = wall.start_m if at_start else wall.end_m
+        meets_their_end = math.dist(here, other.end_m) < math.dist(here, other.start_m)
+        # Head to tail the left sides continue each other; head to head, left continues right.
+        same_sense = meets_their_end == at_start
+        left, right = (theirs[[0, 1]], theirs[[3, 2]]) if same_sense else (theirs[[3, 2]], theirs[[0, 1]])
+        limit = MITRE_LIMIT * max(wall.thickness_m, other.thickness_m)
+        corner_left, corner_right = (0, 3) if at_start else (1, 2)
+        outline[corner_left] = _mitre(plain[corner_left], plain[1] - plain[0], left, limit)
+        outline[corner_right] = _mitre(plain[corner_right], plain[2] - plain[3], right, limit)
+    return outline
+
+
+def _mitre(corner: NDArray, direction: NDArray, side: Polygon, limit_m: float) -> NDArray:
+    """Where the line through ``corner`` meets the joined wall's side, or the corner itself if that is too far."""
+    other = side[1] - side[0]
+    cross = direction[0] * other[1] - direction[1] * other[0]
+    if abs(cross) <= 1e-3 * np.linalg.norm(direction) * np.linalg.norm(other):
+        return corner  # parallel, or a wall without length
+    offset = side[0] - corner
+    t = (offset[0] * other[1] - offset[1] * other[0]) / cross
+    point = corner + t * direction
+    return point if np.linalg.norm(point - corner) <= limit_m else corner
+
+
+def build_wall(
+    wall: Wall, outline: Polygon, openings: Sequence[Opening], reveal: Material | None = None
+) -> tuple[Mesh, list[tuple[int, Polygon]]]:
+    """The wall's faces with the openings cut through, and the ground left free in each opening that reaches it.
+
+    The second value has (index of the opening, quadrilateral (4, 2)) for openings whose foot lies within 5 cm of
+    the wall's.
+    """
+    mesh = MeshBuilder()
+    length = wall.length_m
+    if length < 1e-4:
+        return mesh.mesh(), []
+    reveal = reveal or wall.left
+    start = np.array(wall.start_m)
+    along = (np.array(wall.end_m) - start) / length
+    s_corner = (outline - start) @ along
+    low, high = max(s_corner[0], s_corner[3]) + 1e-3, min(s_corner[1], s_corner[2]) - 1e-3
+    first, last = min(s_corner[0], s_corner[3]), max(s_corner[1], s_corner[2])
+
+    # 1. Where along the wall and how high are the holes?
+    holes: list[tuple[float, float, float, float, int]] = []
+    for number, opening in enumerate(openings):
+        span = _span_on_wall(wall, outline, start, along, opening)
+        if span is None or low >= high:
+            continue
+        s0 = first if span[0] <= low else span[0]
+        s1 = last if span[1] >= high else span[1]
+        if s1 - s0 > 1e-3:
+            holes.append((s0, s1, opening.z_low_m, opening.z_high_m, number))
+
+    # 2. Columns between all the holes' edges: in each, the solid parts from below to above.
+    cuts = sorted({first, last, *(v for h in holes for v in h[:2])})
+    columns: list[tuple[float, float, list[Span]]] = []
+    for s0, s1 in pairwise(cuts):
+        if s1 - s0 < 1e-6:
+            continue
+        middle = (s0 + s1) / 2
+        gaps = [(z0, z1) for a, b, z0, z1, _ in holes if a < middle < b]
+        columns.append((s0, s1, _solid(wall.z_m, max(_top(wall, s0), _top(wall, s1)), gaps)))
+
+    def side_at(s: float, ends: tuple[int, int], sign: float) -> NDArray[np.float64]:
+        if s in (first, last):
+            return np.asarray(outline[ends[0] if s == first else ends[1]])
+        return np.asarray(start + along * s + sign * _normal(wall, along))
+
+    def left_at(s: float) -> NDArray[np.float64]:
+        return side_at(s, (0, 1), 1.0)
+
+    def right_at(s: float) -> NDArray[np.float64]:
+        return side_at(s, (3, 2), -1.0)
+
+    # 3. Faces.
+    for s0, s1, solids in columns:
+        for z0, z1 in solids:
+            t0, t1 = max(z0, min(z1, _top(wall, s0))), max(z0, min(z1, _top(wall, s1)))
+            la, lb, ra, rb = left_at(s0), left_at(s1), right_at(s0), right_at(s1)
+            mesh.quad(
+                [(*lb, z0), (*la, z0), (*la, t0), (*lb, t1)], wall.left, [(-s1, z0), (-s0, z0), (-s0, t0), (-s1, t1)]
+            )
+            mesh.quad(
+                [(*ra, z0), (*rb, z0), (*rb, t1), (*ra, t0)], wall.right, [(s0, z0), (s1, z0), (s1, t1), (s0, t0)]
+            )
+            mesh.quad([(*ra, t0), (*rb, t1), (*lb, t1), (*la, t0)], reveal)
+            mesh.quad([(*la, z0), (*lb, z0), (*rb, z0), (*ra, z0)], reveal)
+    for (_, s, before), (_, _, after) in pairwise(columns):
+        for z0, z1 in _difference(before, after):
+            t = min(z1, _top(wall, s))
+            mesh.quad([(*right_at(s), z0), (*left_at(s), z0), (*left_at(s), t), (*right_at(s), t)], reveal)
+        for z0, z1 in _difference(after, before):
+            t = min(z1, _top(wall, s))
+            mesh.quad([(*left_at(s), z0), (*right_at(s), z0), (*right_at(s), t), (*left_at(s), t)], reveal)
+    if columns:
+        for z0, z1 in columns[0][2]:
+            t = min(z1, _top(wall, first))
+            mesh.quad([(*outline[0], z0), (*outline[3], z0), (*outline[3], t), (*outline[0], t)], reveal)
+        for z0, z1 in columns[-1][2]:
+            t = min(z1, _top(wall, last))
+            mesh.quad([(*outline[2], z0), (*outline[1], z0), (*outline[1], t), (*outline[2], t)], reveal)
+
+    thresholds = [
+        (number, np.array([right_at(s0), right_at(s1), left_at(s1), left_at(s0)]))
+        for s0, s1, z0, _, number in holes
+        if abs(z0 - wall.z_m) < 0.05 or z0 < wall.z_m < z0 + 0.5
+    ]
+    return mesh.mesh(), thresholds
+
+
+def _normal(wall: Wall, along: NDArray) -> NDArray:
+    return np.array([-along[1], along[0]]) * wall.thickness_m / 2
+
+
+def _top(wall: Wall, s: float) -> float:
+    return wall.z_m + wall.height_m + (wall.end_height_m - wall.height_m) * min(1.0, max(0.0, s / wall.length_m))
+
+
+def _span_on_wall(wall: Wall, outline: Polygon, start: NDArray, along: NDArray, opening: Opening) -> Span | None:
+    """The part of the wall's length that an opening takes, or None."""
+    if opening.z_high_m <= wall.z_m or opening.z_low_m >= wall.z_m + max(wall.height_m, wall.end_height_m):
+        return None
+    between = (opening.yaw_rad - math.atan2(along[1], along[0])) % math.pi
+    if min(between, math.pi - between) > PARALLEL_TOLERANCE_RAD:
+        return None
+    common = intersect_convex(opening.outline, outline)
+    if len(common) < 3 or abs(signed_area(common)) < 1e-5:
+        return None
+    s = (common - start) @ along
+    return float(s.min()), float(s.max())
+
+
+def _solid(low: float, high: float, gaps: Sequence[Span]) -> list[Span]:
+    """What is left of [low, high] without the gaps, from below to above."""
+    solids: list[Span] = []
+    at = low
+    for z0, z1 in sorted(gaps):
+        if z0 - at > 1e-3:
+            solids.append((at, min(z0, high)))
+        at = max(at, z1)
+    if high - at > 1e-3:
+        solids.append((at, high))
+    return solids
+
+
+def _difference(ours: Sequence[Span], theirs: Sequence[Span]) -> list[Span]:
+    """What of our spans lies in none of theirs."""
+    return [
+        rest
+        for z0, z1 in ours
+        for rest in _solid(z0, z1, [(max(a, z0), min(b, z1)) for a, b in theirs if a < z1 and b > z0])
+    ]
+
+
+def build_skirt(hole: Polygon, z_low_m: float, z_high_m: float, material: Material) -> Mesh:
+    """The sides of a hole in a slab, seen from both sides."""
+    mesh = MeshBuilder()
+    for a, b in zip(hole, np.roll(hole, -1, axis=0), strict=True):
+        quad = [(*a, z_low_m), (*b, z_low_m), (*b, z_high_m), (*a, z_high_m)]
+        mesh.quad(quad, material)
+        mesh.quad(quad[::-1], material)
+    return mesh.mesh()
+
+
+def build_slab(
+    polygon: Polygon, z_m: float, material: Material, holes: Sequence[Polygon] = (), *, up: bool, tile_m: float = 1.0
+) -> Mesh:
+    """A floor (``up``) or ceiling: the polygon without its holes, its texture repeating every ``tile_m``."""
+    mesh = MeshBuilder()
+    for piece in subtract(np.asarray(polygon, dtype=np.float64), holes):
+        ring = piece if up else piece[::-1]
+        points = np.column_stack([ring, np.full(len(ring), z_m)])
+        fan = np.array([[0, i, i + 1] for i in range(1, len(ring) - 1)], dtype=np.int32)
+        mesh.triangles(points, fan, material, ring / tile_m)
+    return mesh.mesh()

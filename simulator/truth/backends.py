@@ -1,0 +1,264 @@
+"""The backends that are told what each pixel shows: ``oracle`` says it, ``simulated`` errs like a detector.
+
+Both exist for simulation only; they get instance ids through a channel of their own that the real backends don't have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from simulator.truth.error_model import (
+    Draws,
+    ErrorModel,
+    Kind,
+    Luck,
+    error_model,
+    hashed,
+    showing,
+    sights,
+    uniforms,
+)
+from simulator.truth.visible import Box, Candidates, Place, VisibleThing, candidates, mask_within, visible_things
+from surveilnav.categories import COCO, canonical
+from surveilnav.errors import PerceptionError
+from surveilnav.geometry import Matrix4, Pinhole
+from surveilnav.perception import closed_set
+from surveilnav.perception.masks import mask_of
+from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
+from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
+
+_WEAKEST = 0.05  # weaker scores are noise, which real detectors leave out of a view's embedding too
+_NAMES = 4  # that are tried for one of which things are as large
+_HAZE_M = 1.5
+_HAZE = Luck(0.2, 0.5, 0.6, 2.0)
+
+
+class Oracle:
+    """Every visible instance of a COCO class, exactly, with score 1."""
+
+    name = "oracle"
+    embedding_dim = closed_set.DIM
+    needs_truth = True
+
+    def __init__(self, why: str = "asked for by name: the renderer's own instance ids", min_pixels: int = 60) -> None:
+        self.why, self._min_pixels = why, min_pixels
+
+    def perceive(
+        self,
+        rgb: NDArray[np.uint8],
+        depth_m: NDArray[np.float32],
+        camera: Pinhole,
+        *,
+        prompts: Sequence[str] = (),
+        truth: TrueInstances | None = None,
+        key: tuple[object, ...] = (),
+    ) -> ViewPerception:
+        things = visible_things(_told(truth, depth_m, self.name), depth_m, self._min_pixels)
+        scores = [_one_hot(thing.label, 1.0) for thing in things]
+        detections = tuple(
+            Detected(t.label, 1.0, t.box_px, t.mask, closed_set.embed_object(s))
+            for t, s in zip(things, scores, strict=True)
+        )
+        return ViewPerception(self.name, detections, closed_set.embed_image(scores))
+
+    def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        return closed_set.embed_texts(texts)
+
+
+class Simulated:
+    """The renderer's instance ids through an error model: misses, confusions, loose boxes, false positives.
+
+    What it errs depends on ``seed``, the view's ``key``, and where the view was taken from (``error_model``).
+    ``harder``: a worse detector than the measured one (negative: a better one), in standard deviations of luck by which
+    true things are harder to find and to name, and false alarms easier to give.
+    """
+
+    name = "simulated"
+    embedding_dim = closed_set.DIM
+    needs_truth = True
+
+    def __init__(
+        self, why: str = "asked for by name", seed: int = 0, model: ErrorModel | None = None, harder: float = 0.0
+    ) -> None:
+        self.why, self._seed, self._model, self._harder = why, seed, model or error_model(), harder
+        self._scene: tuple[dict[int, str], int] = ({}, 0)
+
+    def perceive(
+        self,
+        rgb: NDArray[np.uint8],
+        depth_m: NDArray[np.float32],
+        camera: Pinhole,
+        *,
+        prompts: Sequence[str] = (),
+        truth: TrueInstances | None = None,
+        key: tuple[object, ...] = (),
+    ) -> ViewPerception:
+        told = _told(truth, depth_m, self.name)
+        is_camera = any(isinstance(part, str) and part.startswith("camera/") for part in key)
+        scene = self._scene_seed(told.labels)
+        view = hashed(scene, key)
+        detections, weak = [], []
+        shown: dict[str, float] = {}
+        floor = cache(partial(_floor_of, told))  # few views have a false alarm that asks
+        for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
+            shown |= showing(c.labels, c.x) if c.kind != "place" else {}
+            for detected, scores in self._found(c, scene, view, depth_m, camera, floor):
+                weak.append(scores)
+                if detected is not None:
+                    detections.append(detected)
+        detections.sort(key=lambda d: -d.score)
+        clear = 1.0 - np.prod([1.0 - scores for scores in weak], axis=0) if weak else np.zeros(len(COCO), np.float32)
+        presence = np.maximum(clear, self._haze(scene, view, told.T_world_camera, shown, is_camera))
+        return ViewPerception(self.name, tuple(detections), closed_set.embed_image([presence]))
+
+    def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        return closed_set.embed_texts(texts)
+
+    def _haze(
+        self, scene: int, view: int, T_world_camera: Matrix4 | None, shown: dict[str, float], is_camera: bool
+    ) -> NDArray[np.float32]:
+        """(80,) what weak scores seem to show of each class: it goes by what else shows (ovens seem to be where cabinets
+        are), and is much the same in like views from about the same place."""
+        T = np.eye(4) if T_world_camera is None else T_world_camera
+        scene = hashed(scene, np.floor(T[:3, 3] / _HAZE_M).astype(int).tolist())
+        n = len(self._model.haze)
+        draws = Draws(scene, view, np.arange(n, dtype=np.uint64), np.tile(T[:3, 2], (n, 1)), np.ones(n))
+        haze = np.zeros(len(COCO), np.float32)
+        for (label, of), luck in zip(self._model.haze.items(), draws.luck(_HAZE, 5).tolist(), strict=True):
+            share = float(ndtr(of.more(shown, is_camera) + of.luck * luck))
+            haze[COCO.index(label)] = _quantile(of.quantiles, share)
+        return haze
+
+    def _scene_seed(self, labels: dict[int, str]) -> int:
+        """Sets the luck of one building's instances apart from another's."""
+        if self._scene[0] is not labels:
+            self._scene = labels, hashed(self._seed, sorted(labels.items()))
+        return self._scene[1]
+
+    def _found(
+        self,
+        c: Candidates,
+        scene: int,
+        view: int,
+        depth_m: NDArray[np.float32],
+        camera: Pinhole,
+        floor: Callable[[], NDArray[np.bool_]],
+    ) -> Iterator[tuple[Detected | None, NDArray[np.float32]]]:
+        """Detection (None: nothing is reported) and class scores of what is found among candidates of one kind."""
+        kind = self._model.kinds[c.kind]
+        draws = Draws(scene, view, c.ids, c.direction, c.range_m)
+        easier = -self._harder if c.kind == "thing" else self._harder
+        ease = kind.ease(c.x, c.labels) + draws.luck(kind.luck, 0) + easier
+        right = np.zeros(len(ease), bool)
+        if kind.own:
+            right = kind.own_ease(c.x, c.labels) + draws.luck(kind.own_luck, 1) + easier > 0
+        scores = np.where(right, kind.score(ease, True), kind.score(ease, False))
+        once, always = uniforms(view, c.ids, 4, 2), uniforms(scene, c.ids, 40)
+        sight_of = sights(c.x)
+        for i in np.flatnonzero(scores >= _WEAKEST).tolist():
+            label, sight, score = c.labels[i], sight_of[i], float(scores[i])
+            reported = ease[i] > 0 and score >= self._model.min_score
+            box, mask, fits = None, None, True
+            if right[i]:
+                said, of = label, "right"
+                if reported:
+                    box = _box(c.shown[i], _one_of(kind.boxes[of], once[i, 1]), depth_m, camera)
+                    mask = _mask_within(c.shown[i], box, depth_m)
+            else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
+                names, of = self._names(kind, c, i, sight, scene, view), "wrong"
+                said = names[0]
+                for name in names if reported else ():
+                    box = _box(c.shown[i], _one_of(kind.boxes.get(name, kind.boxes[of]), always[i, 0]), depth_m, camera)
+                    mask = mask_of(depth_m, box, floor())
+                    fits = _fits(name, *_size_of(box, mask, depth_m, camera))
+                    if fits:
+                        said = name
+                        break
+            all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label, sight))
+            detected = None
+            if not fits:
+                all_scores *= WRONG_SIZE
+            elif box is not None and min(box[2] - box[0], box[3] - box[1]) >= 2:
+                detected = Detected(said, score, box, mask, closed_set.embed_object(all_scores))
+            yield detected, all_scores
+
+    def _names(self, kind: Kind, c: Candidates, i: int, sight: str, scene: int, view: int) -> list[str]:
+        """What a thing is wrongly called, and what else if that doesn't fit: mostly the same from everywhere."""
+        id_ = c.ids[i : i + 1]
+        of = scene if uniforms(view, id_, 2)[0, 0] < kind.name_kept else view
+        return kind.called(c.labels[i], sight, uniforms(of, id_, 6, len(COCO))[0])[:_NAMES]
+
+
+def _one_of(boxes: Sequence[Sequence[float]], luck: float) -> Sequence[float]:
+    return boxes[int(luck * len(boxes))]
+
+
+def _quantile(values: Sequence[float], share: float) -> float:
+    at = share * (len(values) - 1)
+    low = min(int(at), len(values) - 2)
+    return values[low] + (at - low) * (values[low + 1] - values[low]) if len(values) > 1 else values[0]
+
+
+def _all_scores(said: str, score: float, certainty: float, rest: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(80,) class scores of which one has a share of ``certainty``, the others what ``rest`` says."""
+    rest[COCO.index(said)] = 0.0
+    out = rest * (score * (1 / certainty - 1) / max(rest.sum(), 1e-9))
+    out = np.minimum(out, score)
+    out[COCO.index(said)] = score
+    return np.asarray(out, np.float32)
+
+
+def _box(shown: VisibleThing | Place, loose: Sequence[float], depth_m: NDArray[np.float32], camera: Pinhole) -> Box:
+    """The box of a detection that is as loose as a measured one."""
+    height, width = depth_m.shape
+    if isinstance(shown, Place):
+        half = np.array([loose[0], loose[1]]) * camera.fx_px / shown.range_m / 2
+        corners = np.array([*(shown.center_px - half), *(shown.center_px + half)])
+    else:
+        x0, y0, x1, y1 = shown.box_px
+        corners = np.array([x0, y0, x0, y0]) + np.array(loose) * np.array([x1 - x0, y1 - y0, x1 - x0, y1 - y0])
+    x0, y0, x1, y1 = (float(v) for v in np.clip(corners, 0, [width, height, width, height]))
+    return x0, y0, x1, y1
+
+
+def _mask_within(shown: VisibleThing | Place, box: Box, depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+    assert isinstance(shown, VisibleThing)  # a place has no right name
+    return mask_within(shown, box, depth_m.shape)
+
+
+def _size_of(
+    box: Box, mask: NDArray[np.bool_] | None, depth_m: NDArray[np.float32], camera: Pinhole
+) -> tuple[float | None, bool]:
+    """How large [m] what a mask shows is, None if depth doesn't tell, and whether the picture's edge cuts it."""
+    height, width = depth_m.shape
+    cut = box[0] < 1 or box[1] < 1 or box[2] > width - 1 or box[3] > height - 1
+    return extent_m(depth_m, camera, box, mask) if mask is not None else None, cut
+
+
+def _fits(name: str, size_m: float | None, cut: bool) -> bool:
+    """Whether something is as large as things of a class, as far as depth tells."""
+    return size_m is None or plausible(name, size_m, cut)
+
+
+def _floor_of(told: TrueInstances) -> NDArray[np.bool_]:
+    """(H, W) pixels that show the floor."""
+    return np.isin(told.ids, [i for i, label in told.labels.items() if canonical(label) == "floor"])
+
+
+def _one_hot(label: str, score: float) -> NDArray[np.float32]:
+    scores = np.zeros(len(COCO), np.float32)
+    scores[COCO.index(label)] = score
+    return scores
+
+
+def _told(truth: TrueInstances | None, depth_m: NDArray[np.float32], name: str) -> TrueInstances:
+    if truth is None:
+        raise PerceptionError(f"the backend {name!r} needs the simulator's instance ids of the view, and got none")
+    if truth.ids.shape != depth_m.shape:
+        raise PerceptionError(f"instance ids of {truth.ids.shape} don't fit a view of {depth_m.shape}")
+    return truth

@@ -1,0 +1,32 @@
+"""All backends that a simulated building can have: the library's, and those that only a simulator knows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from simulator.truth.backends import Oracle, Simulated
+from surveilnav.perception import Backend
+from surveilnav.perception import choose as real
+
+BACKENDS: tuple[str, ...] = ("auto", "onnx-coco", "oracle", "simulated")
+
+
+def choose_backend(name: str = "auto", *, seed: int = 0, harder: float = 0.0, **networks: Any) -> Backend:
+    """The backend of that name; "auto" takes a real detector if one can run, else ``simulated`` and says so.
+
+    Args:
+        seed, harder: of ``simulated``.
+        networks: see ``surveilnav.perception.choose.choose_backend``.
+
+    Raises:
+        PerceptionError: it can't run; the message says what is missing.
+    """
+
+    def simulated(why: str) -> Backend:
+        told = "the simulator's own instance ids through an error model"
+        if name == "simulated":
+            return Simulated(f"{why}: {told}", seed, harder=harder)
+        return Simulated(f"{told} stand in, so these figures aren't a detector's. {why}", seed)
+
+    others = {"oracle": lambda why: Oracle(), "simulated": simulated}
+    return real.choose_backend(name, others=others, stand_in="simulated", **networks)

@@ -1,0 +1,331 @@
+"""Where a search may start, where it should end, and whether it did: Habitat's ObjectNav rules.
+
+A viewpoint is a place on the robot's ground, at most 1 m from an object's axis-aligned box (in the plane), from which
+the robot's camera sees it in some direction. A search succeeds if the robot called stop within 0.1 m of way of a
+viewpoint of any object of the target's class. (habitat-lab ``tasks/nav/nav.py`` and ``object_nav_generator.py``.)
+
+This is the simulator's own truth: no robot, map or planner may use it.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from simulator.world.navigation import DistanceField, FloorNavigation, NavigationMap
+from simulator.world.raycast import RayCaster
+from simulator.world.scene import Instance, Scene
+from surveilnav.categories import canonical
+from surveilnav.errors import TargetError
+
+EYE_HEIGHT_M = 0.88
+VIEWPOINT_REACH_M = 1.0
+SUCCESS_M = 0.1
+#: Share of an object's surface (all sides, so half is hidden at best) that a viewpoint must see.
+MIN_VISIBLE = 0.05
+#: Points per object that visibility is tested with.
+_SAMPLES = 128
+_MAX_START_CANDIDATES = 2000
+
+#: (note, least path as a share of what was asked, detour asked, hidden asked), tried in this order: first the detour
+#: goes, then the distance shrinks, and only where the target is in sight from everywhere else it may be seen.
+_RELAXATIONS: tuple[tuple[str, float, bool, bool], ...] = (
+    ("", 1.0, True, True),
+    ("the way may be straight", 1.0, False, True),
+    ("a shorter way, hidden", 0.8, False, True),
+    ("a shorter way, hidden", 0.6, False, True),
+    ("a shorter way, hidden", 0.4, False, True),
+    ("the target may be in sight", 1.0, False, False),
+    ("a shorter way, and the target may be in sight", 0.6, False, False),
+    ("a shorter way, and the target may be in sight", 0.2, False, False),
+    ("next to the target", 0.0, False, False),
+)
+MIN_DETOUR = 1.05
+
+
+class StateLike(Protocol):
+    """What the judge reads of a robot: see ``services.robot_node.core.RobotState``."""
+
+    @property
+    def p_world(self) -> tuple[float, float, float]: ...
+    @property
+    def floor(self) -> str: ...
+    @property
+    def path_m(self) -> float: ...
+    @property
+    def stopped(self) -> bool: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Goals:
+    """All objects of a class that a robot can get to.
+
+    Attributes:
+        instances: those with a viewpoint; ``unreachable`` those without.
+        viewpoints: by floor, (n, 2) float64 x, y [m]: centres of navigable cells. ``viewpoints_of``: the same by
+            instance.
+        surface: (m, 3) float32 points on all instances, the unreachable ones too [m, world].
+        field: distance to the nearest viewpoint from everywhere.
+    """
+
+    label: str
+    instances: tuple[Instance, ...]
+    unreachable: tuple[Instance, ...]
+    viewpoints: dict[str, NDArray[np.float64]]
+    viewpoints_of: dict[int, NDArray[np.float64]]
+    surface: NDArray[np.float32]
+    field: DistanceField
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where a search begins. ``notes``: which rules a small home made us relax; empty if all hold."""
+
+    p_m: tuple[float, float, float]
+    floor: str
+    yaw_rad: float
+    shortest_path_m: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The simulator's check. ``success``: stop called within 0.1 m; the laxer rules are for comparison.
+
+    SPL (Anderson et al. 2018) = success * l / max(l, p); soft SPL puts max(0, 1 - d / l) in the place of success;
+    l: shortest path, p: the path walked, d: distance left.
+    """
+
+    success: bool
+    success_at_0_2_m: bool
+    success_at_1_m: bool
+    stop_called: bool
+    distance_to_viewpoint_m: float
+    spl: float
+    soft_spl: float
+    path_m: float
+    shortest_path_m: float
+
+
+def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: RayCaster | None = None) -> Goals:
+    """The goals of a search for ``label`` (any spelling that ``categories.canonical`` folds).
+
+    Raises:
+        TargetError: there is no such thing, or none that a robot can get to; the message lists what there is.
+    """
+    caster = caster or RayCaster(scene)
+    wanted = canonical(label)
+    instances = scene.labelled(wanted) if wanted in scene.labels_by_id.values() else ()
+    if not instances:
+        raise TargetError(f"there is no {label!r} in {scene.name}; it has {_contents(scene)}")
+    viewpoints: dict[str, NDArray[np.bool_]] = {}
+    viewpoints_of: dict[int, NDArray[np.float64]] = {}
+    reachable: list[Instance] = []
+    surfaces = [_surface(scene, instance) for instance in instances]
+    for instance, surface in zip(instances, surfaces, strict=True):
+        seen_from = _viewpoints(navigation, instance, surface, caster)
+        if seen_from is None:
+            continue
+        reachable.append(instance)
+        viewpoints_of[instance.id] = navigation.floors[instance.floor].grid.centres_of(np.argwhere(seen_from))
+        viewpoints[instance.floor] = viewpoints.get(instance.floor, False) | seen_from
+    if not reachable:
+        raise TargetError(
+            f"{scene.name} has {len(instances)} x {wanted!r}, but robots can't get within {VIEWPOINT_REACH_M:g} m and "
+            f"sight of any; choose another target: {_contents(scene)}"
+        )
+    points = {name: navigation.floors[name].grid.centres_of(np.argwhere(m)) for name, m in viewpoints.items()}
+    return Goals(
+        wanted, tuple(reachable), tuple(i for i in instances if i not in reachable), points, viewpoints_of,
+        np.concatenate(surfaces), navigation.distance_field(points),
+    )  # fmt: skip
+
+
+def list_targets(scene: Scene, navigation: NavigationMap, *, caster: RayCaster | None = None) -> dict[str, int]:
+    """How many instances of each class a robot can get to; classes without any are left out."""
+    caster = caster or RayCaster(scene)
+    counts: dict[str, int] = {}
+    named = scene.labels_by_id
+    for instance in scene.instances:
+        if instance.id not in named:
+            continue
+        surface = _surface(scene, instance)
+        # One viewpoint will do, and most objects have hundreds: a few places first.
+        if any(_viewpoints(navigation, instance, surface, caster, every=n) is not None for n in (25, 1)):
+            counts[instance.label] = counts.get(instance.label, 0) + 1
+    return dict(sorted(counts.items()))
+
+
+def _contents(scene: Scene) -> str:
+    labels = list(scene.labels_by_id.values())
+    return ", ".join(f"{label} ({labels.count(label)})" for label in sorted(set(labels))) or "nothing with a name"
+
+
+def _surface(scene: Scene, instance: Instance) -> NDArray[np.float32]:
+    """(n, 3) points evenly over the triangles of an instance, always the same; in its box if it has none."""
+    corners = scene.vertices[scene.triangles[scene.instance_of_triangle == instance.id]].astype(np.float64)
+    rng = np.random.default_rng([instance.id])
+    if len(corners):
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        if area.sum() > 0:
+            chosen = corners[rng.choice(len(corners), size=_SAMPLES, p=area / area.sum())]
+            u, v = rng.random((2, _SAMPLES, 1))
+            u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+            points = chosen[:, 0] + u * (chosen[:, 1] - chosen[:, 0]) + v * (chosen[:, 2] - chosen[:, 0])
+            return np.asarray(points, dtype=np.float32)
+    low, high = np.array(instance.p_min), np.array(instance.p_max)
+    return np.asarray(low + rng.random((_SAMPLES, 3)) * (high - low), dtype=np.float32)
+
+
+def _visible_share(caster: RayCaster, eyes: NDArray[np.float32], surface: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(n,) share of the points (m, 3) that each eye (n, 3) sees, whatever direction they lie in."""
+    share = np.empty(len(eyes))
+    chunk = max(1, 400_000 // len(surface))  # bounds the rays in memory
+    for i in range(0, len(eyes), chunk):
+        some = eyes[i : i + chunk, None, :]
+        hidden = caster.occluded(some, np.broadcast_to(surface, (len(some), *surface.shape)))
+        share[i : i + chunk] = 1.0 - hidden.mean(axis=1)
+    return share
+
+
+def _eyes(floor: FloorNavigation, cells: NDArray[np.int64]) -> NDArray[np.float32]:
+    xy = floor.grid.centres_of(cells)
+    return np.column_stack([xy, np.full(len(xy), floor.z_m + EYE_HEIGHT_M)]).astype(np.float32)
+
+
+def _viewpoints(
+    navigation: NavigationMap, instance: Instance, surface: NDArray[np.float32], caster: RayCaster, *, every: int = 1
+) -> NDArray[np.bool_] | None:
+    """(rows, cols) cells of the instance's floor that are viewpoints of it, or None if none is; tries every n-th."""
+    floor = navigation.floors.get(instance.floor)
+    if floor is None:
+        return None
+    low, high = np.array(instance.p_min[:2]), np.array(instance.p_max[:2])
+    (row0, col0), (row1, col1) = floor.grid.cells_of(np.array([low - VIEWPOINT_REACH_M, high + VIEWPOINT_REACH_M]))
+    row0, col0 = max(0, int(row0)), max(0, int(col0))
+    near = np.argwhere(navigation.robot_area[floor.id][row0 : max(0, row1 + 1), col0 : max(0, col1 + 1)])
+    cells = near + np.array([row0, col0])
+    xy = floor.grid.centres_of(cells)
+    away = np.linalg.norm(xy - np.clip(xy, low, high), axis=1)
+    cells = cells[away <= VIEWPOINT_REACH_M][::every]
+    if len(cells) == 0:
+        return None
+    cells = cells[_visible_share(caster, _eyes(floor, cells), surface) >= MIN_VISIBLE]
+    if len(cells) == 0:
+        return None
+    mask = np.zeros(floor.grid.shape, dtype=np.bool_)
+    mask[cells[:, 0], cells[:, 1]] = True
+    return mask
+
+
+def sample_start(
+    scene: Scene,
+    navigation: NavigationMap,
+    goals: Goals,
+    *,
+    seed: int,
+    min_path_m: float = 5.0,
+    max_path_m: float = 30.0,
+    caster: RayCaster | None = None,
+) -> Start:
+    """Where a robot begins to search, drawn by ``seed``: on a floor with a goal, indoors in the robots' connected
+    area, at least ``min_path_m`` of way from the nearest viewpoint, that way at least 1.05 times the straight line, no
+    object of the class in sight in any direction, any yaw.
+
+    Where the home is too small for that the rules are relaxed in the order of ``_RELAXATIONS``, and the start says so.
+
+    Raises:
+        TargetError: there is no place at all to start from.
+    """
+    caster = caster or RayCaster(scene)
+    rng = np.random.default_rng([seed, zlib.crc32(goals.label.encode())])
+    candidates = _candidates(navigation, goals, max_path_m, rng)
+    hidden: dict[int, bool] = {}
+    for note, share, detour, unseen in _RELAXATIONS:
+        for index, (floor, cell, path_m, straight_m) in enumerate(candidates):
+            if path_m < share * min_path_m or (detour and path_m < MIN_DETOUR * straight_m):
+                continue
+            f = navigation.floors[floor]
+            if unseen:
+                if index not in hidden:
+                    eye = _eyes(f, cell[None])
+                    # Few points show most of what is in sight; only what looks hidden is worth all of them.
+                    hidden[index] = all(
+                        _visible_share(caster, eye, p)[0] == 0.0 for p in (goals.surface[::16], goals.surface)
+                    )
+                if not hidden[index]:
+                    continue
+            x, y = f.grid.centres_of(cell)
+            notes = (f"{note}: {path_m:.1f} m",) if note else ()
+            yaw_rad = float(rng.uniform(-math.pi, math.pi))
+            return Start((float(x), float(y), f.z_m), floor, yaw_rad, goals.field.at((x, y), floor), notes)
+    raise TargetError(f"there is no place in {scene.name} from which a robot could start to search for {goals.label!r}")
+
+
+def habitat_starts(
+    navigation: NavigationMap, goals: Goals, *, count: int, seed: int, min_path_m: float = 0.2, max_path_m: float = 30.0
+) -> list[Start]:
+    """Up to ``count`` starts by the rules of Habitat's ObjectNav generator, drawn by ``seed``: in the robots' connected
+    area of a floor with a goal, a way of 0.2 to 30 m to the nearest viewpoint, at least 1.05 times the straight line,
+    any yaw; whether the target is in sight doesn't matter. Fewer where the building has no more such places.
+
+    (habitat-lab ``datasets/object_nav``: ``closest_dist_limit``, ``furthest_dist_limit``, ``geodesic_to_euclid_min_ratio``.)
+    """
+    rng = np.random.default_rng([seed, zlib.crc32(goals.label.encode()), 1])
+    starts: list[Start] = []
+    for floor, cell, path_m, straight_m in _candidates(navigation, goals, max_path_m, rng):
+        if len(starts) == count:
+            break
+        if path_m < min_path_m or path_m < MIN_DETOUR * straight_m:
+            continue
+        f = navigation.floors[floor]
+        x, y = f.grid.centres_of(cell)
+        yaw_rad = float(rng.uniform(-math.pi, math.pi))
+        starts.append(Start((float(x), float(y), f.z_m), floor, yaw_rad, goals.field.at((x, y), floor)))
+    return starts
+
+
+def _candidates(
+    navigation: NavigationMap, goals: Goals, max_path_m: float, rng: np.random.Generator
+) -> list[tuple[str, NDArray[np.int64], float, float]]:
+    """Places in random order: floor, cell, way and straight line to the nearest viewpoint of its floor [m]."""
+    found: list[tuple[str, NDArray[np.int64], float, float]] = []
+    for name in sorted(goals.viewpoints):
+        f = navigation.floors[name]
+        distance = goals.field.distance_m[name]
+        ground = navigation.robot_area[name] & (distance <= max_path_m)
+        indoors = ground & f.indoor
+        cells = np.argwhere(indoors if indoors.any() else ground)
+        cells = cells[rng.permutation(len(cells))[:_MAX_START_CANDIDATES]]
+        xy = f.grid.centres_of(cells)
+        straight, _ = cKDTree(goals.viewpoints[name]).query(xy)
+        ways = distance[cells[:, 0], cells[:, 1]]
+        found += [(name, c, float(w), float(s)) for c, w, s in zip(cells, ways, straight, strict=True)]
+    return [found[i] for i in rng.permutation(len(found))]
+
+
+def judge(goals: Goals, state: StateLike, *, shortest_path_m: float) -> Verdict:
+    """Whether a search succeeded, by the simulator's truth. ``shortest_path_m`` is the start's."""
+    distance_m = goals.field.at(state.p_world, state.floor)
+    # A robot that was put on top of a viewpoint has nothing to walk: any path is as good as its own length.
+    longest = max(shortest_path_m, state.path_m)
+    efficiency = shortest_path_m / longest if longest > 0 else 1.0
+    progress = max(0.0, 1.0 - distance_m / shortest_path_m) if shortest_path_m > 0 else float(distance_m <= SUCCESS_M)
+    success = state.stopped and distance_m <= SUCCESS_M
+    return Verdict(
+        success=success,
+        success_at_0_2_m=state.stopped and distance_m <= 0.2,
+        success_at_1_m=state.stopped and distance_m <= 1.0,
+        stop_called=state.stopped,
+        distance_to_viewpoint_m=distance_m,
+        spl=float(success) * efficiency,
+        soft_spl=progress * efficiency,
+        path_m=state.path_m,
+        shortest_path_m=shortest_path_m,
+    )

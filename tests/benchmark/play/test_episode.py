@@ -1,0 +1,140 @@
+"""One search: why it failed, cameras that are late, cameras that are wrong about where they hang."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmark.play import episode
+from benchmark.play.episode import REASONS, _was_seen, reason_of, run_episode
+from benchmark.play.sight import PoseError, Sight
+from benchmark.policies import Task, policy_of
+from services.planner.core.drive import FmmPlanner
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from simulator.truth.choose import choose_backend
+from simulator.world.goals import find_goals, sample_start
+
+# --- why it failed ------------------------------------------------------------------------------------------------
+
+GOALS = SimpleNamespace(label="tv", viewpoints={"1": None})
+
+
+@pytest.mark.parametrize(
+    ("reason", "at_1_m", "found", "error", "seen", "floors"),
+    [
+        ("stopped_short", True, True, "", True, ["1"]),
+        ("false_positive", False, True, "", False, ["1"]),
+        ("false_positive", False, True, "", False, ["0"]),  # where it stopped says more than where it was not
+        ("wrong_floor", False, False, "not_found", False, ["0", "2"]),
+        ("wrong_floor", False, False, "out_of_steps", True, ["0"]),
+        ("seen_and_rejected", False, False, "not_found", True, ["0", "1"]),
+        ("not_seen", False, False, "not_found", False, ["1"]),
+        ("not_seen", False, False, "", False, ["1"]),
+        ("stuck", False, False, "stuck", True, ["1"]),
+        ("unreachable", False, False, "unreachable", True, ["1"]),
+        ("out_of_steps", True, False, "out_of_steps", True, ["1"]),  # beside the goal, and it never said so
+    ],
+)
+def test_every_failure_has_its_name(reason, at_1_m, found, error, seen, floors):
+    verdict = SimpleNamespace(success=False, success_at_1_m=at_1_m)
+    decision = SimpleNamespace(found=found, error=error)
+    assert reason_of(verdict, decision, seen, GOALS, floors) == reason
+    assert reason in REASONS
+    assert reason_of(SimpleNamespace(success=True), decision, seen, GOALS, floors) == ""
+
+
+@dataclass
+class Maps:
+    """Joint maps of one floor that hold one object."""
+
+    center_m: tuple[float, float, float]
+    label_scores: dict[str, float]
+    floors = ("0",)
+
+    def objects(self, floor):
+        return [SimpleNamespace(center_m=np.array(self.center_m), label_scores=self.label_scores)]
+
+
+@pytest.mark.parametrize(
+    ("center_m", "scores", "seen"),
+    [
+        ((1.0, 1.0, 0.5), {"tv": 0.1, "bed": 0.9}, True),  # whatever it is called most
+        ((2.25, 1.0, 0.5), {"tv": 0.1}, True),
+        ((2.35, 1.0, 0.5), {"tv": 0.9}, False),
+        ((1.0, 1.0, 0.5), {"bed": 0.9}, False),
+        ((1.0, 1.0, 0.5), {"tv": 0.0}, False),
+        ((7.0, 1.0, 0.5), {"tv": 0.9}, True),  # one that a robot can't get to
+    ],
+)
+def test_a_goal_was_seen_if_something_that_was_called_so_lies_there(center_m, scores, seen):
+    there = SimpleNamespace(p_min=(0.0, 0.0, 0.0), p_max=(2.0, 2.0, 1.0))
+    apart = SimpleNamespace(p_min=(6.0, 0.0, 0.0), p_max=(8.0, 2.0, 1.0))
+    goals = SimpleNamespace(label="tv", instances=(there,), unreachable=(apart,))
+    assert _was_seen(Maps(center_m, scores), goals) == seen
+
+
+# --- late cameras, wrong cameras ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def flat():
+    return SimulatedBuilding(SimulationSettings(building="parametric_flat", lighting="flat"))
+
+
+def searched(flat, steps, **how):
+    """What the planner was shown at each step, and the steps at which cameras' views came into the maps."""
+    backend = choose_backend("oracle")
+    goals = find_goals(flat.scene, flat.navigation, "toilet", caster=flat.caster)
+    start = sample_start(flat.scene, flat.navigation, goals, seed=1)
+    shown, arrived = [], []
+    real = episode._integrate
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(episode, "_integrate", lambda *a: (arrived.append(len(shown)) if a[2] else None, real(*a))[1])
+        run_episode(
+            Sight(flat, backend, way="depth"), goals, start,
+            policy_of("surveilnav").begin(Task("toilet", 1, steps, FmmPlanner())),
+            on_step=lambda n, view, joint, maps, d: shown.append((d.action, maps.explored.tobytes(), maps.value.tobytes())),
+            **how,
+        )  # fmt: skip
+    return shown, arrived
+
+
+@pytest.mark.parametrize("delay", [0, 1, 5])
+def test_views_arrive_so_many_actions_after_their_camera_was_invoked(flat, delay):
+    alone, never = searched(flat, 8, surveillance=False)
+    late, arrived = searched(flat, 8, delay_steps=delay)
+    assert never == []
+    assert arrived == [delay]  # the floor's cameras are invoked at the first step
+    assert late[:delay] == alone[:delay]
+    assert late[delay] != alone[delay]
+
+
+def test_a_pose_error_is_as_large_as_it_says_and_each_cameras_own():
+    error = PoseError(0.1, math.radians(3.0))
+    drawn = [error.drawn(name, 0) for name in ("c0-1", "c0-2")]
+    for T in drawn:
+        assert np.linalg.norm(T[:3, 3]) == pytest.approx(0.1)
+        assert math.acos((np.trace(T[:3, :3]) - 1) / 2) == pytest.approx(math.radians(3.0))
+        assert np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3))
+    assert not np.allclose(drawn[0], drawn[1])
+    assert np.array_equal(error.drawn("c0-1", 0), drawn[0])
+    assert not np.allclose(error.drawn("c0-1", 1), drawn[0])
+    assert np.array_equal(PoseError().drawn("c0-1", 0), np.eye(4))
+
+
+@pytest.mark.parametrize("way", ["depth", "pixels"])
+def test_a_camera_that_is_wrong_about_its_place_sees_the_same_and_says_another(flat, way):
+    backend = choose_backend("oracle")
+    right, wrong = (
+        Sight(flat, backend, way=way, pose_error=error) for error in (PoseError(), PoseError(0.1, math.radians(3.0)))
+    )
+    name = right.infos[0].camera
+    T_true, T_said = (sight.camera(name)[0].view.T_world_camera for sight in (right, wrong))
+    assert np.array_equal(right.camera(name)[0].view.depth_m, wrong.camera(name)[0].view.depth_m)
+    assert np.linalg.norm(T_said[:3, 3] - T_true[:3, 3]) == pytest.approx(0.1)
+    turn = T_said[:3, :3] @ T_true[:3, :3].T
+    assert math.degrees(math.acos((np.trace(turn) - 1) / 2)) == pytest.approx(3.0)

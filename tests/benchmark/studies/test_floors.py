@@ -1,0 +1,86 @@
+"""A search over the stairs, all services' cores composed, and the table of such searches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmark.studies import floors
+
+RECORD = {
+    "building": "house", "seed": 0, "target": "tv", "start": "1", "summaries": "with", "perception": "onnx-coco",
+    "success": True, "found": True, "reason": "", "message": "found tv", "steps": 60, "path_m": 11.0,
+    "shortest_path_m": 10.0, "spl": 0.9, "floors": ["1", "0"], "seen": {"0": 0.78, "1": 0.0},
+    "changes": [{"step": 20, "floor": "1", "to_floor": "0", "why": "the cameras of floor 0 saw 'tv' with 0.78"}],
+    "summary_bytes": {"c0-1": 100, "c1-1": 80}, "camera_bytes": 5_000_000, "invoked": ["c0-1"], "seconds": 9.0,
+}  # fmt: skip
+WITHOUT = RECORD | {"summaries": "without", "success": False, "reason": "not_found", "spl": 0.0, "summary_bytes": {}}
+
+
+def test_the_table_puts_both_arms_beside_each_other():
+    page = floors.table([RECORD, WITHOUT])
+    assert "| with | 1 | 1 | 90.0 | 60 | 11.0 m | 180 | 5.0 |" in page
+    assert "| without | 1 | 0 | 0.0 |" in page
+    assert "| house | tv | 1 | 0 (0.78) | yes / not_found | 60 / 60 |" in page
+    assert "after 20 steps to 0" in page
+    assert "house-tv-1-with.png" in page
+
+
+@pytest.fixture(scope="module")
+def house():
+    from simulator.simulation import SimulatedBuilding, SimulationSettings
+
+    return SimulatedBuilding(SimulationSettings(building="parametric_house", lighting="flat"))
+
+
+@pytest.fixture(scope="module")
+def downstairs(house):
+    """Only the tv of the ground floor is looked for; its camera sees that one, and the upper one's doesn't see its."""
+    from simulator.world.goals import find_goals
+
+    goals = find_goals(house.scene, house.navigation, "tv", caster=house.caster)
+    below = {"0": goals.viewpoints["0"]}
+    return replace(goals, viewpoints=below, field=house.navigation.distance_field(below))
+
+
+def test_starts_are_where_the_target_is_not(house, downstairs):
+    assert list(floors.elsewhere(house.navigation, downstairs)) == ["1"]
+    starts = [floors.start_on(house.navigation, downstairs, "1", seed) for seed in (0, 0, 1)]
+    assert starts[0] == starts[1] != starts[2]
+    assert all(s.floor == "1" and np.isfinite(s.shortest_path_m) for s in starts)
+    assert all(s.shortest_path_m > house.navigation.transits[0].length_m for s in starts)
+
+
+@pytest.mark.parametrize("planner", ["fmm", "sp"])
+def test_over_the_stairs(house, downstairs, planner):
+    """What the ground floor's camera saw sends the robot down; its own cameras follow it; the choice cost few bytes.
+
+    The robot takes it for sure that upstairs has no tv: else it would look there first.
+    """
+    from benchmark.play.episode import run_episode
+    from benchmark.play.oracle import OraclePlanner
+    from benchmark.play.sight import Sight
+    from benchmark.policies.mission import Mission
+    from benchmark.policies.policy import Task
+    from services.planner.core import PlannerConfig
+    from services.planner.core.drive import FmmPlanner
+    from simulator.truth.choose import choose_backend
+    from simulator.world.goals import Start
+
+    driver = OraclePlanner(house.navigation) if planner == "sp" else FmmPlanner()
+    mission = Mission(Task("tv", 0, 80, driver), PlannerConfig(floor_chances={"tv": 0.0}), summaries=True)
+    head = house.navigation.transits[0].end_on("1")
+    at = house.navigation.snap((head[0], head[1] + 0.8, head[2]), "1")
+    start = Start(at, "1", -np.pi / 2, downstairs.field.at(at, "1"))
+    episode = run_episode(Sight(house, choose_backend("oracle")), downstairs, start, mission)
+    assert episode.floors[:2] == ("1", "0"), episode.message
+    assert "saw 'tv' with 1.00" in mission.changes[0].why
+    assert sorted(episode.camera_bytes) == ["c0-1", "c1-1"]
+    assert sorted(episode.summary_bytes) == ["c0-1", "c1-1"]
+    assert all(0 < n <= 600 for n in episode.summary_bytes.values())
+    assert episode.verdict.path_m > house.navigation.transits[0].length_m
+    image = floors.picture(house, episode)
+    assert image.ndim == 3
+    assert (image != image[0, 0]).any()

@@ -1,0 +1,68 @@
+"""The furniture of the training half and of the validation half: no target is made of both."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from simulator.furniture.placing import Models, kinds, split_kind_of
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from simulator.sources import EXAMPLE_HOMES, open_building
+from surveilnav.categories import TARGETS
+
+
+def of_half(half: Models) -> set[str]:
+    """The models that targets may be made of in a half."""
+    return {m for kind in kinds().values() if kind.label in TARGETS for m in kind.of_half(half)}
+
+
+def test_every_target_kind_has_models_in_both_halves() -> None:
+    for kind in kinds().values():
+        assert kind.val <= set(kind.models)
+        if kind.label in TARGETS:
+            assert kind.val
+            assert set(kind.models) - kind.val
+            assert set(kind.of_half("train")) | set(kind.of_half("val")) == set(kind.models) == set(kind.of_half("all"))
+
+
+def test_the_halves_share_no_model_even_across_kinds() -> None:
+    assert not of_half("train") & of_half("val")
+    for name in ("toilet", "tv"):
+        assert len(kinds()[name].of_half("train")) == len(kinds()[name].of_half("val")) == 2
+
+
+def test_pieces_that_stay_have_a_kind_for_the_halves() -> None:
+    for label in TARGETS:
+        kind = split_kind_of("somebody's own", label)
+        assert kind is not None
+        assert kind.label == label
+    assert split_kind_of("x", "dining table") is None
+
+
+def test_a_half_is_a_plan_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path))
+    paths = {SimulatedBuilding(SimulationSettings(models=m))._plan_path() for m in ("all", "train", "val")}
+    assert len(paths) == 3
+
+
+@pytest.mark.assets
+@pytest.mark.usefixtures("assets")
+@pytest.mark.parametrize("home", EXAMPLE_HOMES)
+def test_homes_keep_to_their_half(home: str) -> None:
+    counts = []
+    for half in ("train", "val"):
+        scene = open_building(home, models=half)
+        used = {i.model for i in scene.instances if i.label in TARGETS}
+        assert used
+        assert used <= of_half(half)
+        counts.append([(i.label, i.floor) for i in scene.instances if i.label in TARGETS])
+    assert counts[0] == counts[1]
+
+
+@pytest.mark.assets
+@pytest.mark.usefixtures("assets")
+def test_with_all_models_homes_are_what_they_were() -> None:
+    """The hashes are those of the commit before there were halves."""
+    assert open_building("studio").content_hash == "b034d4a8b41e79ef207782d5ca2debafd016a6ee"
+    assert open_building("2_bedroom_basement", seed=3).content_hash == "19e6b6832cfd934412952711b5389fc95cea51f7"

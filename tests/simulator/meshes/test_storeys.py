@@ -1,0 +1,148 @@
+"""Floors and stairs found in plain geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from simulator.meshes.buildings import Piece, building_of
+from simulator.plans.assembly import Mesh, MeshBuilder
+from simulator.world.navigation import NavigationMap
+from simulator.world.scene import Material, Scene
+from surveilnav.errors import BuildingError
+
+GREY = Material("grey", (0.5, 0.5, 0.5))
+Corner = tuple[float, float, float]
+
+
+def boxes(*corners: tuple[Corner, Corner]) -> Mesh:
+    builder = MeshBuilder()
+    for low, high in corners:
+        builder.box(low, high, GREY)
+    return builder.mesh()
+
+
+def shell(width: float, depth: float, z: float, height: float = 2.6) -> Mesh:
+    """A floor slab and four walls, no ceiling."""
+    w, d, top = width, depth, z + height
+    return boxes(
+        ((0, 0, z - 0.2), (w, d, z)), ((0, 0, z), (w, 0.1, top)), ((0, d - 0.1, z), (w, d, top)),
+        ((0, 0, z), (0.1, d, top)), ((w - 0.1, 0, z), (w, d, top)),
+    )  # fmt: skip
+
+
+def build(*meshes: Mesh) -> Scene:
+    return building_of([Piece(f"part {i}", "", (mesh,)) for i, mesh in enumerate(meshes)], "test", "test")
+
+
+def levels(scene: Scene) -> list[float]:
+    return [f.z_m for f in scene.floors]
+
+
+def flight(x: float, y: float, rise: float, *, steps: int = 12, tread: float = 0.25, width: float = 1.0) -> Mesh:
+    """Solid steps up along +x from z = 0."""
+    return boxes(
+        *(((x + i * tread, y, 0.0), (x + (i + 1) * tread, y + width, rise * (i + 1) / steps)) for i in range(steps))
+    )
+
+
+def two_storeys(hole: bool = True) -> list[Mesh]:
+    """8 x 6 m twice, 2.6 m apart; a flight along the front wall below a hole in the upper floor."""
+    upper = boxes(((0, 1.6, 2.4), (8, 6, 2.6)), ((5, 0, 2.4), (8, 1.6, 2.6)))
+    if not hole:
+        upper = boxes(((0, 0, 2.4), (8, 6, 2.6)))
+    roof = boxes(((0, 0, 5.2), (8, 6, 5.4)))
+    return [shell(8, 6, 0.0), upper, roof, flight(2.0, 0.3, 2.6)]
+
+
+def test_one_floor_and_its_furniture() -> None:
+    table = boxes(((1, 1, 0.7), (4, 3, 0.75)))  # larger than 4 m2
+    roof = boxes(((0, 0, 2.6), (8, 6, 2.8)))
+    scene = build(shell(8, 6, 0.0), roof, table)
+    assert levels(scene) == [0.0]
+    assert scene.floors[0].height_m == pytest.approx(2.6, abs=0.01)
+    assert any("6 m2 at 0.75 m isn't a floor" in note or "at 0.75 m" in note for note in scene.notes)
+
+
+def test_a_building_without_a_roof_has_its_floor() -> None:
+    assert levels(build(shell(8, 6, 0.3))) == [0.3]
+
+
+def test_roofs_and_gardens_on_a_slope_are_no_floors() -> None:
+    roof = boxes(((0, 0, 2.6), (8, 6, 2.8)))
+    garden = boxes(((-20, 0, -0.4), (0, 6, -0.2)))
+    tilt = np.eye(4)
+    tilt[2, 0] = 0.3
+    assert levels(build(shell(8, 6, 0.0), roof, garden.moved(tilt))) == [0.0]
+
+
+def test_a_wide_ramp_is_a_way_and_no_floor() -> None:
+    halls = boxes(((0, 0, -0.2), (8, 6, 0)), ((20, 0, -0.2), (28, 6, 2.4)), ((0, 0, 6), (28, 6, 6.2)))
+    slope = np.eye(4)
+    slope[2, 0] = 0.2
+    ramp = boxes(((0, 0, -0.2), (12, 6, 0))).moved(slope)
+    ramp.vertices[:, 0] += 8.0
+    scene = build(halls, ramp)
+    assert levels(scene) == [0.0, 2.4]
+    (stair,) = scene.stairs
+    assert stair.length_m == pytest.approx(np.hypot(12.0, 2.4), rel=0.1)
+
+
+def test_stairs_join_floors() -> None:
+    scene = build(*two_storeys())
+    assert levels(scene) == [0.0, 2.6]
+    (stair,) = scene.stairs
+    assert (stair.lower_floor, stair.upper_floor) == ("0", "1")
+    # On and off where a robot has room, beside the first and the last step if that is shorter.
+    assert np.hypot(stair.lower_m[0] - 2.1, stair.lower_m[1] - 0.8) < 0.8
+    assert np.hypot(stair.upper_m[0] - 4.9, stair.upper_m[1] - 0.8) < 0.8
+    assert stair.length_m == pytest.approx(np.hypot(3.0, 2.6), rel=0.15)
+    navigation = NavigationMap.build(scene)
+    assert len(navigation.transits) == 1
+    assert all(area.any() for area in navigation.robot_area.values())
+    assert not scene.notes
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        lambda m: m[:3],  # no flight
+        lambda m: [*m[:3], flight(2.0, 0.3, 2.6, steps=6, tread=0.5)],  # risers of 0.43 m
+        lambda m: [*m[:3], flight(2.0, 0.3, 2.6, width=0.25)],  # a plank
+        lambda m: two_storeys(hole=False),  # into the ceiling
+    ],
+)
+def test_what_nobody_can_climb_is_no_stair(broken: Callable[[list[Mesh]], list[Mesh]]) -> None:
+    scene = build(*broken(two_storeys()))
+    assert levels(scene) == [0.0, 2.6]
+    assert scene.stairs == ()
+    assert any("no stairs found" in note for note in scene.notes)
+
+
+def test_a_split_level_counts_if_steps_lead_there() -> None:
+    podium = boxes(((4, 0.1, 0), (8, 5.9, 1.0)))
+    steps = flight(3.0, 2.0, 1.0, steps=5, tread=0.2, width=1.5)
+    roof = boxes(((0, 0, 3.0), (8, 6, 3.1)))
+    assert levels(build(shell(8, 6, 0.0, 3.0), roof, podium, steps)) == [0.0, 1.0]
+    assert levels(build(shell(8, 6, 0.0, 3.0), roof, podium)) == [0.0]
+
+
+def test_a_model_inside_out_has_floors_too() -> None:
+    scene = build(*two_storeys())
+    flipped = [Mesh(m.vertices, m.triangles[:, ::-1].copy(), m.uvs, m.material, m.materials) for m in two_storeys()]
+    assert levels(build(*flipped)) == levels(scene)
+
+
+def test_things_stand_on_the_floor_below_them() -> None:
+    lamp = boxes(((1, 4, 2.2), (1.3, 4.3, 2.4)))
+    bed = boxes(((5, 3, 2.6), (7, 5, 3.1)))
+    pieces = [Piece(f"part {i}", "", (mesh,)) for i, mesh in enumerate(two_storeys())]
+    scene = building_of([*pieces, Piece("Lamp", None, (lamp,)), Piece("Bed.002", None, (bed,))], "test", "test")
+    assert {i.name: (i.label, i.floor) for i in scene.instances[-2:]} == {"Lamp": ("", "0"), "Bed.002": ("bed", "1")}
+
+
+def test_nowhere_to_stand_is_refused() -> None:
+    with pytest.raises(BuildingError, match="no floor"):
+        build(boxes(((0, 0, 0), (1.8, 1.8, 0.4))))
