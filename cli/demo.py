@@ -36,14 +36,13 @@ from simulator.world.goals import Goals, Start, Verdict, find_goals, judge, samp
 from surveilnav.bus import Node, Refused, clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.contract import CAMERA_REQUEST, MAP_LAYER, MISSION_CANCEL, MISSION_GOAL, OBJECTS
-from surveilnav.errors import BusError, MissionError, SurveilNavError
+from surveilnav.errors import BusError, MissionError, SurveilNavError, WireError
 from surveilnav.geometry import Grid, yaw_of
 from surveilnav.messages import CameraRequest, MissionCancel, MissionGoal, MissionStatus, ObjectRecord
-from surveilnav.sensing.packing import unpack_array
+from surveilnav.sensing.layers import GRID_LAYERS, unpack_layer
 
 ROBOT = "r1"
 _READY_S = 180.0
-_REPORT_LAYERS = ("occupancy", "explored", "frontier", "value")
 _MOST_DECIDING_VIEWS = 6
 
 
@@ -219,15 +218,13 @@ def _trajectory(recorder: Recorder) -> list[Step]:
 
 def _layers(node: Node, floor: str, target: str) -> dict[str, tuple[Grid, Any]]:
     layers = {}
-    for layer in _REPORT_LAYERS:
+    for layer in GRID_LAYERS:
         parameters = {"target": target} if layer == "value" else None
         try:
             answer = node.ask(MAP_LAYER, floor=floor, layer=layer, parameters=parameters)
-        except BusError as error:
+            layers[layer] = (answer.message.grid, unpack_layer(layer, answer.message, answer.payload))
+        except (BusError, WireError) as error:
             node.log.warning("the report lacks a layer", layer=layer, error=str(error))
-            continue
-        header = answer.message
-        layers[layer] = (header.grid, unpack_array(answer.payload, header.dtype, header.shape))
     return layers
 
 

@@ -10,8 +10,8 @@ import httpx
 from rich.console import Console
 from rich.markup import escape
 
-from cli.recorder import TERMINAL
 from surveilnav.errors import SurveilNavError
+from surveilnav.messages import FINISHED_STATES
 
 _LOST_S = 20.0
 
@@ -48,7 +48,7 @@ def follow_mission(url: str, target: str, robot: str, max_steps: int, console: C
             if line != shown:
                 shown = line
                 console.print(line, markup=False)
-            if mission["state"] in TERMINAL:
+            if mission["state"] in FINISHED_STATES:
                 break
             heard_s = heard_s if mission.get("stale") else time.monotonic()
             if time.monotonic() - heard_s > _LOST_S:

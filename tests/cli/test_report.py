@@ -27,7 +27,7 @@ from cli.report import (
     traffic_lines,
     write_report,
 )
-from cli.report_map import coverage
+from cli.report.coverage import coverage
 from surveilnav import contract
 from surveilnav.geometry import Grid
 from surveilnav.messages import MissionStatus, TrafficReport, TrafficRow

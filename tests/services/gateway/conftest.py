@@ -120,7 +120,7 @@ class FakeBuilding:
 
     def _cancel(self, request: Request) -> Answer:
         status = self._known(request)
-        if status.state in ("done", "failed", "cancelled"):
+        if status.state in m.FINISHED_STATES:
             return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=False, state=status.state))
         return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=True, state="cancelled"))
 

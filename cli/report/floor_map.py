@@ -1,28 +1,23 @@
-"""The pictures of a run's report: the floor from above and the views with their detections, as SVG around PNG and JPEG.
-
-Everything is drawn in pixels, y down, ``_Frame`` maps the world's metres there. No scripts, nothing from elsewhere.
-"""
+"""The floor from above, as SVG around PNG. Everything is drawn in pixels, y down; ``_Frame`` maps the world's metres there."""
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.gateway.core.layers import COLOURS, colour_values, encode_png
+from cli.report.coverage import Sector, azimuth, coverage
+from cli.report.svg import data_uri, drawing, tag
+from services.gateway.core.layers import COLOURS, colour_cells, colour_values, encode_png
 from surveilnav.geometry import Grid
-from surveilnav.messages import CameraInfo, CameraViewInfo, ObjectRecord
+from surveilnav.messages import CameraInfo, ObjectRecord
 
 Layers = dict[str, tuple[Grid, NDArray]]
-#: Azimuths [rad] from, to; anticlockwise.
-Sector = tuple[float, float]
 
 PATH, TARGET, REJECTED, CAMERA, IDLE, DECIDING = "#d6336c", "#12805c", "#a33a2b", "#6741d9", "#868e96", "#e8a200"
 _WIDTH_PX, _HEIGHT_PX = 1080.0, 760.0
@@ -45,9 +40,11 @@ class _Frame:
 
     @property
     def size(self) -> tuple[float, float]:
+        """Width and height [px]."""
         return (self.east_m - self.west_m) * self.scale, (self.north_m - self.south_m) * self.scale
 
     def at(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Pixel (u, v) of a place in the world."""
         return (x_m - self.west_m) * self.scale, (self.north_m - y_m) * self.scale
 
 
@@ -78,7 +75,7 @@ def map_svg(content: MapContent, title: str) -> str:
     parts += [_object(frame, o) for o in content.objects]
     parts += [_camera(frame, c, c.camera in content.invoked, content.deciding) for c in content.cameras]
     parts += [_ends(frame, content), _scale_bar(frame)]
-    return _svg(frame.size, parts, title)
+    return drawing(frame.size, parts, title)
 
 
 def value_svg(content: MapContent, title: str) -> tuple[str, float, float] | None:
@@ -93,63 +90,7 @@ def value_svg(content: MapContent, title: str) -> tuple[str, float, float] | Non
     parts += [_layer(frame, content.layers, "occupancy"), _path(frame, content.path_m, thin=True)]
     parts += [_object(frame, o) for o in content.objects if o.status == "confirmed"]
     parts.append(_scale_bar(frame))
-    return _svg(frame.size, parts, title), float(np.nanmin(values)), float(np.nanmax(values))
-
-
-def view_svg(
-    jpeg: bytes,
-    boxes: Iterable[tuple[float, float, float, float, str, float]],
-    target: str,
-    title: str,
-    width_px: int = 760,
-) -> str | None:
-    """A view with its detections (x0, y0, x1, y1, label, score) [px]; None if the JPEG doesn't decode."""
-    bgr = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) if jpeg else None
-    if bgr is None:
-        return None
-    scale = min(1.0, width_px / bgr.shape[1])
-    if scale < 1.0:
-        bgr = cv2.resize(bgr, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    height, width = bgr.shape[:2]
-    _, small = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 85])
-    parts = [_tag("image", href=_uri("jpeg", small.tobytes()), width=width, height=height)]
-    font_px = max(11.0, width / 48)
-    for x0, y0, x1, y1, label, score in sorted(boxes, key=lambda b: b[4] == target):  # the target's on top
-        x0, x1, y0, y1 = x0 * scale, x1 * scale, y0 * scale, y1 * scale
-        text, line_px = f"{label} {score:.2f}", font_px * 1.4
-        y = max(y0, line_px)
-        box = _tag("rect", x=x0, y=y0, width=x1 - x0, height=y1 - y0)
-        tag = _tag("rect", class_="tag", x=x0, y=y - line_px, width=len(text) * font_px * 0.58 + 8, height=line_px)
-        words = _tag("text", escape(text), x=x0 + 4, y=y - font_px * 0.38, font_size=font_px)
-        parts.append(_tag("g", box, tag, words, class_="box hit" if label == target else "box"))
-    return _svg((width, height), parts, title, "view")
-
-
-def coverage(info: CameraInfo) -> list[Sector]:
-    """The azimuths that the views of a camera cover together; [(0, 2 pi)] for a panorama, [] if all look down."""
-    n = 720
-    azimuths = (np.arange(n) + 0.5) * math.tau / n
-    covered = np.zeros(n, bool)
-    for view in info.views:
-        if (yaw := azimuth(view)) is not None:
-            apart = (azimuths - yaw + math.pi) % math.tau - math.pi
-            covered |= np.abs(apart) <= info.intrinsics.hfov_rad / 2
-    if covered.all():
-        return [(0.0, math.tau)]
-    starts = np.nonzero(covered & ~np.roll(covered, 1))[0]
-    ends = np.nonzero(covered & ~np.roll(covered, -1))[0] + 1
-    if len(starts) and ends[0] <= starts[0]:  # the first run began before azimuth 0
-        ends = np.roll(ends, -1)
-    return [
-        (a * math.tau / n, (b if b > a else b + n) * math.tau / n)
-        for a, b in zip(starts.tolist(), ends.tolist(), strict=True)
-    ]
-
-
-def azimuth(view: CameraViewInfo) -> float | None:
-    """Where a view looks [rad, anticlockwise from +x]; None if (nearly) straight down or up."""
-    axis = view.T_world_camera.matrix()[:3, 2]
-    return math.atan2(axis[1], axis[0]) if math.hypot(axis[0], axis[1]) > 0.3 else None
+    return drawing(frame.size, parts, title), float(np.nanmin(values)), float(np.nanmax(values))
 
 
 # --- parts ----------------------------------------------------------------------------------------------------
@@ -172,33 +113,6 @@ def _frame(content: MapContent) -> _Frame:
     return _Frame(float(west), float(south), float(east), float(north))
 
 
-def _tag(name: str, *children: str, **attributes: object) -> str:
-    """An element; ``children`` are SVG already. ``stroke_width`` writes stroke-width, ``class_`` writes class."""
-
-    def value(v: object) -> str:
-        return f"{v:.1f}" if isinstance(v, float) else escape(str(v))
-
-    written = "".join(f' {k.rstrip("_").replace("_", "-")}="{value(v)}"' for k, v in attributes.items())
-    return f"<{name}{written}>{''.join(children)}</{name}>" if children else f"<{name}{written}/>"
-
-
-def _camel(element: str, name: str, value: str) -> str:
-    """Adds an attribute whose name isn't Python's."""
-    return element.replace(" ", f' {name}="{value}" ', 1)
-
-
-def _svg(size: tuple[float, float], parts: Iterable[str], title: str, kind: str = "map") -> str:
-    width, height = size
-    drawn = _tag(
-        "svg", f"<title>{escape(title)}</title>", *parts, class_=kind, style=f"max-width:{width:.0f}px", role="img"
-    )
-    return _camel(drawn, "viewBox", f"0 0 {width:.0f} {height:.0f}")
-
-
-def _uri(kind: str, data: bytes) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-
-
 def _layer(frame: _Frame, layers: Layers, name: str, tint: bool = False) -> str:
     """A layer as PNG, cut to the frame. As a tint, values show the more the higher they are."""
     if name not in layers:
@@ -210,30 +124,36 @@ def _layer(frame: _Frame, layers: Layers, name: str, tint: bool = False) -> str:
     if row1 <= row0 or col1 <= col0:
         return ""
     cut = cells[row0:row1, col0:col1]
-    if (colour := COLOURS[name]) is not None:
-        rgba = np.zeros((*cut.shape, 4), np.uint8)
-        rgba[cut != 0] = (*colour, 255)
-    else:
-        finite = cells[np.isfinite(cells)]
-        if not finite.size:
-            return ""
-        least, most = float(finite.min()), float(finite.max())
-        rgba, _, _ = colour_values(cut, least, most)
-        if tint:
-            share = (np.nan_to_num(cut, nan=least, posinf=least, neginf=least) - least) / max(most - least, 1e-9)
-            rgba[..., 3] = (rgba[..., 3] * 0.75 * share).astype(np.uint8)
+    colour = COLOURS[name]
+    rgba = colour_cells(cut, colour) if colour is not None else _colour_values(cells, cut, tint)
+    if rgba is None:
+        return ""
     r = grid.resolution_m
     x, y = frame.at(grid.origin_x_m + col0 * r, grid.origin_y_m + row1 * r)
     width, height = (col1 - col0) * r * frame.scale, (row1 - row0) * r * frame.scale
-    image = _tag("image", href=_uri("png", encode_png(rgba)), x=x, y=y, width=width, height=height, class_="layer")
-    return _camel(image, "preserveAspectRatio", "none")
+    place = {"x": x, "y": y, "width": width, "height": height}
+    png = data_uri("png", encode_png(rgba))
+    return tag("image", href=png, **place, class_="layer", preserveAspectRatio="none")
+
+
+def _colour_values(values: NDArray, cut: NDArray, tint: bool) -> NDArray[np.uint8] | None:
+    """RGBA of the stretch ``cut`` of ``values``, on the scale of them all; None if nothing is known."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return None
+    low, high = float(finite.min()), float(finite.max())
+    rgba, _, _ = colour_values(cut, low, high)
+    if tint:
+        share = (np.nan_to_num(cut, nan=low, posinf=low, neginf=low) - low) / max(high - low, 1e-9)
+        rgba[..., 3] = (rgba[..., 3] * 0.75 * share).astype(np.uint8)
+    return rgba
 
 
 def _line(frame: _Frame, path_m: Iterable[Sequence[float]], stroke: str, stroke_width: float, **more: object) -> str:
     places = (frame.at(p[0], p[1]) for p in path_m if all(map(math.isfinite, p[:2])))
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
     style = {"stroke_linejoin": "round", "stroke_linecap": "round", **more}
-    return _tag("polyline", points=points, fill="none", stroke=stroke, stroke_width=stroke_width, **style)
+    return tag("polyline", points=points, fill="none", stroke=stroke, stroke_width=stroke_width, **style)
 
 
 def _path(frame: _Frame, path_m: NDArray[np.float64], thin: bool = False) -> str:
@@ -252,7 +172,7 @@ def _path(frame: _Frame, path_m: NDArray[np.float64], thin: bool = False) -> str
             (u, v), degrees = frame.at((x0 + x1) / 2, (y0 + y1) / 2), -math.degrees(math.atan2(y1 - y0, x1 - x0))
             place = f"translate({u:.1f} {v:.1f}) rotate({degrees:.0f})"
             chevron = "M9 0L-6 7L-2.5 0L-6 -7Z"
-            parts.append(_tag("path", d=chevron, transform=place, fill=PATH, stroke="#fff", stroke_width=1.5))
+            parts.append(tag("path", d=chevron, transform=place, fill=PATH, stroke="#fff", stroke_width=1.5))
     return "".join(parts)
 
 
@@ -263,9 +183,9 @@ def _planned(frame: _Frame, content: MapContent) -> str:
         parts.append(_line(frame, content.planned_m, PATH, 2.0, stroke_dasharray="2 5", opacity=0.8))
     if content.waypoint_m is not None and all(map(math.isfinite, content.waypoint_m)):
         u, v = frame.at(*content.waypoint_m)
-        ring = _tag("circle", cx=u, cy=v, r=8, fill="none", stroke=PATH, stroke_width=2)
-        cross = _tag("path", d=f"M{u - 12:.1f} {v:.1f}h24M{u:.1f} {v - 12:.1f}v24", stroke=PATH, stroke_width=1.4)
-        parts.append(_tag("g", "<title>last waypoint</title>", ring, cross))
+        ring = tag("circle", cx=u, cy=v, r=8, fill="none", stroke=PATH, stroke_width=2)
+        cross = tag("path", d=f"M{u - 12:.1f} {v:.1f}h24M{u:.1f} {v - 12:.1f}v24", stroke=PATH, stroke_width=1.4)
+        parts.append(tag("g", "<title>last waypoint</title>", ring, cross))
     return "".join(parts)
 
 
@@ -275,12 +195,12 @@ def _ends(frame: _Frame, content: MapContent) -> str:
     parts = []
     if content.starts:
         u, v = frame.at(*content.path_m[0])
-        parts.append(_tag("circle", cx=u, cy=v, r=7, fill="#fff", stroke=PATH, stroke_width=3.5))
+        parts.append(tag("circle", cx=u, cy=v, r=7, fill="#fff", stroke=PATH, stroke_width=3.5))
         parts.append(_text(u + 11, v + 4, "start"))
     if content.stops:
         u, v = frame.at(*content.path_m[-1])
         square = {"x": u - 6.5, "y": v - 6.5, "width": 13, "height": 13, "rx": 2}
-        parts.append(_tag("rect", **square, fill=PATH, stroke="#fff", stroke_width=2))
+        parts.append(tag("rect", **square, fill=PATH, stroke="#fff", stroke_width=2))
         parts.append(_text(u + 12, v + 4, "stop"))
     return "".join(parts)
 
@@ -289,10 +209,10 @@ def _sector(frame: _Frame, x_m: float, y_m: float, sector: Sector, radius_m: flo
     (u, v), r = frame.at(x_m, y_m), radius_m * frame.scale
     start, end = sector
     if end - start >= math.tau - 1e-6:
-        return _tag("circle", cx=u, cy=v, r=r, **style)
+        return tag("circle", cx=u, cy=v, r=r, **style)
     (u0, v0), (u1, v1) = ((u + r * math.cos(a), v - r * math.sin(a)) for a in sector)
     arc = f"A{r:.1f} {r:.1f} 0 {int(end - start > math.pi)} 0 {u1:.1f} {v1:.1f}"
-    return _tag("path", d=f"M{u:.1f} {v:.1f}L{u0:.1f} {v0:.1f}{arc}Z", **style)
+    return tag("path", d=f"M{u:.1f} {v:.1f}L{u0:.1f} {v0:.1f}{arc}Z", **style)
 
 
 def _cones(frame: _Frame, info: CameraInfo, invoked: bool, deciding: frozenset[tuple[str, int]]) -> str:
@@ -310,7 +230,7 @@ def _cones(frame: _Frame, info: CameraInfo, invoked: bool, deciding: frozenset[t
             parts.append(_sector(frame, x, y, (yaw - half, yaw + half), 2.4 * _CONE_M, **strong))
         (u0, v0), (u1, v1) = ((u + f * r * math.cos(yaw), v - f * r * math.sin(yaw)) for f in (0.8, 1.0))
         parts.append(
-            _tag("path", d=f"M{u0:.1f} {v0:.1f}L{u1:.1f} {v1:.1f}", stroke=colour, stroke_width=1.3, opacity=0.8)
+            tag("path", d=f"M{u0:.1f} {v0:.1f}L{u1:.1f} {v1:.1f}", stroke=colour, stroke_width=1.3, opacity=0.8)
         )
     return "".join(parts)
 
@@ -321,10 +241,10 @@ def _camera(frame: _Frame, info: CameraInfo, invoked: bool, deciding: frozenset[
     said = "decided" if decided else "in use" if invoked else "not in use"
     parts = [f"<title>{escape(f'camera {info.camera}: {said}')}</title>"]
     if decided:
-        parts.append(_tag("circle", cx=u, cy=v, r=10.5, fill="none", stroke=DECIDING, stroke_width=4))
+        parts.append(tag("circle", cx=u, cy=v, r=10.5, fill="none", stroke=DECIDING, stroke_width=4))
     colour = CAMERA if invoked else IDLE
-    parts.append(_tag("circle", cx=u, cy=v, r=6, fill=colour, stroke="#fff", stroke_width=2))
-    return _tag("g", *parts, _text(u + 12, v - 7, info.camera))
+    parts.append(tag("circle", cx=u, cy=v, r=6, fill=colour, stroke="#fff", stroke_width=2))
+    return tag("g", *parts, _text(u + 12, v - 7, info.camera))
 
 
 def _object(frame: _Frame, record: ObjectRecord) -> str:
@@ -339,15 +259,15 @@ def _object(frame: _Frame, record: ObjectRecord) -> str:
     said = f"#{record.id} {record.label}: {record.status}, {record.confidence:.2f}. {record.reason}"
     parts = [f"<title>{escape(said)}</title>"]
     if record.status == "confirmed":
-        parts.append(_tag("rect", x=u, y=v, width=width, height=height, **style))
+        parts.append(tag("rect", x=u, y=v, width=width, height=height, **style))
         parts.append(_text(u + width / 2, v - 6, f"{record.label} {record.confidence:.2f}", colour, "middle"))
     else:
-        parts.append(_tag("rect", x=u, y=v, width=width, height=height, stroke_dasharray="5 4", **style))
-    return _tag("g", *parts)
+        parts.append(tag("rect", x=u, y=v, width=width, height=height, stroke_dasharray="5 4", **style))
+    return tag("g", *parts)
 
 
 def _text(u: float, v: float, text: str, colour: str = "#1c2430", anchor: str = "start") -> str:
-    return _tag("text", escape(text), x=u, y=v, fill=colour, text_anchor=anchor)
+    return tag("text", escape(text), x=u, y=v, fill=colour, text_anchor=anchor)
 
 
 def _scale_bar(frame: _Frame) -> str:
@@ -355,5 +275,5 @@ def _scale_bar(frame: _Frame) -> str:
     u, v = 16.0, frame.size[1] - 16.0
     end = u + length_m * frame.scale
     bar = f"M{u:.1f} {v - 5:.1f}V{v:.1f}H{end:.1f}V{v - 5:.1f}"
-    drawn = _tag("path", d=bar, fill="none", stroke="#1c2430", stroke_width=1.8)
+    drawn = tag("path", d=bar, fill="none", stroke="#1c2430", stroke_width=1.8)
     return drawn + _text((u + end) / 2, v - 6, f"{length_m} m", anchor="middle")
