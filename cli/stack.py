@@ -34,6 +34,7 @@ class Stack:
 
     @property
     def bus(self) -> BusSettings:
+        """How a client comes onto the stack's bus."""
         return BusSettings(
             router=self.environment["SURVEILNAV_BUS__ROUTER"], building=self.environment["SURVEILNAV_BUS__BUILDING"]
         )

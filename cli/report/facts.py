@@ -86,6 +86,7 @@ def facts_of(record: RunRecord) -> dict[str, Any]:
 
 def _tiles(record: RunRecord) -> list[Tile]:
     def number(name: str, form: str, unit: str = "") -> str:
+        """With its unit; a dash if it is unknown."""
         value = record.number(name)
         return "–" if value is None else format(value, form) + unit
 
@@ -186,6 +187,7 @@ def _candidates(record: RunRecord) -> list[ObjectRecord]:
     target = canonical(record.target)
 
     def alike(o: ObjectRecord) -> bool:
+        """Whether any source or detection ever called it so."""
         names = {o.label, o.label_robot, o.label_surveillance, *o.label_scores, *(e.label for e in o.history)}
         return target in {canonical(n) for n in names if n}
 

@@ -17,7 +17,7 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 class Unanswered(BusError):  # noqa: N818 - an answer, not a fault
-    """A query that nobody answered. ``timed_out``: somebody may be there, but no answer came in time."""
+    """A query without an answer: nobody is there, or (``timed_out``) who is there took too long."""
 
     def __init__(self, message: str, *, timed_out: bool = False) -> None:
         super().__init__(message)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
@@ -26,7 +26,7 @@ def utc(stamp_ns: int | None) -> datetime | None:
     if not stamp_ns:
         return None
     try:
-        return datetime.fromtimestamp(stamp_ns / 1e9, timezone.utc)
+        return datetime.fromtimestamp(stamp_ns / 1e9, UTC)
     except (OverflowError, ValueError, OSError):
         return None
 

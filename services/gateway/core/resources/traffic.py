@@ -52,6 +52,7 @@ class Traffic(BaseModel):
         """``heard``: by "kind/node", when a report last came (ns) and whether that is too long ago."""
 
         def age(node: str) -> dict[str, object]:
+            """When a node's report last came, and whether that is too long ago."""
             seen_ns, stale = heard.get(node, (0, True))
             return {"last_seen": seen_ns, "stale": stale}
 
