@@ -11,7 +11,6 @@ from cli.report.floor_map import Layers
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_REQUEST, MAP_LAYER, OBJECTS
 from surveilnav.errors import BusError, WireError
-from surveilnav.geometry import yaw_of
 from surveilnav.messages import CameraRequest, MissionStatus, ObjectEvent, ObjectRecord
 from surveilnav.sensing.layers import GRID_LAYERS, unpack_layer
 
@@ -19,13 +18,9 @@ _MOST_DECIDING_VIEWS = 6
 
 
 def trajectory(recorder: Recorder) -> list[Step]:
-    """Where the robot was after each action."""
-    steps = []
-    for seq in sorted(recorder.observations):
-        header = recorder.observations[seq][0]
-        T = header.T_world_base.matrix()
-        steps.append(Step(T[0, 3], T[1, 3], yaw_of(T), header.floor, seq, header.last_action or ""))
-    return steps
+    """Where the robot was at the start and after each action."""
+    headers = [recorder.observations[seq][0] for seq in sorted(recorder.observations)]
+    return [Step(*header.T_world_base.translation_m[:2], header.floor) for header in headers]
 
 
 def layers(node: Node, floor: str, target: str) -> Layers:

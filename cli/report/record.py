@@ -17,14 +17,11 @@ from surveilnav.messages import CameraInfo, MissionStatus, ObjectRecord, Plan, T
 
 
 class Step(NamedTuple):
-    """Where the robot was after ``action``: world metres and radians. ``action`` is "" for the start."""
+    """Where the robot was after an action, or at the start [m, world]."""
 
     x_m: float
     y_m: float
-    yaw_rad: float
     floor: str
-    step: int
-    action: str
 
 
 class DecidingView(NamedTuple):

@@ -154,7 +154,7 @@ def record() -> RunRecord:
             "shortest_path_m": 10.4,
             "distance_to_viewpoint_m": 0.06,
         },
-        trajectory=[Step(x, y, 0.0, "0", i, "move_forward" if i else "") for i, (x, y) in enumerate(way)],
+        trajectory=[Step(x, y, "0") for x, y in way],
         plans=plans,
         layers={"0": _layers()},
         cameras=[

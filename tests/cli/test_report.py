@@ -235,7 +235,7 @@ def test_odd_data_is_left_out_or_escaped(record, tmp_path):
                 "explored": (grid, np.zeros(grid.shape, np.uint8)),
             }
         },
-        trajectory=[Step(math.nan, 0.0, 0.0, "0", 0, evil), Step(1.0, 2.0, 0.0, "0", 1, "")],
+        trajectory=[Step(math.nan, 0.0, evil), Step(1.0, 2.0, "0")],
         objects=[
             msgspec.structs.replace(
                 record.objects[0], label=evil, reason=evil, confidence=math.nan, center_m=(math.nan, 0.0, 0.0)
@@ -266,7 +266,7 @@ def test_layers_lie_where_they_belong(record, tmp_path):
         objects=[],
         plans=[],
         deciding_views=[],
-        trajectory=[Step(0.25, 0.25, 0, "0", 0, ""), Step(9.75, 4.75, 0, "0", 1, "")],
+        trajectory=[Step(0.25, 0.25, "0"), Step(9.75, 4.75, "0")],
     )
     write_report(bare, tmp_path / "r.html")
     html = (tmp_path / "r.html").read_text(encoding="utf-8")

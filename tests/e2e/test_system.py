@@ -58,7 +58,7 @@ def test_a_mission_survives_the_death_of_perception(system):
     s = system(cameras=1)
     s.search("tv")
     s.wait(lambda m: m.step >= 5, 90)
-    s.stack.kill("perception")
+    s.kill("perception")
     held = s.wait(lambda m: "perception" in m.message.lower(), 60)
     assert held.state in ("active", "confirming")
     time.sleep(2.0)
@@ -165,7 +165,7 @@ def test_a_mission_survives_the_death_of_its_planner(system):
     steps = []
     for _ in range(3):
         steps.append(s.wait(lambda m: m.step >= (steps[-1] if steps else 0) + 4 or m.state in FINISHED_STATES, 90).step)
-        s.stack.kill("planner")
+        s.kill("planner")
         s.stack.start_service("planner")
         until_s = time.monotonic() + 30
         while not s.node.ask_all(MISSION_STATUS):
@@ -175,7 +175,7 @@ def test_a_mission_survives_the_death_of_its_planner(system):
     assert (ended.state, ended.found) == ("done", True), ended
     seq = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
     assert seq == ended.step, "as many actions as were decided: none twice, none lost"
-    s.stack.kill("planner")
+    s.kill("planner")
     s.stack.start_service("planner")
     until_s = time.monotonic() + 30
     while s.node.ask_all(MISSION_STATUS) == []:

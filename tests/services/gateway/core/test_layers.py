@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from services.gateway.core.layers import COLOURS, colour_values, render
 from surveilnav.geometry import Grid
+from surveilnav.sensing.layers import GRID_LAYERS
 
 
 def decode(png: bytes) -> np.ndarray:
@@ -56,3 +57,7 @@ def test_large_maps_are_joined_and_keep_thin_walls(layer, dtype):
     assert rgba.shape == (101, 100, 4)
     assert (rgba[..., 3] > 0).any(axis=1).sum() == 1
     assert (rgba[101 - 1 - 150 // 3, :, 3] == 255).all()
+
+
+def test_every_layer_on_a_grid_has_a_picture():
+    assert set(COLOURS) == set(GRID_LAYERS)
