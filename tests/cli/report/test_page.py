@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import math
 import re
 from dataclasses import replace
@@ -15,22 +14,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from cli.report import (
-    DecidingView,
-    Moment,
-    RunRecord,
-    Step,
-    TrafficLine,
-    human_bytes,
-    outcome,
-    run_json,
-    traffic_lines,
-    write_report,
-)
-from cli.report.coverage import coverage
-from surveilnav import contract
+from cli.report import DecidingView, Moment, RunRecord, Step, TrafficLine, outcome, write_report
 from surveilnav.geometry import Grid
-from surveilnav.messages import MissionStatus, TrafficReport, TrafficRow
+from surveilnav.messages import MissionStatus
 
 
 class Page(HTMLParser):
@@ -167,42 +153,6 @@ def test_outcomes_in_plain_words(record, status, verdict, tone, words, tmp_path)
     assert words in written(ended, tmp_path)[1]
 
 
-def test_run_json_has_the_promised_members(record):
-    facts = json.loads(json.dumps(run_json(record, Path("runs/1/report.html")), allow_nan=False))
-    expected = {
-        "found": True,
-        "success": True,
-        "steps": 42,
-        "spl": 0.87,
-        "path_m": 11.9,
-        "shortest_path_m": 10.4,
-        "seconds": 48.2,
-        "perception": "onnx-coco",
-        "cameras": 4,
-        "invoked_cameras": ["c1", "c2", "c3"],
-        "report": "runs/1/report.html",
-        "traffic": {"offered": 43_802_100, "delivered": 64_790_900, "wire": 42_979_000},
-    }
-    assert {k: facts[k] for k in expected} == expected
-
-
-def test_run_json_without_a_verdict_tells_what_the_mission_said(record):
-    facts = run_json(replace(record, verdict={}, status=_status(error="stuck"), traffic=[]))
-    assert (facts["found"], facts["success"], facts["steps"], facts["path_m"], facts["spl"]) == (
-        False,
-        False,
-        500,
-        80.0,
-        None,
-    )
-    assert facts["error"] == "stuck"
-    assert facts["traffic"] == {"offered": 0, "delivered": 0, "wire": None}
-    json.dumps(
-        run_json(replace(record, verdict={"spl": math.nan, "odd": np.float32(1), "worse": [math.inf, {1: object}]})),
-        allow_nan=False,
-    )
-
-
 def test_nothing_at_all_still_gives_a_report(record, tmp_path):
     empty = RunRecord(
         building="b",
@@ -282,53 +232,3 @@ def test_layers_lie_where_they_belong(record, tmp_path):
     row, col = np.argwhere(picture[..., 3])[0]
     centre = x + (col + 0.5) * width / picture.shape[1], y + (row + 0.5) * height / picture.shape[0]
     assert centre == pytest.approx((u + (2.25 - 0.25) * scale, v - (1.25 - 0.25) * scale), abs=0.5)
-
-
-@pytest.mark.parametrize(
-    ("azimuths", "expected"),
-    [
-        (range(0, 360, 30), [(0, 360)]),
-        (range(0, 1, 30), [(310, 410)]),
-        (range(-30, 120, 30), [(280, 500)]),
-        (range(90, 271, 180), [(40, 140), (220, 320)]),
-        (range(0), []),
-    ],
-)
-def test_what_a_camera_covers(camera, azimuths, expected):
-    sectors = [tuple(math.degrees(a) for a in sector) for sector in coverage(camera("c", 0.0, 0.0, azimuths))]
-    assert len(sectors) == len(expected)
-    for sector, wanted in zip(sectors, expected, strict=True):
-        assert sector == pytest.approx(wanted, abs=1.0)
-
-
-def test_traffic_lines_name_each_byte_once():
-    frame = contract.CAMERA_FRAME.key_for(building="b", floor="0", camera="c1", view=0)
-    reports = [
-        TrafficReport(
-            stamp_ns=1, node="c1", kind="camera", rows=[TrafficRow(frame, "offered", 1, 100)], wire_sent_bytes=120
-        ),
-        TrafficReport(stamp_ns=1, node="fusion", kind="fusion", rows=[TrafficRow(frame, "delivered", 1, 100)]),
-        TrafficReport(stamp_ns=1, node="w1", kind="perception", rows=[]),
-    ]
-    assert traffic_lines(reports) == [
-        ("c1", "camera", 100, 100, 120),
-        ("fusion", "service", 0, 100, None),
-        ("perception w1", "service", 0, 0, None),
-    ]
-
-
-@pytest.mark.parametrize(
-    ("n", "text"),
-    [
-        (None, "–"),
-        (0, "0 B"),
-        (999, "999 B"),
-        (1000, "1.0 kB"),
-        (9_940, "9.9 kB"),
-        (9_960, "10 kB"),
-        (81_234_567, "81 MB"),
-        (10**16, "10000 TB"),
-    ],
-)
-def test_human_bytes(n, text):
-    assert human_bytes(n) == text
