@@ -9,17 +9,17 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-
-from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, objects, step
 from services.planner.core.choose import choose_frontier, choose_object, settle
-from services.planner.core.drive import Route
-from services.planner.core.frontiers import Frontier, find_frontiers, rank, worth_exploiting
-from services.planner.core.memory import FOR_GOOD_CONFIRMED, give_up, is_dormant, revive
 from services.planner.core.now import Now
 from services.planner.core.objects import chance, footprint, good_enough, standoff, targets_of, verdict
 from services.planner.core.pursue import approach
+
+from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, objects, step
+from services.planner.core.goals.frontiers import Frontier, find_frontiers, rank, worth_exploiting
+from services.planner.core.memory import FOR_GOOD_CONFIRMED, give_up, is_dormant, revive
+from services.planner.core.motion.drive import Route
+from services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
 from services.planner.core.state import Commitment, Errand
-from services.planner.core.terrain import build_terrain, coarse_arrival_m
 from surveilnav.geometry import Grid
 
 CONFIG = PlannerConfig()
@@ -102,7 +102,7 @@ def test_long_frontiers_are_cut_and_specks_left_out():
     line = [(100, c) for c in range(20, 140)] + [(10, 10), (10, 11)]
     m = maps(line)
     terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-    found = find_frontiers(m, terrain, coarse_arrival_m(terrain, HERE.x_m, HERE.y_m), CONFIG)
+    found = find_frontiers(m, terrain, coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m), CONFIG)
     assert len(found) == 3
     assert sum(f.n_cells for f in found) == 120
     assert all(abs(f.y_m - 5.025) < 1e-9 and f.way_m > 3.5 for f in found)
@@ -205,7 +205,7 @@ def test_standoff_is_near_and_not_behind_a_wall(make_record):
     for walls, below in ((occupancy, False), (np.zeros_like(occupancy), True)):
         m = maps(occupancy=walls)
         terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-        place = standoff(terrain, coarse_arrival_m(terrain, HERE.x_m, HERE.y_m), chair, HERE, CONFIG)
+        place = standoff(terrain, coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m), chair, HERE, CONFIG)
         assert place is not None
         assert place.distance_m[place.goals].max() <= CONFIG.standoff_m + 1e-6
         ys = terrain.grid.centres_of(np.argwhere(place.goals))[:, 1]
@@ -217,7 +217,7 @@ def test_no_standoff_in_a_closed_room(make_record):
     occupancy[100:103, :] = 1
     m = maps(occupancy=occupancy)
     terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    arrival = coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m)
     assert standoff(terrain, arrival, make_record(at=(5.0, 8.0)), HERE, CONFIG) is None
 
 
@@ -230,7 +230,7 @@ def test_a_standoff_is_the_same_looked_for_nearby_or_everywhere(make_record, mon
         occupancy[row : row + rng.integers(2, 12), col : col + rng.integers(2, 40)] = 1
     m = maps(occupancy=occupancy)
     terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    arrival = coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m)
     x, y = rng.uniform(0.0, 10.0, size=2)  # at the map's edge, too
     points = rng.normal((x, y, 1.0), (0.4, 0.2, 0.2), size=(60, 3)).astype(np.float32)
     low = rng.integers(2) == 0
@@ -255,7 +255,7 @@ def standing(make_record, occupancy, **facts):
     """Where to stand before a small thing in the middle of the map, and the terrain."""
     terrain = build_terrain(maps(occupancy=occupancy), HERE, MissionState("chair"), CONFIG)
     thing = make_record(at=(5.0, 5.0), size=(0.3, 0.3), **facts)
-    return terrain, standoff(terrain, coarse_arrival_m(terrain, HERE.x_m, HERE.y_m), thing, HERE, CONFIG)
+    return terrain, standoff(terrain, coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m), thing, HERE, CONFIG)
 
 
 def test_a_thing_on_a_table_is_looked_at_over_the_table_and_not_over_a_wall(make_record):
@@ -384,7 +384,7 @@ def test_a_way_that_turns_out_longer_is_given_new_patience_but_not_for_ever(deto
     lengths_m = [5.0 + 10.0 * k + 0.01 * i for k in range(detours + 1) for i in range(n)]
     m = maps([(100, c) for c in range(90, 110)])
     terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    arrival = coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m)
     state, planner = MissionState("chair"), Routes(lengths_m)
     now = Now(state, m, HERE, CONFIG, planner, {}, choose_frontier, terrain, arrival)
     choose_frontier(now, hard=False)
@@ -400,7 +400,7 @@ def test_a_way_that_turns_out_longer_is_given_new_patience_but_not_for_ever(deto
 def now_with(record, state):
     m = maps(objects=[record])
     terrain = build_terrain(m, HERE, state, CONFIG)
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    arrival = coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m)
     return Now(state, m, HERE, CONFIG, Routes([]), {}, choose_frontier, terrain, arrival)
 
 
@@ -507,7 +507,7 @@ def test_the_likeliest_that_a_way_leads_to_is_settled_for(make_record):
     give_up(state, 7.0, 1.0, CONFIG)
     m = maps(objects=[walled, second, third], occupancy=walls)
     terrain = build_terrain(m, HERE, state, CONFIG, [(6.5, 6.5)])
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    arrival = coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m)
     now = Now(state, m, HERE, CONFIG, Routes([]), {}, choose_frontier, terrain, arrival)
     assert objects.last_resorts(m.objects, state, CONFIG)[0] is walled
     assert settle(now)
