@@ -16,10 +16,10 @@ from services.planner.core.context import FrontierRule, StepContext
 from services.planner.core.goals.floors import seen_elsewhere, what_was_barred
 from services.planner.core.goals.frontier_choice import best_frontier
 from services.planner.core.motion.drive import FmmPlanner, LocalPlanner
-from services.planner.core.stages import first_decision
 from services.planner.core.stages.confirmed_target import let_go_of_lost_object
 from services.planner.core.stages.last_resort import accept_when_steps_run_out
 from services.planner.core.stages.look_around import look_around
+from services.planner.core.stages.rounds import first_decision
 from services.planner.core.state import Decision, MapView, MissionState, RobotView
 
 _FMM = FmmPlanner()
