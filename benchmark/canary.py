@@ -107,7 +107,7 @@ def play(search: Search) -> Outcome:
     from benchmark.play.oracle import OraclePlanner
     from benchmark.play.sight import PoseError, Sight
     from benchmark.policies import Task, Truth, policy_of
-    from services.planner.core.drive import FmmPlanner
+    from services.planner.core.motion.drive import FmmPlanner
     from simulator.simulation import SimulatedBuilding, SimulationSettings
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import Start, find_goals

@@ -20,7 +20,7 @@ from benchmark.policies import Task, Truth, policy_of
 from benchmark.runner.basis import Basis
 from benchmark.runner.records import Broken, EpisodeRecord, Records
 from benchmark.runner.settings import RunSettings
-from services.planner.core.drive import FmmPlanner
+from services.planner.core.motion.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import Goals

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any, Literal
 
 import msgspec
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from benchmark.policies import policy_of
 from services.fusion.core import FusionConfig
@@ -14,8 +13,6 @@ from services.planner.core import PlannerConfig
 from simulator.truth.choose import BACKENDS
 from surveilnav.errors import ConfigError
 from surveilnav.perception.weights import WEIGHTS
-
-_PLANNING = TypeAdapter(PlannerConfig)
 
 
 class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -67,11 +64,11 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
                 f"{self.camera_error_deg} degrees"
             )
         self.fusion_config()
-        known = {f.name for f in fields(PlannerConfig)}
-        if unknown := sorted(set(self.planning) - known):
+        known = PlannerConfig.model_fields
+        if unknown := sorted(set(self.planning) - set(known)):
             raise ConfigError(f"the planner has no setting {unknown[0]!r}; it has {', '.join(sorted(known))}")
         try:
-            _PLANNING.validate_python(self.planning)
+            PlannerConfig(**self.planning)
         except ValidationError as error:
             raise ConfigError(f"these settings of the planner can't be: {error}") from error
         if unknown := sorted(set(self.detectors) - set(WEIGHTS)):

@@ -64,7 +64,7 @@ def run_home(home: str, seed: int, targets: Sequence[str], perception: str, max_
     from benchmark.policies.mission import Mission
     from benchmark.policies.policy import Task
     from services.planner.core import PlannerConfig
-    from services.planner.core.drive import FmmPlanner
+    from services.planner.core.motion.drive import FmmPlanner
     from simulator.simulation import SimulatedBuilding, SimulationSettings
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import find_goals

@@ -45,7 +45,7 @@ def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> 
     from benchmark.play.sight import Sight
     from benchmark.policies import policy_of
     from benchmark.policies.policy import Task
-    from services.planner.core.drive import FmmPlanner
+    from services.planner.core.motion.drive import FmmPlanner
     from simulator.simulation import SimulatedBuilding, SimulationSettings
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import find_goals, sample_start

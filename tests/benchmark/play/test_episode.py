@@ -13,7 +13,7 @@ from benchmark.play import episode
 from benchmark.play.episode import REASONS, _was_seen, reason_of, run_episode
 from benchmark.play.sight import PoseError, Sight
 from benchmark.policies import Task, policy_of
-from services.planner.core.drive import FmmPlanner
+from services.planner.core.motion.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import find_goals, sample_start

@@ -130,7 +130,7 @@ def test_fused_once_is_as_good_as_fused_live(dataset):
 
     from benchmark.dataset.load import start_of
     from benchmark.policies import Task, policy_of
-    from services.planner.core.drive import FmmPlanner
+    from services.planner.core.motion.drive import FmmPlanner
 
     episode = player.episodes[0]
     label = player._data.label_of(episode)

@@ -65,7 +65,7 @@ def test_over_the_stairs(house, downstairs, planner):
     from benchmark.policies.mission import Mission
     from benchmark.policies.policy import Task
     from services.planner.core import PlannerConfig
-    from services.planner.core.drive import FmmPlanner
+    from services.planner.core.motion.drive import FmmPlanner
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import Start
 

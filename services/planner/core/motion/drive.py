@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.planner.core.settings import PlannerConfig
+from services.planner.core.config import PlannerConfig
+from services.planner.core.motion.terrain import Terrain, travel_time_m
 from services.planner.core.state import RobotView
-from services.planner.core.terrain import Terrain, arrival_m
 
 #: Headings that the robot can turn to, in turns: left positive, a full circle.
 HEADINGS = np.arange(-5, 7)
@@ -48,7 +48,7 @@ class FmmPlanner:
         The front runs a little farther than to the robot: as far as it may have to step aside.
         """
         here = terrain.cell(robot.x_m, robot.y_m)
-        field = arrival_m(terrain.speed, goals, terrain.grid.resolution_m, here, _ASIDE_M)
+        field = travel_time_m(terrain.speed, goals, terrain.grid.resolution_m, here, _ASIDE_M)
         if not math.isfinite(field[here]):
             return None
         return Route(next_action(terrain, field, robot, config), descend(terrain, field, *here), float(field[here]))

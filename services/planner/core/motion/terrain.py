@@ -15,12 +15,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.planner.core.marching import march
-from services.planner.core.settings import PlannerConfig
+from services.planner.core.config import PlannerConfig
+from services.planner.core.motion.marching import march
 from services.planner.core.state import MapView, MissionState, RobotView
 from surveilnav.geometry import Grid
 
-#: Arrival at a cell that the front never reached.
+#: Travel time to a cell that the front never reached.
 UNREACHED = np.inf
 
 
@@ -117,7 +117,7 @@ def build_terrain(
     )
 
 
-def arrival_m(
+def travel_time_m(
     speed: NDArray[np.float64],
     sources: NDArray[np.bool_],
     resolution_m: float,
@@ -163,7 +163,7 @@ def clear_lines(obstacles, start, end, run=0.0):  # type: ignore[no-untyped-def]
     return clear
 
 
-def coarse_arrival_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np.float64]:
+def coarse_travel_time_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np.float64]:
     """Travel time from a place to every cell of the window, computed on cells of twice the size.
 
     Four cells are passable if one of them is: grown obstacles are several cells thick, so this opens no wall.
@@ -174,7 +174,7 @@ def coarse_arrival_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np.flo
     sources = np.zeros(coarse.shape, dtype=bool)
     row, col = terrain.cell(x_m, y_m)
     sources[row // 2, col // 2] = True
-    time = arrival_m(coarse, sources, 2.0 * terrain.grid.resolution_m)
+    time = travel_time_m(coarse, sources, 2.0 * terrain.grid.resolution_m)
     fine = np.repeat(np.repeat(time, 2, axis=0), 2, axis=1)[:rows, :cols]
     fine[terrain.speed <= 0.0] = UNREACHED
     return fine

@@ -10,9 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.planner.core.settings import PlannerConfig
+from services.planner.core.config import PlannerConfig
+from services.planner.core.motion.terrain import Terrain
 from services.planner.core.state import MapView
-from services.planner.core.terrain import Terrain
+
+#: Where the value alone ranks frontiers, a metre of way costs so little that it decides only between equals.
+_WAY_PRICE = 1e-6
+#: Values that differ by less are the same.
+_ANY = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +34,11 @@ class Frontier:
 
 
 def find_frontiers(
-    maps: MapView, terrain: Terrain, arrival: NDArray[np.float64], config: PlannerConfig
+    maps: MapView, terrain: Terrain, travel_time_m: NDArray[np.float64], config: PlannerConfig
 ) -> list[Frontier]:
     """Clusters of at least ``frontier_min_cells`` (8-connected), long ones cut into pieces, that a way leads to.
 
-    ``arrival`` is the travel time from the robot (the terrain's shape). A piece that lies in a grown obstacle is
+    ``travel_time_m``: from the robot (the terrain's shape). A piece that lies in a grown obstacle is
     reached through the nearest open cell, within ``same_place_m``.
     """
     cells = np.ascontiguousarray(terrain.crop(maps.frontier) != 0).astype(np.uint8)
@@ -47,7 +52,7 @@ def find_frontiers(
             continue
         for piece in _pieces(members, config.frontier_piece_m / terrain.grid.resolution_m):
             middle = piece[np.argmin(((piece - piece.mean(axis=0)) ** 2).sum(axis=1))]
-            way_m = _nearest_way(arrival, middle, config.same_place_m / terrain.grid.resolution_m)
+            way_m = _nearest_way(travel_time_m, middle, config.same_place_m / terrain.grid.resolution_m)
             if math.isfinite(way_m):
                 x, y = terrain.place(int(middle[0]), int(middle[1]))
                 found.append(Frontier(x, y, len(piece), way_m))
@@ -59,8 +64,7 @@ def rank(
 ) -> tuple[list[Frontier], bool]:
     """Frontiers with value and score, best first, and whether values decided.
 
-    A score is a relative chance per metre. A wide frontier hides more than a slit, and where values differ enough to mean
-    something (``worth_exploiting``), the best one has ``1 + value_gain`` times the chance of the worst.
+    Values decide where they differ enough to mean something (``worth_exploiting``).
     """
     valued = [replace(f, value=_value(f, maps, target, config)) for f in frontiers]
     values = np.array([f.value for f in valued])
@@ -71,20 +75,32 @@ def rank(
     else:
         scaled = np.zeros(len(valued))
     wide = config.frontier_wide_m / maps.grid.resolution_m
-    scored = []
-    for f, gain in zip(valued, config.value_gain * scaled, strict=True):
-        hides = 0.5 + 0.5 * min(1.0, f.n_cells / wide)
-        scored.append(replace(f, score=hides * (1.0 + float(gain)) / (f.way_m + config.explore_m)))
+    scored = [replace(f, score=_score(f, float(s), wide, config)) for f, s in zip(valued, scaled, strict=True)]
     return sorted(scored, key=lambda f: -f.score), exploit
 
 
+def _score(frontier: Frontier, scaled_value: float, wide: float, config: PlannerConfig) -> float:
+    """What ranks a frontier: a relative chance per metre, or its value (0 to 1) alone.
+
+    A wide frontier (``wide`` cells) hides more than a slit, and the one of the best value has ``1 + value_gain`` times the
+    chance of the worst.
+    """
+    if config.frontier_score == "value":
+        return (scaled_value + _WAY_PRICE) / (1.0 + _WAY_PRICE * frontier.way_m)
+    hides = 0.5 + 0.5 * min(1.0, frontier.n_cells / wide)
+    return hides * (1.0 + config.value_gain * scaled_value) / (frontier.way_m + config.explore_m)
+
+
 def worth_exploiting(values: NDArray[np.float64], config: PlannerConfig) -> bool:
-    """ApexNav's rule: values count when their standard deviation and their max/mean are large enough."""
+    """Whether values differ enough to decide, by ApexNav's rule: their standard deviation and their max/mean are large
+    enough; with ``exploit`` always, whether they differ at all."""
     known = values[np.isfinite(values)]
     if known.size < 2:
         return False
     mean, top = float(known.mean()), float(known.max())
-    return float(known.std()) >= config.exploit_min_std and mean > 0.0 and top / mean >= config.exploit_min_ratio
+    always = config.exploit == "always"
+    least_std, least_ratio = (_ANY, 1.0) if always else (config.exploit_min_std, config.exploit_min_ratio)
+    return float(known.std()) >= least_std and mean > 0.0 and top / mean >= least_ratio
 
 
 def unknown_side(maps: MapView, terrain: Terrain, x_m: float, y_m: float) -> tuple[float, float] | None:
@@ -109,13 +125,13 @@ def _pieces(cells: NDArray[np.int64], length: float) -> list[NDArray[np.int64]]:
     return [cells[bins == b] for b in range(n) if (bins == b).any()]
 
 
-def _nearest_way(arrival: NDArray[np.float64], cell: NDArray[np.int64], radius: float) -> float:
-    """The shortest arrival within ``radius`` cells of a cell; the cell's own if it is open."""
+def _nearest_way(travel_time_m: NDArray[np.float64], cell: NDArray[np.int64], radius: float) -> float:
+    """The shortest travel time within ``radius`` cells of a cell; the cell's own if it is open."""
     row, col = int(cell[0]), int(cell[1])
-    if math.isfinite(arrival[row, col]):
-        return float(arrival[row, col])
+    if math.isfinite(travel_time_m[row, col]):
+        return float(travel_time_m[row, col])
     k = int(radius)
-    return float(arrival[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1].min())
+    return float(travel_time_m[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1].min())
 
 
 def _value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig) -> float:
