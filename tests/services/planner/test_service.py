@@ -714,7 +714,7 @@ def test_what_cannot_be_kept_is_not_accepted_but_what_runs_goes_on(fakes, planne
     assert "SURVEILNAV_PLANNER__STORE" in refused.message
     assert [a.ids["mission"] for a in client.ask_all(MISSION_STATUS)] == ["m1"]
     folder.unlink()  # mended
-    service._kept_s = 0.0
+    service._saved_s = 0.0
     service.step()
     (kept,) = service._missions._store.load()
     assert kept.status.state == "done", "an ended mission must not begin again after a restart"
@@ -728,7 +728,7 @@ def test_nothing_is_accepted_before_the_store_was_read(fakes, planner, client, t
     service = planner(QUICK.model_copy(update={"store": str(folder / "planner.sqlite")}))
     folder.unlink()  # mended, but nobody knows yet which robots have missions
     assert submit(client, "m1").error == "store_failed"
-    service._kept_s = 0.0
+    service._saved_s = 0.0
     service.step()
     assert submit(client, "m1").accepted
 
