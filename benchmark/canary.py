@@ -103,7 +103,7 @@ def digest_of(searches: Sequence[Search]) -> str:
 
 def play(search: Search) -> Outcome:
     """Plays one. Raises what opening its building may, and PerceptionError where its detector can't be had."""
-    from benchmark.play.episode import run_episode
+    from benchmark.play.episode import Episode
     from benchmark.play.oracle import OraclePlanner
     from benchmark.play.sight import PoseError, Sight
     from benchmark.policies import Task, Truth, policy_of
@@ -132,10 +132,10 @@ def play(search: Search) -> Outcome:
         planning=settings.planning,
     )  # fmt: skip
     actions: list[str] = []
-    episode = run_episode(
+    episode = Episode(
         sight, goals, start, policy.begin(task), surveillance=settings.surveillance, fusion=settings.fusion_config(),
         delay_steps=settings.delay_steps, seed=1, on_step=lambda *step: actions.append(step[-1].action or ""),
-    )  # fmt: skip
+    ).run()  # fmt: skip
     return Outcome(
         success=episode.verdict.success, steps=episode.steps, path_mm=round(1e3 * episode.verdict.path_m),
         reason=episode.reason, actions=_written(actions),

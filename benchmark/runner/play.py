@@ -13,7 +13,7 @@ from typing import Any
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.format import HabitatEpisode
 from benchmark.dataset.load import SceneData, load_scene, start_of
-from benchmark.play.episode import Episode, FusedCameras, run_episode
+from benchmark.play.episode import Episode, EpisodeResult, FusedCameras
 from benchmark.play.oracle import OraclePlanner
 from benchmark.play.sight import PoseError, Sight
 from benchmark.policies import Task, Truth, policy_of
@@ -66,15 +66,15 @@ class ScenePlayer:
         goals = self._goals[label]
         driver = OraclePlanner(building.navigation) if s.planner == "sp" else FmmPlanner()
         truth = Truth(goals, building.navigation) if self._policy.needs_truth else None
-        outcome = run_episode(
+        outcome = Episode(
             self._sight, goals, start_of(episode, building.scene),
             # Habitat's rule, and the dataset's: a search begins on a floor with a goal
             self._policy.begin(Task(label, seed, s.max_steps, driver, truth, goal_on_floor=True, planning=s.planning)),
             surveillance=s.surveillance, fusion=self._fusion, fused=self._fused, delay_steps=s.delay_steps, seed=seed,
-        )  # fmt: skip
+        ).run()  # fmt: skip
         return self._record(episode, outcome)
 
-    def _record(self, episode: HabitatEpisode, outcome: Episode) -> EpisodeRecord:
+    def _record(self, episode: HabitatEpisode, outcome: EpisodeResult) -> EpisodeRecord:
         verdict = outcome.verdict
         tiers = {"jpeg+depth": sum(outcome.camera_bytes.values()), "summaries": sum(outcome.summary_bytes.values())}
         return EpisodeRecord(

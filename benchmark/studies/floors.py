@@ -26,7 +26,7 @@ from surveilnav.categories import TARGETS
 from surveilnav.errors import SurveilNavError, TargetError
 
 if TYPE_CHECKING:
-    from benchmark.play.episode import Episode
+    from benchmark.play.episode import EpisodeResult
     from services.planner.core.state import FloorChange
     from simulator.simulation import SimulatedBuilding
     from simulator.world.goals import Goals, Start
@@ -59,7 +59,7 @@ def start_on(navigation: NavigationMap, goals: Goals, floor: str, seed: int) -> 
 
 def run_home(home: str, seed: int, targets: Sequence[str], perception: str, max_steps: int, out: Path) -> None:
     """Plays what is missing of one home, and writes the table after every search."""
-    from benchmark.play.episode import run_episode
+    from benchmark.play.episode import Episode
     from benchmark.play.sight import Sight
     from benchmark.policies.mission import Mission
     from benchmark.policies.policy import Task
@@ -85,7 +85,7 @@ def run_home(home: str, seed: int, targets: Sequence[str], perception: str, max_
                 if any(key_of(r) == key_of(facts) for r in load(out)):
                     continue
                 mission = Mission(Task(target, seed, max_steps, FmmPlanner()), PlannerConfig(), summaries=True)
-                episode = run_episode(sight, goals, start, mission, summaries=arm == "with")
+                episode = Episode(sight, goals, start, mission, summaries=arm == "with").run()
                 append(out, facts | record_of(episode, mission.changes, sight.by_floor(), target, backend.name))
                 cv2.imwrite(
                     str(out / f"{home}-{target}-{floor}-{arm}.png".replace(" ", "_")), picture(building, episode)
@@ -94,7 +94,11 @@ def run_home(home: str, seed: int, targets: Sequence[str], perception: str, max_
 
 
 def record_of(
-    episode: Episode, changes: Sequence[FloorChange], seen: dict[str, dict[str, float]], target: str, perception: str
+    episode: EpisodeResult,
+    changes: Sequence[FloorChange],
+    seen: dict[str, dict[str, float]],
+    target: str,
+    perception: str,
 ) -> dict[str, Any]:
     """What the table needs of a search."""
     verdict = episode.verdict
@@ -116,7 +120,7 @@ def key_of(record: dict[str, Any]) -> tuple[Any, ...]:
 # --- showing it ---------------------------------------------------------------------------------------------------
 
 
-def picture(building: SimulatedBuilding, episode: Episode) -> NDArray[np.uint8]:
+def picture(building: SimulatedBuilding, episode: EpisodeResult) -> NDArray[np.uint8]:
     """BGR, the floors that the robot was on side by side: where it can stand light, its way red, from green to blue."""
     sides = []
     where = list(zip(episode.trajectory, episode.trajectory_floors, strict=True))

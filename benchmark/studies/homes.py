@@ -41,7 +41,7 @@ class Job:
 
 def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> int:
     """Runs what is missing of a job; returns how many episodes it ran."""
-    from benchmark.play.episode import run_episode
+    from benchmark.play.episode import Episode
     from benchmark.play.sight import Sight
     from benchmark.policies import policy_of
     from benchmark.policies.policy import Task
@@ -73,7 +73,7 @@ def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> 
             append(out, facts | {"skipped": str(error)})
             continue
         searcher = ours.begin(Task(target, job.seed, job.max_steps, FmmPlanner()))
-        episode = run_episode(sight, goals, start, searcher, surveillance=arm == "on", fusion=ours.fusion)
+        episode = Episode(sight, goals, start, searcher, surveillance=arm == "on", fusion=ours.fusion).run()
         verdict = episode.verdict
         append(
             out,

@@ -11,7 +11,7 @@ from benchmark.dataset.build import open_scene
 from benchmark.dataset.load import load_scene
 from benchmark.dataset.make import make, write_manifest
 from benchmark.dataset.splits import SceneSpec, SplitSpec
-from benchmark.play.episode import REASONS, FusedCameras, run_episode
+from benchmark.play.episode import REASONS, Episode, FusedCameras
 from benchmark.play.sight import Sight
 from benchmark.runner import play
 from benchmark.runner.basis import basis_of
@@ -143,7 +143,7 @@ def test_fused_once_is_as_good_as_fused_live(dataset):
         for _ in range(2 if fused else 1):  # the second time from the copy
             shown.clear()
             searcher = ours.begin(Task(label, 1, 12, FmmPlanner()))
-            run_episode(player._sight, goals, start, searcher, fusion=ours.fusion, fused=fused, seed=1, on_step=look)
+            Episode(player._sight, goals, start, searcher, fusion=ours.fusion, fused=fused, seed=1, on_step=look).run()
         runs.append(list(shown))
     assert runs[0] == runs[1]
 

@@ -59,7 +59,7 @@ def test_over_the_stairs(house, downstairs, planner):
 
     The robot takes it for sure that upstairs has no tv: else it would look there first.
     """
-    from benchmark.play.episode import run_episode
+    from benchmark.play.episode import Episode
     from benchmark.play.oracle import OraclePlanner
     from benchmark.play.sight import Sight
     from benchmark.policies.mission import Mission
@@ -74,7 +74,7 @@ def test_over_the_stairs(house, downstairs, planner):
     head = house.navigation.transits[0].end_on("1")
     at = house.navigation.snap((head[0], head[1] + 0.8, head[2]), "1")
     start = Start(at, "1", -np.pi / 2, downstairs.field.at(at, "1"))
-    episode = run_episode(Sight(house, choose_backend("oracle")), downstairs, start, mission)
+    episode = Episode(Sight(house, choose_backend("oracle")), downstairs, start, mission).run()
     assert episode.floors[:2] == ("1", "0"), episode.message
     assert "saw 'tv' with 1.00" in mission.changes[0].why
     assert sorted(episode.camera_bytes) == ["c0-1", "c1-1"]
