@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmark.canary import digest
 from benchmark.studies.association.replays import (
     BESIDE_M,
     CHANGES,
@@ -21,7 +22,6 @@ from benchmark.studies.association.replays import (
     SEED,
     SEEN_DETECTIONS,
     TAUS,
-    code_hash,
     variants,
 )  # fmt: skip
 from benchmark.studies.recordings import TOURS
@@ -31,14 +31,14 @@ FALSE_COST = 2
 
 
 class Results:
-    """The records of a tour and of the code as it is, by variant."""
+    """The records of a tour and of the program as it is, by variant."""
 
     def __init__(self, tour: str, records: Iterable[dict[str, Any]]) -> None:
         self.tour = tour
         wanted = {(v.group, v.name): v.fingerprint for v in variants(tour)}
         self.of: dict[tuple[str, str], dict[str, dict[str, Any]]] = defaultdict(dict)
         for r in records:
-            known = wanted.get((r["group"], r["name"])) == r["fingerprint"] and r["code"] == code_hash()
+            known = wanted.get((r["group"], r["name"])) == r["fingerprint"] and r["program"] == digest()
             if known and r["tour"] == tour:
                 self.of[r["group"], r["name"]][r["home"]] = r
 
