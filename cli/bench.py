@@ -7,7 +7,7 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -40,18 +40,16 @@ def run(
 ) -> None:
     """Play episodes; kill it at any moment and start it again. Exit 0 only if every episode was played."""
     from benchmark.runner.run import run as play
-    from benchmark.runner.settings import RunSettings
+    from benchmark.runner.settings import RunSettings, run_id
     from benchmark.runner.summary import SUCCESS_RULE, summarise
-    from benchmark.tables.arms import folder_name
     from cli.progress import counting
     from surveilnav.errors import ConfigError
 
-    facts = {
-        "split": split, "policy": policy, "planner": planner, "surveillance": _on(surveillance), "perception": perception,
-        "density_m2": density, "views": views, "max_steps": max_steps, "seed": seed,
-    }  # fmt: skip
-    settings = _settings(RunSettings, facts)
-    folder = out or Path("runs/bench") / folder_name(settings)
+    settings = RunSettings(
+        split=split, policy=policy, planner=planner, surveillance=_on(surveillance), perception=perception,  # type: ignore[arg-type]
+        density_m2=density, views=views, max_steps=max_steps, seed=seed,  # type: ignore[arg-type]
+    )  # fmt: skip
+    folder = out or Path("runs/bench") / run_id(settings)
     began_s = time.monotonic()
     with counting(console, "episodes") as progress:
         finished = play(root, folder, settings, workers=workers, on_progress=lambda p: progress(p.done, p.total, ""))
@@ -157,16 +155,3 @@ def _on(value: str) -> bool:
     if value not in ("on", "off"):
         raise typer.BadParameter(f"surveillance is on or off, got {value!r}")
     return value == "on"
-
-
-def _settings(kind: Any, facts: dict[str, Any]) -> Any:
-    from typing import Literal, get_args, get_origin, get_type_hints
-
-    import msgspec
-
-    from surveilnav.errors import ConfigError
-
-    for name, hint in get_type_hints(kind).items():
-        if get_origin(hint) is Literal and name in facts and facts[name] not in get_args(hint):
-            raise ConfigError(f"{name} is one of {', '.join(get_args(hint))}, got {facts[name]!r}")
-    return msgspec.convert(facts, kind)

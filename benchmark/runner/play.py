@@ -18,7 +18,8 @@ from benchmark.play.oracle import OraclePlanner
 from benchmark.play.sight import PoseError, Sight
 from benchmark.policies import Task, Truth, policy_of
 from benchmark.runner.basis import Basis
-from benchmark.runner.records import Broken, EpisodeRecord, Records
+from benchmark.runner.records import Broken, Records
+from benchmark.runner.row import EpisodeRecord
 from benchmark.runner.settings import RunSettings
 from services.planner.core.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding
@@ -55,6 +56,7 @@ class ScenePlayer:
 
     @property
     def episodes(self) -> list[HabitatEpisode]:
+        """All searches of the scene."""
         return self._data.content.episodes
 
     def play(self, episode: HabitatEpisode) -> EpisodeRecord:
@@ -82,9 +84,8 @@ class ScenePlayer:
             success=verdict.success, spl=verdict.spl, soft_spl=verdict.soft_spl, steps=outcome.steps,
             path_m=verdict.path_m, shortest_path_m=verdict.shortest_path_m,
             distance_m=verdict.distance_to_viewpoint_m if verdict.distance_to_viewpoint_m < 1e6 else None,
-            reason=outcome.reason, message=outcome.message, seen=outcome.seen, floors=list(outcome.floors),
-            invoked=sorted(outcome.camera_bytes), bytes=tiers if self._settings.surveillance else {},
-            path=[(round(1e3 * x), round(1e3 * y)) for x, y, _ in outcome.trajectory], seconds=outcome.seconds,
+            reason=outcome.reason, seen=outcome.seen, bytes=tiers if self._settings.surveillance else {},
+            seconds=outcome.seconds,
         )  # fmt: skip
 
 

@@ -15,8 +15,8 @@ from benchmark.dataset.load import scenes_of
 from benchmark.runner.basis import Basis, basis_of
 from benchmark.runner.records import Records, kept
 from benchmark.runner.run import Finished, Progress, run
-from benchmark.runner.settings import RunSettings
-from benchmark.tables.arms import Arm, Table, folder_name
+from benchmark.runner.settings import RunSettings, run_id
+from benchmark.tables.arms import Arm, Table
 from benchmark.tables.page import Line, page, plot
 from simulator.truth.choose import choose_backend
 from surveilnav.stored import replacing
@@ -43,7 +43,7 @@ def make(
     wanted: Callable[[Arm], bool] = lambda arm: True,
     on_progress: Callable[[int, int, str], None] = lambda done, total, arm: None,
 ) -> Made:
-    """Writes ``<out>/<table>.md`` and ``.png``, anew after every arm; runs are kept in ``<out>/runs``.
+    """Writes ``<out>/<table>.md`` and ``.png``, anew after every arm; runs are kept in ``<out>/records``.
 
     Arms that aren't ``wanted`` aren't played; the page shows what is there of them. A page without a line isn't written.
 
@@ -107,11 +107,11 @@ def _have_backend(name: str, detectors: tuple[str, ...]) -> None:
 
 def _runs(arms: Iterable[Arm]) -> dict[str, RunSettings]:
     """The runs of arms by their folder's name, each once."""
-    return {folder_name(settings): settings for arm in arms for settings in arm.runs}
+    return {run_id(settings): settings for arm in arms for settings in arm.runs}
 
 
 def _folder(out: Path, name: str) -> Path:
-    return out / "runs" / name
+    return out / "records" / name
 
 
 def _write(
