@@ -41,6 +41,7 @@ class Finished:
 
     @property
     def complete(self) -> bool:
+        """Whether nothing is missing."""
         return len(self.records) == self.total
 
 

@@ -54,12 +54,7 @@ def make(
     basis, models, total = basis_of(root, split), models_of(root, split), episodes_of(root, split)
     runs = _runs(table.arms)
     playing = {name: arm for arm in table.arms if wanted(arm) for name in _runs([arm])}
-    mended = [  # opens them all: a folder that can't be used is said before hours are spent on another
-        f"{arm.label}: {scene} episode {number}"
-        for name, arm in playing.items()
-        if _folder(out, name).exists()
-        for scene, number in Records(_folder(out, name), runs[name], basis).mend()
-    ]
+    mended = _mend(playing, runs, out, basis)  # a folder that can't be used is said before hours are spent on another
     found = {
         name: Finished(there.records, there.broken, {}, total)
         for name, settings in runs.items()
@@ -76,6 +71,16 @@ def make(
     complete = {name for name, finished in found.items() if finished.complete}
     played = sum(complete.issuperset(_runs([arm])) for arm in table.arms)
     return Made(path, faults, complete.issuperset(playing), played, mended)
+
+
+def _mend(playing: Mapping[str, Arm], runs: Mapping[str, RunSettings], out: Path, basis: Basis) -> list[str]:
+    """Opens the folders of all runs that are to be played; what couldn't be read in them is named and forgotten."""
+    return [
+        f"{arm.label}: {scene} episode {number}"
+        for name, arm in playing.items()
+        if _folder(out, name).exists()
+        for scene, number in Records(_folder(out, name), runs[name], basis).mend()
+    ]
 
 
 def expect_own_runs(

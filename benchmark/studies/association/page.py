@@ -44,6 +44,7 @@ class Results:
 
     @property
     def homes(self) -> list[str]:
+        """Those with a replay, sorted."""
         return sorted({home for by_home in self.of.values() for home in by_home})
 
     def tally(
@@ -71,6 +72,7 @@ class Tally:
 
     @property
     def errors_of_things(self) -> list[int]:
+        """Duplicates, wrong merges and misses of each thing."""
         return [max(0, row[2] - 1) + row[5] + row[6] + (not row[7]) for row in self.things]
 
     def interval(self) -> tuple[float, float]:
@@ -92,6 +94,7 @@ class Tally:
 
     @property
     def label_accuracy(self) -> float:
+        """Of the objects that show a thing of these classes, the share that bears its class."""
         counts = [(label == what, kept) for label, what, kept, _ in self.served() if what in self.labels]
         return sum(n for right, n in counts if right) / max(1, sum(n for _, n in counts))
 

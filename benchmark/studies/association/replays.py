@@ -239,6 +239,7 @@ class Variant:
 
     @property
     def fingerprint(self) -> str:
+        """Of its settings."""
         return hashlib.sha256(self.config.model_dump_json().encode()).hexdigest()[:12]
 
 

@@ -44,6 +44,7 @@ class Job:
 
     @property
     def path(self) -> Path:
+        """Where its recording is kept."""
         return self.folder / f"{self.home}-s{SEED}-{self.tour}-{self.perception}.recording"
 
 
@@ -117,17 +118,8 @@ def _ends(values: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmark.studies.association", description=__doc__.splitlines()[0]
-    )
-    parser.add_argument("--out", type=Path, default=Path("docs/results/association"), help="where the page goes")
-    parser.add_argument("--recordings", type=Path, default=Path("runs/association"), help="views and replays, kept")
-    parser.add_argument("--homes", nargs="*", default=list(TRAIN_HOMES))
-    parser.add_argument("--perception", default="onnx-coco", choices=["onnx-coco", "oracle", "simulated"])
-    parser.add_argument("--tours", nargs="*", default=list(TOURS), choices=list(TOURS))
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--table", action="store_true", help="only write the page of what there is")
-    options = parser.parse_args(argv)
+    """Plays what is missing and writes page and plot; 1 if a home couldn't be played."""
+    options = _parser().parse_args(argv)
     for folder in (options.out, options.recordings):
         folder.mkdir(parents=True, exist_ok=True)
     failed = []
@@ -143,13 +135,34 @@ def main(argv: Sequence[str] | None = None) -> int:
         for r in rows_in(options.recordings).load()
         if r["perception"] == options.perception and r["home"] in options.homes and r["tour"] in options.tours
     ]
-    defaults: dict[str, Any] = {"perception": "onnx-coco", "tours": list(TOURS), "homes": list(TRAIN_HOMES)}
-    given = [(name, getattr(options, name), default) for name, default in defaults.items()]
-    more = [f"--{n} {' '.join(v) if isinstance(v, list) else v}" for n, v, default in given if v != default]
     results = {tour: Results(tour, records) for tour in options.tours}
-    (options.out / "README.md").write_text(page(results, " ".join(["python -m benchmark.studies.association", *more])))
+    (options.out / "README.md").write_text(page(results, _command(options)))
     plot(results[options.tours[0]], options.out / "association.png")
     return 1 if failed else 0
+
+
+_DEFAULTS: dict[str, Any] = {"perception": "onnx-coco", "tours": list(TOURS), "homes": list(TRAIN_HOMES)}
+
+
+def _command(options: argparse.Namespace) -> str:
+    """What makes this page."""
+    given = [(name, getattr(options, name), default) for name, default in _DEFAULTS.items()]
+    more = [f"--{n} {' '.join(v) if isinstance(v, list) else v}" for n, v, default in given if v != default]
+    return " ".join(["python -m benchmark.studies.association", *more])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmark.studies.association", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--out", type=Path, default=Path("docs/results/association"), help="where the page goes")
+    parser.add_argument("--recordings", type=Path, default=Path("runs/association"), help="views and replays, kept")
+    parser.add_argument("--homes", nargs="*", default=_DEFAULTS["homes"])
+    parser.add_argument("--perception", default=_DEFAULTS["perception"], choices=["onnx-coco", "oracle", "simulated"])
+    parser.add_argument("--tours", nargs="*", default=_DEFAULTS["tours"], choices=list(TOURS))
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--table", action="store_true", help="only write the page of what there is")
+    return parser
 
 
 if __name__ == "__main__":
