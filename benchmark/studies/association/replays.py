@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import time
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmark.studies.recordings import TOURS, Recording, SeenView, Thing
-from services.fusion.core import FusionConfig, ObjectConfig, objects
+from services.fusion.core import FusionConfig, ObjectConfig
 from services.fusion.core.config import ONE_RULE_FOR_ALL
 from services.fusion.core.joint_map import canonical
 from services.fusion.core.objects import ObjectMap
@@ -103,14 +101,6 @@ _MASK_FIELDS = (
 
 def _mask_settings(config: ObjectConfig) -> tuple[tuple[str, Any], ...]:
     return tuple((name, getattr(config, name)) for name in _MASK_FIELDS)
-
-
-def code_hash() -> str:
-    """Of the sources that a replay depends on, however they are laid out."""
-    core = Path(objects.__file__).parent
-    names = ("association", "clustering", "evidence", "objects", "sightings", "sizes", "visibility")
-    trees = [ast.dump(ast.parse((core / f"{name}.py").read_text())) for name in names]
-    return hashlib.sha256("".join(trees).encode()).hexdigest()[:12]
 
 
 # --- scores -------------------------------------------------------------------------------------------------------
@@ -249,6 +239,7 @@ class Variant:
 
     @property
     def fingerprint(self) -> str:
+        """Of its settings."""
         return hashlib.sha256(self.config.model_dump_json().encode()).hexdigest()[:12]
 
 

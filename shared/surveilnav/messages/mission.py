@@ -72,7 +72,7 @@ class MissionStatus(Message, frozen=True, kw_only=True):
 class Candidate(msgspec.Struct, frozen=True):
     """A place the planner weighed: kind, (x, y) in the world, score, and why it was or wasn't taken."""
 
-    kind: Literal["target", "candidate", "frontier", "stairs", "sweep"]
+    kind: Literal["target", "candidate", "frontier", "stairs", "second_look"]
     x_m: float
     y_m: float
     score: float
