@@ -13,15 +13,13 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 
-import zenoh
-
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
 from simulator.simulation import SimulatedBuilding
 from surveilnav.bus import Node, clock_ns
 from surveilnav.camera_plan import PlannedCamera
 from surveilnav.contract import CAMERA_SUMMARY
-from surveilnav.errors import PerceptionError
+from surveilnav.errors import BusError, PerceptionError
 from surveilnav.perception import Backend
 from surveilnav.sensing.views import TrueInstances
 
@@ -81,7 +79,7 @@ class Eyes:
             while not self._node.stopping.wait(pause_s):
                 self._look(time.monotonic())
                 self._tell(time.monotonic())
-        except zenoh.ZError as error:
+        except BusError as error:
             if not self._node.stopping.is_set():
                 self._node.log.error("the camera's summary can't be put any more", error=str(error))
         except Exception:  # a bug in looking must not end the camera, nor stay silent

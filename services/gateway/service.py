@@ -279,8 +279,7 @@ class Backend:
         return resources.traffic(sum_traffic(r.message for r in rows.values()), heard)
 
     def readiness(self) -> resources.Readiness:
-        routers = len(self.node.session.info.routers_zid())
-        return resources.readiness(routers, {kind: self.node.alive(kind) for kind, _ in resources.NEEDED})
+        return resources.readiness(self.node.routers(), {kind: self.node.alive(kind) for kind, _ in resources.NEEDED})
 
     def _alive(self, kind: str) -> bool:
         return bool(self.node.alive(kind))
@@ -294,7 +293,7 @@ class Backend:
         except Refused as error:
             raise refusal(error.name, str(error)) from error
         except Unanswered as error:
-            if "not within" in str(error):
+            if error.timed_out:
                 raise Problem(504, "timeout", f"{who} didn't answer in time; try again") from error
             raise _absent(who) from error
 

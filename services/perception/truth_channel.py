@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from surveilnav.bus import Node
+from surveilnav.bus import Node, Received
 from surveilnav.contract import TRUTH
 from surveilnav.errors import WireError
 from surveilnav.messages import Truth
@@ -22,16 +22,13 @@ class TruthChannel:
     """Keeps the newest ``kept`` views' instance ids, still packed, and hands them out by (source, view, seq)."""
 
     def __init__(self, node: Node, kept: int) -> None:
-        self._node, self._kept = node, kept
+        self._kept = kept
         self._packed: OrderedDict[_Key, tuple[Truth, bytes]] = OrderedDict()
         self._arrived = threading.Condition()
-        self._subscriber = node.session.declare_subscriber(node.key(TRUTH), self._on_sample)
+        self._subscription = node.subscribe(TRUTH, self._keep)
 
-    def _on_sample(self, sample: object) -> None:
-        received = self._node.received(TRUTH, sample)
-        if received is None:
-            return
-        truth: Truth = received.message
+    def _keep(self, received: Received[Truth]) -> None:
+        truth = received.message
         with self._arrived:
             self._packed[truth.source, truth.view, truth.seq] = (truth, received.payload)
             while len(self._packed) > self._kept:

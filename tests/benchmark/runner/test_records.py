@@ -372,8 +372,8 @@ _NOT_THE_PROGRAM = {
     "benchmark", "benchmark.dataset", "benchmark.dataset.integrity", "benchmark.dataset.splits", "benchmark.runner",
     "benchmark.runner.basis", "benchmark.runner.records", "services", "services.camera_node", "services.fusion",
     "services.planner", "services.robot_node", "surveilnav", "surveilnav.config", "surveilnav.contract", "surveilnav.errors",
-    "surveilnav.bus", "surveilnav.bus.logs", "surveilnav.bus.node", "surveilnav.bus.settings",
-    "surveilnav.bus.traffic",
+    "surveilnav.bus", "surveilnav.bus.connection", "surveilnav.bus.logs", "surveilnav.bus.node", "surveilnav.bus.presence",
+    "surveilnav.bus.publishing", "surveilnav.bus.queries", "surveilnav.bus.settings", "surveilnav.bus.traffic",
 }  # fmt: skip
 
 

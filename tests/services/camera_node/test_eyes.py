@@ -105,10 +105,7 @@ def wait_for(condition, timeout_s=10.0):
 def summaries(node):
     """A list that every summary put from now on is added to."""
     got = []
-    subscriber = node.session.declare_subscriber(
-        node.key(CAMERA_SUMMARY), lambda sample: got.append(node.received(CAMERA_SUMMARY, sample))
-    )
-    return SimpleNamespace(messages=got, subscriber=subscriber)
+    return SimpleNamespace(messages=got, subscription=node.subscribe(CAMERA_SUMMARY, got.append))
 
 
 def test_it_tells_what_it_saw_though_nobody_invoked_it(start, make_node):
