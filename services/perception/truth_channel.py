@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
-
-import numpy as np
 
 from surveilnav.bus import Node, Received
 from surveilnav.contract import TRUTH
-from surveilnav.errors import WireError
 from surveilnav.messages import Truth
-from surveilnav.sensing.packing import MAX_PIXELS, unpack_array
+from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
 
 _Key = tuple[str, int, int]
@@ -46,15 +42,4 @@ class TruthChannel:
             if not self._arrived.wait_for(lambda: key in self._packed, timeout_s):
                 return None
             truth, packed = self._packed[key]
-        return unpack_truth(truth, packed)
-
-
-def unpack_truth(truth: Truth, packed: bytes) -> TrueInstances:
-    """The instance ids in a message and its payload. Raises WireError."""
-    if truth.width_px < 1 or truth.height_px < 1 or truth.width_px * truth.height_px > MAX_PIXELS:
-        raise WireError(f"instance ids of {truth.width_px}x{truth.height_px} pixels make no sense")
-    labels: Mapping[int, str] = truth.labels
-    if any(not 1 <= id_ <= 65535 or len(label) > 100 for id_, label in labels.items()):
-        raise WireError("labels of instance ids go from 1 to 65535, with at most 100 characters each")
-    pose = truth.T_world_camera.matrix() if truth.T_world_camera is not None else None
-    return TrueInstances(unpack_array(packed, np.uint16, (truth.height_px, truth.width_px)), dict(labels), pose)
+        return truth_from_wire(truth, packed)

@@ -9,8 +9,8 @@ import pytest
 import zenoh
 
 from surveilnav.bus import Answer, Refused, Unanswered
-from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, ROBOT_STATUS, schema_of
-from surveilnav.messages import Command, MissionAck, MissionGoal
+from surveilnav.contract import CAMERA_SLOT, MISSION_CANCEL, MISSION_GOAL, ROBOT_STATUS, schema_of
+from surveilnav.messages import Ack, Command, MissionAck, MissionGoal, SlotClaim
 
 
 def test_a_query_is_answered_refused_or_unanswered(make_node, eventually):
@@ -112,3 +112,17 @@ def test_who_is_there_but_too_slow_is_told_from_nobody(make_node):
         client.ask(MISSION_GOAL, MissionGoal(stamp_ns=1, mission="m", target="tv"), mission="m", timeout_s=0.3)
     release.set()
     assert unanswered.value.timed_out
+
+
+def test_a_question_to_all_reaches_each_owner_of_a_key(make_node, eventually):
+    client = make_node("cli", "c")
+    for slot in ("2", "5"):
+        make_node("camera", f"c{slot}").serve(
+            CAMERA_SLOT, lambda r: Answer(Ack(stamp_ns=1, message=r.ids["slot"])), slot=slot
+        )
+    claim = SlotClaim(stamp_ns=1, node="me")
+
+    def slots():
+        return {(a.ids["slot"], a.message.message) for a in client.ask_all(CAMERA_SLOT, claim, timeout_s=0.5)}
+
+    assert eventually(lambda: slots() == {("2", "2"), ("5", "5")})
