@@ -21,9 +21,8 @@ from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.perception import Backend
+from surveilnav.sensing.views import looks_straight_down
 
-#: Steeper views than this aren't looked at: detectors can't read what is seen from straight above.
-_NADIR_RAD = math.radians(-75.0)
 _NICE = 10
 #: Without anything to look at for so long, the networks' memory is given back.
 _RELEASE_S = 30.0
@@ -59,7 +58,7 @@ class Eyes:
         busy: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
         self._node, self._source, self._settings, self._load, self._busy = node, source, settings, load, busy
-        self._views = [v for v, pose in enumerate(source.views) if _pitch_rad(pose.matrix()[2, 2]) >= _NADIR_RAD]
+        self._views = [v for v, pose in enumerate(source.views) if not looks_straight_down(pose.matrix())]
         self._seen: dict[int, core.Seen] = {}
         self._backend: Backend | None = None
         self._publisher = node.publisher(CAMERA_SUMMARY, floor=source.place.floor, camera=source.place.name)
@@ -131,11 +130,6 @@ class Eyes:
             self._said = labels, now_s
             place = self._source.place
             self._publisher.put(core.summary(place.name, place.floor, labels, stamp_ns=clock_ns()))
-
-
-def _pitch_rad(forward_z: float) -> float:
-    """How far up a camera looks whose optical axis has this z in the world."""
-    return math.asin(max(-1.0, min(1.0, float(forward_z))))
 
 
 def _lower_priority() -> None:
