@@ -20,6 +20,7 @@ from surveilnav.perception import Backend
 
 
 def main() -> None:
+    """One simulated camera, until SIGTERM."""
     settings, bus = CameraSettings(), BusSettings()
     building = SimulatedBuilding(SimulationSettings())
     plan = building.plan

@@ -67,6 +67,7 @@ class Eyes:
         self._thread = threading.Thread(target=self._run, name="eyes", daemon=True)
 
     def start(self) -> None:
+        """Begins to look, on a thread of its own."""
         self._thread.start()
 
     def close(self, timeout_s: float = 5.0) -> None:

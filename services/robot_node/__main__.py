@@ -13,6 +13,7 @@ from surveilnav.bus.main import run_service
 
 
 def main() -> None:
+    """One simulated robot, until SIGTERM."""
     settings = RobotSettings()
     building = SimulatedBuilding(SimulationSettings())
     body = SimulatedBody(building, start_state(building, settings))

@@ -56,5 +56,6 @@ class _Watcher:
         self._connection.wake.set()
 
     def ids(self) -> set[str]:
+        """Who is here now."""
         with self._lock:
             return set(self._ids)
