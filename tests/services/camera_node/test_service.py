@@ -112,6 +112,30 @@ def test_a_real_camera_tells_no_truth_even_to_who_listens(camera_node, client, m
     assert truths.poll() is None
 
 
+def test_the_truth_of_a_picture_that_changed_meanwhile_is_not_told_of_the_old_one(camera_node, client, make_camera):
+    camera = make_camera()
+    make, camera.versions[3] = camera.latest, 5
+
+    def latest(view):
+        picture = make(view)
+        camera.versions[view] = 6  # a newer one is there at once
+        return picture
+
+    camera.latest = latest
+    service = CameraService(camera_node, camera, CameraSettings())
+    truths = client.slot(TRUTH, source="camera-c1", view=3)
+    frames = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    listened(service, 3)
+    until(lambda: service._truths[3].matched)
+    service.step()
+    assert until(frames.poll).message.seq == 1
+    time.sleep(0.2)
+    assert truths.poll() is None
+    service.step()
+    assert until(frames.poll).message.seq == 2
+    assert until(truths.poll).message.seq == 2
+
+
 def test_it_says_who_it_is_and_refuses_views_it_has_not(camera_node, client, make_camera):
     camera = make_camera()
     CameraService(camera_node, camera, CameraSettings())
