@@ -1,1 +1,1 @@
-"""One surveillance camera: renders, encodes and publishes views while somebody listens."""
+"""One surveillance camera: encodes and publishes the views of its source while somebody listens."""

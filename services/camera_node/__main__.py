@@ -4,35 +4,64 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from services.camera_node.config import CameraSettings
 from services.camera_node.eyes import open_eyes
 from services.camera_node.service import CameraService
 from services.camera_node.slots import lease, named
+from services.camera_node.sources.simulated import SimulatedSource
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
+from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.perception import Backend
 
 
 def main() -> None:
+    """One simulated camera, until SIGTERM."""
     settings, bus = CameraSettings(), BusSettings()
     building = SimulatedBuilding(SimulationSettings())
-    if settings.id:
-        camera = named(building.plan, settings.id)
-        node = Node("camera", camera.name, bus).__enter__()
-    else:
-        camera, node = _leased(building, bus)
-    with node:
-        service = CameraService(node, building, camera, settings)
-        eyes = open_eyes(
-            node, building, camera, settings, lambda: service.sending, lambda: _backend(building, settings)
-        )
-        try:
+    plan = building.plan
+    with _camera_and_node(plan, settings, bus) as (camera, node):
+        source = SimulatedSource(building, camera)
+        service = CameraService(node, source, settings)
+        with open_eyes(
+            node, source, settings, n_floors=len(plan.floors), load=lambda: _backend(building, settings),
+            busy=lambda: service.sending,
+        ):  # fmt: skip
             node.run(service.step, idle_s=0.02)
-        finally:
-            if eyes is not None:
-                eyes.close()
+
+
+@contextmanager
+def _camera_and_node(
+    plan: CameraPlan, settings: CameraSettings, bus: BusSettings
+) -> Iterator[tuple[PlannedCamera, Node]]:
+    """The camera named in the settings and its node, or any free one of the plan, however long that takes."""
+    if settings.id:
+        camera = named(plan, settings.id)
+        with Node("camera", camera.name, bus) as node:
+            yield camera, node
+        return
+    said = False
+    while True:
+        with lease(plan, bus) as found:
+            if found is not None:
+                yield found
+                return
+        if not said:
+            print(f"camera: all {len(plan.cameras)} slots of the plan are taken; waiting for one", file=sys.stderr)
+            said = True
+        _stay_healthy(bus)
+        time.sleep(2.0)
+
+
+def _stay_healthy(bus: BusSettings) -> None:
+    """A spare replica that waits for a slot to fall free is well."""
+    if bus.health_file:
+        bus.health_file.parent.mkdir(parents=True, exist_ok=True)
+        bus.health_file.touch()
 
 
 def _backend(building: SimulatedBuilding, settings: CameraSettings) -> Backend:
@@ -41,23 +70,6 @@ def _backend(building: SimulatedBuilding, settings: CameraSettings) -> Backend:
     return choose_backend(
         settings.perception, threads=settings.threads, seed=building.settings.seed, download=settings.download
     )
-
-
-def _leased(building: SimulatedBuilding, bus: BusSettings):  # type: ignore[no-untyped-def]
-    """A camera of the plan, however long that takes: a spare replica waits, healthy, for a slot to fall free."""
-    said = False
-    while (found := lease(building.plan, bus)) is None:
-        if not said:
-            print(
-                f"camera: all {len(building.plan.cameras)} slots of the plan are taken; waiting for one",
-                file=sys.stderr,
-            )
-            said = True
-        if bus.health_file:
-            bus.health_file.parent.mkdir(parents=True, exist_ok=True)
-            bus.health_file.touch()
-        time.sleep(2.0)
-    return found
 
 
 if __name__ == "__main__":

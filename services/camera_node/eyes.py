@@ -11,62 +11,63 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
-
-import zenoh
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
-from simulator.simulation import SimulatedBuilding
+from services.camera_node.sources.source import Source
 from surveilnav.bus import Node, clock_ns
-from surveilnav.camera_plan import PlannedCamera
 from surveilnav.contract import CAMERA_SUMMARY
-from surveilnav.errors import PerceptionError
+from surveilnav.errors import BusError, PerceptionError
 from surveilnav.perception import Backend
-from surveilnav.sensing.views import TrueInstances
+from surveilnav.sensing.views import looks_straight_down
 
-#: Steeper views than this aren't looked at: detectors can't read what is seen from straight above.
-_NADIR_RAD = math.radians(-75.0)
 _NICE = 10
 #: Without anything to look at for so long, the networks' memory is given back.
 _RELEASE_S = 30.0
 _RETRY_S = 60.0
 
 
+@contextmanager
 def open_eyes(
-    node: Node, building: SimulatedBuilding, camera: PlannedCamera, settings: CameraSettings, busy: Callable[[], bool],
-    load: Callable[[], Backend],
-) -> Eyes | None:  # fmt: skip
+    node: Node, source: Source, settings: CameraSettings, *, n_floors: int, load: Callable[[], Backend],
+    busy: Callable[[], bool],
+) -> Iterator[Eyes | None]:  # fmt: skip
     """The camera's eyes, looking; None where it has no perception, or where there is no floor to choose.
 
-    ``busy`` says when the camera has more important things to do: no look begins then. ``load`` makes the backend.
+    ``n_floors``: of the building; ``load`` makes the backend; ``busy`` says when the camera has more important
+    things to do: no look begins then.
     """
-    if settings.perception == "none" or len(building.plan.floors) < settings.least_floors:
-        return None
-    eyes = Eyes(node, building, camera, settings, load, busy)
+    if settings.perception == "none" or n_floors < settings.least_floors:
+        yield None
+        return
+    eyes = Eyes(node, source, settings, load, busy)
     eyes.start()
-    return eyes
+    try:
+        yield eyes
+    finally:
+        eyes.close()
 
 
 class Eyes:
     """Looks at one view at a time and puts the summary, invoked or not. ``load`` makes the backend when it is needed."""
 
     def __init__(
-        self, node: Node, building: SimulatedBuilding, camera: PlannedCamera, settings: CameraSettings,
-        load: Callable[[], Backend], busy: Callable[[], bool] = lambda: False,
+        self, node: Node, source: Source, settings: CameraSettings, load: Callable[[], Backend],
+        busy: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
-        self._busy = busy
-        self._node, self._building, self._camera, self._settings, self._load = node, building, camera, settings, load
-        self._views = [v for v, pose in enumerate(camera.views) if _pitch_rad(pose.matrix()[2, 2]) >= _NADIR_RAD]
-        self._truth_labels = building.scene.truth_labels
+        self._node, self._source, self._settings, self._load, self._busy = node, source, settings, load, busy
+        self._views = [v for v, pose in enumerate(source.views) if not looks_straight_down(pose.matrix())]
         self._seen: dict[int, core.Seen] = {}
         self._backend: Backend | None = None
-        self._publisher = node.publisher(CAMERA_SUMMARY, floor=camera.floor, camera=camera.name)
+        self._publisher = node.publisher(CAMERA_SUMMARY, floor=source.place.floor, camera=source.place.name)
         self._said: tuple[Mapping[str, float], float] | None = None
         self._looked_s, self._failed_s = -math.inf, -math.inf
         self._thread = threading.Thread(target=self._run, name="eyes", daemon=True)
 
     def start(self) -> None:
+        """Begins to look, on a thread of its own."""
         self._thread.start()
 
     def close(self, timeout_s: float = 5.0) -> None:
@@ -81,7 +82,7 @@ class Eyes:
             while not self._node.stopping.wait(pause_s):
                 self._look(time.monotonic())
                 self._tell(time.monotonic())
-        except zenoh.ZError as error:
+        except BusError as error:
             if not self._node.stopping.is_set():
                 self._node.log.error("the camera's summary can't be put any more", error=str(error))
         except Exception:  # a bug in looking must not end the camera, nor stay silent
@@ -89,8 +90,7 @@ class Eyes:
 
     def _look(self, now_s: float) -> None:
         """Looks at one view, if any is new and the last look was long enough ago."""
-        # A rendered building doesn't change: every view stays at version 0.
-        versions = dict.fromkeys(self._views, 0)
+        versions = {v: version for v in self._views if (version := self._source.version(v)) is not None}
         view = core.view_to_look_at(self._seen, versions)
         if view is None and now_s - self._looked_s > _RELEASE_S:
             self._backend = None
@@ -101,27 +101,24 @@ class Eyes:
             if self._backend is None:
                 self._backend = self._load()
                 self._node.log.info("looks by itself", backend=self._backend.name, views=len(self._views))
-            labels = self._labels(self._backend, view, versions[view])
+            seen = self._perceive(self._backend, view)
         except PerceptionError as error:
             self._failed_s = now_s
             self._node.traffic.reject("own perception")
             self._node.log.warning("the camera can't look by itself", error=str(error), again_in_s=_RETRY_S)
             return
-        self._seen[view] = core.Seen(versions[view], labels)
+        self._seen[view] = seen
         self._looked_s = time.monotonic()
 
-    def _labels(self, backend: Backend, view: int, version: int) -> dict[str, float]:
-        rendered = self._building.camera_view(self._camera, view)
-        truth = None
-        if backend.needs_truth:  # oracle and simulated; a real backend never gets it
-            truth = TrueInstances(rendered.instance_ids, self._truth_labels, self._camera.views[view].matrix())
-        key = (f"camera/{self._camera.name}", view, version + 1)
-        intrinsics = self._building.plan.intrinsics
-        seen = backend.perceive(rendered.rgb, rendered.depth_m, intrinsics, truth=truth, key=key)
+    def _perceive(self, backend: Backend, view: int) -> core.Seen:
+        picture = self._source.latest(view)
+        truth = picture.truth if backend.needs_truth else None  # oracle and simulated; a real backend never gets it
+        key = (f"camera/{self._source.place.name}", view, picture.version + 1)
+        seen = backend.perceive(picture.rgb, picture.depth_m, self._source.intrinsics, truth=truth, key=key)
         labels: dict[str, float] = {}
         for found in seen.detections:
             labels[found.label] = max(float(found.score), labels.get(found.label, 0.0))
-        return labels
+        return core.Seen(picture.version, labels)
 
     def _tell(self, now_s: float) -> None:
         """Puts the summary when it is due; nothing before the first look."""
@@ -132,12 +129,8 @@ class Eyes:
         assert CAMERA_SUMMARY.rate_hz is not None
         if core.summary_due(now_s - said_s, news=labels != said, period_s=1.0 / CAMERA_SUMMARY.rate_hz):
             self._said = labels, now_s
-            self._publisher.put(core.summary(self._camera.name, self._camera.floor, labels, stamp_ns=clock_ns()))
-
-
-def _pitch_rad(forward_z: float) -> float:
-    """How far up a camera looks whose optical axis has this z in the world."""
-    return math.asin(max(-1.0, min(1.0, float(forward_z))))
+            place = self._source.place
+            self._publisher.put(core.summary(place.name, place.floor, labels, stamp_ns=clock_ns()))
 
 
 def _lower_priority() -> None:

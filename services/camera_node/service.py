@@ -1,55 +1,48 @@
-"""The camera node: renders, encodes and puts a view only while somebody listens to it."""
+"""The camera node: encodes and puts a view only while somebody listens to it."""
 
 from __future__ import annotations
 
 import threading
-from functools import lru_cache
 from typing import Any
-
-import cv2
 
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
-from simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
+from services.camera_node.frames import EncodedViews
+from services.camera_node.sources.source import Source
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
-from surveilnav.camera_plan import PlannedCamera
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
-from surveilnav.messages import Ack, CameraInfo, CameraViewInfo, FrameHeader, Truth
-from surveilnav.sensing.packing import encode_jpeg, encode_rgbd, pack_array
+from surveilnav.messages import Ack, CameraInfo, CameraViewInfo, FrameHeader
+from surveilnav.sensing.truth import truth_to_wire
 
 
 class CameraService:
-    """Serves the views of one camera of the plan."""
+    """Serves the views of one camera."""
 
-    def __init__(
-        self, node: Node, building: SimulatedBuilding, camera: PlannedCamera, settings: CameraSettings
-    ) -> None:
-        self._node, self._building, self._camera, self._settings = node, building, camera, settings
-        self._place: dict[str, Any] = {"floor": camera.floor, "camera": camera.name}
-        views = range(len(camera.views))
-        self._frames = {v: node.publisher(CAMERA_FRAME, **self._place, view=v) for v in views}
-        self._truths = {v: node.publisher(TRUTH, source=f"camera-{camera.name}", view=v) for v in views}
+    def __init__(self, node: Node, source: Source, settings: CameraSettings) -> None:
+        self._node, self._source, self._settings = node, source, settings
+        place, views = source.place, range(len(source.views))
+        ids: dict[str, Any] = {"floor": place.floor, "camera": place.name}
+        self._name = f"camera/{place.name}"
+        self._frames = {v: node.publisher(CAMERA_FRAME, **ids, view=v) for v in views}
+        self._truths = {v: node.publisher(TRUTH, source=f"camera-{place.name}", view=v) for v in views}
+        self._encoded = EncodedViews(source, settings.jpeg_quality)
         self._state = core.SendState()
         self._requested: set[int] = set()
         self._lock = threading.Lock()
         #: Frames are on their way: whatever can wait should.
         self.sending = False
         self._seq = dict.fromkeys(views, 0)
-        self._truth_labels = building.scene.truth_labels
-        self._encoded = lru_cache(maxsize=len(camera.views))(self._encode)
-        node.serve(CAMERA_INFO, lambda _: Answer(self._info()), **self._place)
-        node.serve(CAMERA_REQUEST, self._on_request, **self._place)
-        node.publisher(CAMERA_INFO, **self._place).put(self._info())
+        node.serve(CAMERA_INFO, lambda _: Answer(self._info()), **ids)
+        node.serve(CAMERA_REQUEST, self._on_request, **ids)
+        node.publisher(CAMERA_INFO, **ids).put(self._info())
 
     def step(self) -> bool:
         """Puts the views that are due; True if there were any."""
         matched = {v for v, publisher in self._frames.items() if publisher.matched}
         with self._lock:
             requested, self._requested = self._requested, set()
-        # A rendered building doesn't change: every view stays at version 0.
-        self._state, due = core.views_to_send(
-            self._state, versions=dict.fromkeys(self._frames, 0), matched=matched, requested=requested
-        )
+        versions = {v: version for v in self._frames if (version := self._source.version(v)) is not None}
+        self._state, due = core.views_to_send(self._state, versions=versions, matched=matched, requested=requested)
         self.sending = bool(due)
         for view in due:
             if self._node.stopping.is_set():
@@ -59,54 +52,47 @@ class CameraService:
         return bool(due)
 
     def _put(self, view: int) -> None:
-        payload, image, depth = self._encoded(view)
+        encoded = self._encoded.newest(view)
         self._seq[view] += 1
-        self._put_truth(view)
+        self._put_truth(view, encoded.version)
+        source, place = self._source, self._source.place
         header = FrameHeader(
-            stamp_ns=clock_ns(), source=f"camera/{self._camera.name}", view=view, seq=self._seq[view],
-            floor=self._camera.floor, T_world_camera=self._camera.views[view], camera=self._building.plan.intrinsics,
-            mounting_offset_m=self._building.plan.mounting_offset_m, depth_range_m=CAMERA_DEPTH_RANGE_M,
-            image=image, depth=depth,
+            stamp_ns=clock_ns(), source=self._name, view=view, seq=self._seq[view], floor=place.floor,
+            T_world_camera=source.views[view], camera=source.intrinsics, mounting_offset_m=place.mounting_offset_m,
+            depth_range_m=source.depth_range_m, image=encoded.image, depth=encoded.depth,
         )  # fmt: skip
-        self._frames[view].put(header, payload)
+        self._frames[view].put(header, encoded.payload)
 
-    def _encode(self, view: int):  # type: ignore[no-untyped-def]
-        rendered = self._building.camera_view(self._camera, view)
-        return encode_rgbd(
-            rendered.rgb, rendered.depth_m, depth_range_m=CAMERA_DEPTH_RANGE_M, jpeg_quality=self._settings.jpeg_quality
-        )
-
-    def _put_truth(self, view: int) -> None:
+    def _put_truth(self, view: int, version: int) -> None:
         if not self._truths[view].matched:  # only the backends oracle and simulated ever listen
             return
-        ids = self._building.camera_view(self._camera, view).instance_ids
-        truth = Truth(
-            stamp_ns=clock_ns(), source=f"camera/{self._camera.name}", view=view, seq=self._seq[view],
-            width_px=ids.shape[1], height_px=ids.shape[0], labels=self._truth_labels,
-            T_world_camera=self._camera.views[view],
-        )  # fmt: skip
-        self._truths[view].put(truth, pack_array(ids))
+        picture = self._source.latest(view)
+        if picture.truth is None or picture.version != version:
+            return
+        truth = truth_to_wire(picture.truth, source=self._name, view=view, seq=self._seq[view], stamp_ns=clock_ns())
+        self._truths[view].put(*truth)
 
     def _info(self) -> CameraInfo:
+        source, place = self._source, self._source.place
         return CameraInfo(
-            stamp_ns=clock_ns(), camera=self._camera.name, floor=self._camera.floor, position_m=self._camera.position_m,
-            mounting_offset_m=self._building.plan.mounting_offset_m, intrinsics=self._building.plan.intrinsics,
-            views=[CameraViewInfo(v, pose) for v, pose in enumerate(self._camera.views)],
+            stamp_ns=clock_ns(), camera=place.name, floor=place.floor, position_m=place.position_m,
+            mounting_offset_m=place.mounting_offset_m, intrinsics=source.intrinsics,
+            views=[CameraViewInfo(v, pose) for v, pose in enumerate(source.views)],
         )  # fmt: skip
 
     def _on_request(self, request: Request) -> Answer:
-        unknown = set(request.message.views) - set(self._frames)
-        if unknown or not request.message.views:
-            raise Refused("bad_view", f"expected views of 0-{len(self._frames) - 1}, got {request.message.views}")
+        views = request.message.views
+        unknown = set(views) - set(self._frames)
+        if unknown or not views:
+            raise Refused("bad_view", f"expected views of 0-{len(self._frames) - 1}, got {views}")
         if request.message.action == "thumbnail":
-            return Answer(Ack(stamp_ns=clock_ns()), self._thumbnail(request.message.views[0]))
+            return Answer(Ack(stamp_ns=clock_ns()), self._thumbnail(views[0]))
         with self._lock:
-            self._requested |= set(request.message.views)
+            self._requested |= set(views)
         self._node.wake.set()
-        return Answer(Ack(stamp_ns=clock_ns(), message=f"{len(request.message.views)} views will come again"))
+        return Answer(Ack(stamp_ns=clock_ns(), message=f"{len(views)} views will come again"))
 
     def _thumbnail(self, view: int) -> bytes:
-        rgb = self._building.camera_view(self._camera, view).rgb
-        width = self._settings.thumbnail_width_px
-        height = round(width * rgb.shape[0] / rgb.shape[1])
-        return encode_jpeg(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA), 80)
+        if self._source.version(view) is None:
+            raise Refused("busy", f"view {view} has no picture yet: ask again later")
+        return self._encoded.thumbnail(view, self._settings.thumbnail_width_px)

@@ -33,5 +33,5 @@ class Gateway:
 
     def readiness(self) -> Readiness:
         """Whether a mission could run now, and what is missing."""
-        routers = len(self._node.session.info.routers_zid())
+        routers = self._node.routers()
         return Readiness.of(routers, {kind: self._node.alive(kind) for kind, _ in NEEDED})

@@ -14,6 +14,7 @@ from surveilnav.bus.main import run_service
 
 
 def main() -> None:
+    """One perception worker, until SIGTERM."""
     settings, bus = PerceptionSettings(), BusSettings()
     backend = choose_backend(
         settings.backend,

@@ -26,7 +26,7 @@ class PerceptionService:
         self._latency_ms = 0.0
         self._queued = 0
         self._last_load_s = 0.0
-        self._truth = TruthChannel(node, settings.truth_kept) if backend.needs_truth else None
+        self._truth = TruthChannel(node, backend.name, settings) if backend.needs_truth else None
         self._load = node.publisher(PERCEPTION_LOAD, worker=settings.worker)
         node.serve(PERCEPTION_LOAD, lambda _: Answer(self.load()), worker=settings.worker)
         node.serve(PERCEPTION_TEXT, self.embed_texts, worker=settings.worker)
@@ -52,16 +52,8 @@ class PerceptionService:
         request: InferRequest = query.message
         if request.camera is None or request.image is None or request.depth is None:
             raise WireError("a picture needs camera, image and depth in its request")
-        truth = None
-        if self._truth is not None:
-            truth = self._truth.wait_for(request.source, request.view, request.seq, self._settings.truth_wait_s)
-            if truth is None:
-                raise Refused(
-                    "no_truth",
-                    f"no instance ids of {request.source} view {request.view} seq {request.seq} arrived: "
-                    f"the backend {self._backend.name} runs only where simulator nodes put them",
-                )
         key = (request.source, request.view, request.seq)
+        truth = self._truth.wait_for(*key) if self._truth is not None else None
         with self._one_at_a_time:
             self._check_deadline(request, query)
             start = time.perf_counter()
@@ -75,14 +67,18 @@ class PerceptionService:
             except PerceptionError as error:
                 raise Refused("perception_failed", str(error)) from error
             detections, image_embedding = perception_to_wire(seen)
-            latency_ms = (time.perf_counter() - start) * 1e3
-            self._latency_ms = latency_ms if not self._latency_ms else 0.8 * self._latency_ms + 0.2 * latency_ms
+            latency_ms = self._count((time.perf_counter() - start) * 1e3)
         reply = InferReply(
             stamp_ns=clock_ns(), worker=self._settings.worker, backend=self._backend.name, source=request.source,
             view=request.view, seq=request.seq, detections=detections, image_embedding=image_embedding,
             latency_ms=latency_ms,
         )  # fmt: skip
         return Answer(reply)
+
+    def _count(self, latency_ms: float) -> float:
+        """Takes a view's time into the mean that it tells; returns it."""
+        self._latency_ms = latency_ms if not self._latency_ms else 0.8 * self._latency_ms + 0.2 * latency_ms
+        return latency_ms
 
     def embed_texts(self, query: Request) -> Answer:
         """Embeddings of texts."""

@@ -1,1 +1,1 @@
-"""One robot: executes commands, publishes observations. Simulated here; a real one speaks the same contract."""
+"""One robot: its body carries out commands, it publishes observations. Simulated or real, the contract is the same."""

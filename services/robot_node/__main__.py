@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import sys
 
+from services.robot_node.bodies.simulated import SimulatedBody, start_state
 from services.robot_node.config import RobotSettings
-from services.robot_node.service import RobotService, start_state
+from services.robot_node.service import RobotService
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node
 from surveilnav.bus.main import run_service
 
 
 def main() -> None:
+    """One simulated robot, until SIGTERM."""
     settings = RobotSettings()
     building = SimulatedBuilding(SimulationSettings())
-    state = start_state(building, settings)
+    body = SimulatedBody(building, start_state(building, settings))
     _ = building.renderer  # loaded before anybody waits for a picture
     with Node("robot", settings.id) as node:
-        node.run(RobotService(node, building, state, settings).step)
+        node.run(RobotService(node, body, settings).step)
 
 
 if __name__ == "__main__":

@@ -34,22 +34,44 @@ class TransitLike(Protocol):
     """A stair: see ``simulator.world.navigation.Transit``."""
 
     @property
-    def length_m(self) -> float: ...
+    def length_m(self) -> float:
+        """Length of the way between its ends."""
+        ...
+
     @property
-    def lower_floor(self) -> str: ...
+    def lower_floor(self) -> str:
+        """The floor of its lower end."""
+        ...
+
     @property
-    def upper_floor(self) -> str: ...
-    def end_on(self, floor: str) -> tuple[float, float, float]: ...
-    def other_floor(self, floor: str) -> str: ...
+    def upper_floor(self) -> str:
+        """The floor of its upper end."""
+        ...
+
+    def end_on(self, floor: str) -> tuple[float, float, float]:
+        """Its end (x, y, z) on one of its floors [m, world]."""
+        ...
+
+    def other_floor(self, floor: str) -> str:
+        """The floor that it leads to from ``floor``."""
+        ...
 
 
 class NavigationLike(Protocol):
     """What motion needs to know of the world: see ``simulator.world.navigation.NavigationMap``."""
 
     @property
-    def transits(self) -> tuple[TransitLike, ...]: ...
-    def is_navigable(self, p_world: ArrayLike, floor: str) -> bool: ...
-    def way_free(self, p_from: ArrayLike, p_to: ArrayLike, floor: str) -> float: ...
+    def transits(self) -> tuple[TransitLike, ...]:
+        """All stairs."""
+        ...
+
+    def is_navigable(self, p_world: ArrayLike, floor: str) -> bool:
+        """Whether a robot can stand at ``p_world`` (x, y[, z])."""
+        ...
+
+    def way_free(self, p_from: ArrayLike, p_to: ArrayLike, floor: str) -> float:
+        """The share of the straight way that is free, 0-1."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +99,7 @@ class RobotState:
 
     @property
     def p_world(self) -> tuple[float, float, float]:
+        """(x, y, z) of its base [m, world]."""
         return self.x_m, self.y_m, self.z_m
 
 

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import msgspec
+import pytest
 
 from surveilnav import contract
 from surveilnav.messages import FrameHeader, InferReply, InferRequest, Observation
@@ -41,25 +42,70 @@ def test_a_request_to_perception_carries_no_truth():
     }  # fmt: skip
 
 
-def test_only_simulators_and_perception_name_the_truth_key():
+#: Where instance ids pass: from a simulated source or body over the key to the backends that need them.
+TRUTH_USERS = {
+    "camera_node/service.py", "camera_node/sources/simulated.py", "camera_node/sources/source.py",
+    "perception/truth_channel.py",
+    "robot_node/bodies/body.py", "robot_node/bodies/simulated.py", "robot_node/observation.py", "robot_node/service.py",
+    "gateway/core/traffic.py",  # its sums leave the key out
+}  # fmt: skip
+TRUTH_NAMES = {"TRUTH", "Truth", "TrueInstances", "truth_from_wire", "truth_to_wire", "truth_labels", "instance_ids"}
+
+
+def truth_users(services: Path) -> set[str]:
+    """Files of services that name the truth's key, message, array or codec."""
     users = set()
-    for path in (ROOT / "services").rglob("*.py"):
+    for path in services.rglob("*.py"):
         nodes = list(ast.walk(ast.parse(path.read_text())))
         names = {n.id for n in nodes if isinstance(n, ast.Name)} | {
             n.attr for n in nodes if isinstance(n, ast.Attribute)
         }
         names |= {a.name for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}
-        if "TRUTH" in names and path.name != "traffic.py":  # the gateway's sums leave the key out
-            users.add(path.relative_to(ROOT / "services").parts[0])
-    assert users <= {"camera_node", "robot_node", "perception"}
+        if names & TRUTH_NAMES:
+            users.add(str(path.relative_to(services)))
+    return users
+
+
+def building_users(services: Path) -> set[str]:
+    """Files of the services that must not know the building, and yet name the simulator."""
+    return {
+        str(path.relative_to(services))
+        for service in ("fusion", "planner", "gateway", "perception")
+        for path in (services / service).rglob("*.py")
+        if re.search(r"\bsimulator\b\.|import simulator", path.read_text())
+    }
+
+
+def test_only_simulators_and_perception_name_the_truth():
+    assert truth_users(ROOT / "services") == TRUTH_USERS
     assert contract.TRUTH.owner == "simulator nodes"
 
 
-def test_fusion_and_planner_cannot_import_the_building():
-    for service in ("fusion", "planner", "gateway", "perception"):
-        for path in (ROOT / "services" / service).rglob("*.py"):
-            text = path.read_text()
-            if path.name != "__main__.py":  # composition roots register the simulator's perception
-                assert not re.search(r"\bsimulator\b\.|import simulator", text), (
-                    f"{path}: the building is the simulator's alone"
-                )
+def test_fusion_planner_and_gateway_cannot_import_the_building():
+    """Perception's composition root registers the simulator's backends."""
+    assert building_users(ROOT / "services") == {"perception/__main__.py"}
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("fusion/keeper.py", "from surveilnav.contract import TRUTH"),
+        ("fusion/core/cloud.py", "def peek(contract): return contract.TRUTH"),
+        ("planner/core/step.py", "from surveilnav.sensing.views import TrueInstances"),
+        ("planner/world.py", "from surveilnav.sensing.truth import truth_from_wire"),
+        ("perception/service.py", "labels = scene.truth_labels"),
+    ],
+)
+def test_a_planted_leak_of_the_truth_is_seen(tmp_path, file, text):
+    (tmp_path / file).parent.mkdir(parents=True)
+    (tmp_path / file).write_text(text)
+    assert truth_users(tmp_path) == {file}
+
+
+@pytest.mark.parametrize(
+    "text", ["from simulator.world.scene import Scene", "import simulator", "import simulator.world"]
+)
+def test_a_planted_import_of_the_building_is_seen(tmp_path, text):
+    (tmp_path / "fusion/core").mkdir(parents=True)
+    (tmp_path / "fusion/core/cloud.py").write_text(text)
+    assert building_users(tmp_path) == {"fusion/core/cloud.py"}

@@ -80,14 +80,16 @@ def test_garbage_on_every_key_stops_nothing(system):
     s.search("tv")
     s.wait(lambda m: m.step >= 1, 90)
     garbage = [b"", b"\xff" * 1000, b"\x81\xa8stamp_ns\xc0", b"{}", bytes(200_000)]
+    stranger = zenoh.open(zenoh.Config.from_json5(s.stack.bus.client_config()))
     for stream, key in keys.items():
         for schema in (stream.schema, "surveilnav.Other/1.0", ""):
             for payload in garbage:
                 encoding = zenoh.Encoding("application/msgpack").with_schema(schema)
-                s.node.session.put(key, payload, encoding=encoding, attachment=payload)
+                stranger.put(key, payload, encoding=encoding, attachment=payload)
                 if "query" in stream.kind:
-                    for _ in s.node.session.get(key, payload=payload, encoding=encoding, timeout=2.0):
+                    for _ in stranger.get(key, payload=payload, encoding=encoding, timeout=2.0):
                         pass
+    stranger.close()
     ended = s.wait(lambda m: m.state in FINISHED_STATES, 120)
     assert (ended.state, ended.found) == ("done", True), ended
     s.stack.check()

@@ -3,7 +3,10 @@
 ``Node`` is the whole interface; services see messages and numpy arrays, never a Zenoh type.
 """
 
-from surveilnav.bus.node import Answer, Node, Publisher, Received, Request, Slot, Table
+from surveilnav.bus.connection import Received
+from surveilnav.bus.node import Node
+from surveilnav.bus.publishing import Publisher, Slot, Subscription, Table
+from surveilnav.bus.queries import Answer, Request
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.wire import Refused, Unanswered, clock_ns
 
@@ -16,6 +19,7 @@ __all__ = [
     "Refused",
     "Request",
     "Slot",
+    "Subscription",
     "Table",
     "Unanswered",
     "clock_ns",

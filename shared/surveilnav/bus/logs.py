@@ -41,6 +41,7 @@ class RateLimit:
         self._lock = threading.Lock()
 
     def allows(self, key: str) -> bool:
+        """Whether this event goes through; if so, the next ones of its key wait."""
         now = time.monotonic()
         with self._lock:
             if now - self._last.get(key, -1e9) < self._period_s:

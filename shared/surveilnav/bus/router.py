@@ -57,6 +57,7 @@ def free_port() -> int:
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Routes until SIGTERM or SIGINT; the process's exit code."""
     parser = argparse.ArgumentParser(prog="surveilnav.bus.router", description=__doc__)
     parser.add_argument("--listen", default=f"tcp/127.0.0.1:{DEFAULT_PORT}", help="tcp/HOST:PORT")
     parser.add_argument("--config", type=Path, help="a Zenoh JSON5 file instead of the built-in settings")

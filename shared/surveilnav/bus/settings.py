@@ -38,6 +38,7 @@ class BusSettings(BaseSettings):
 
     @property
     def router_port(self) -> int:
+        """The TCP port of the router's endpoint."""
         return int(self.router.rsplit(":", 1)[1])
 
     def client_config(self) -> str:

@@ -35,6 +35,7 @@ class TrafficMeter:
         self._rejected: Counter[str] = Counter()
 
     def count(self, key: str, direction: Direction, n_bytes: int) -> None:
+        """Adds one message of ``n_bytes`` (payload, attachment and key)."""
         with self._lock:
             if (key, direction) not in self._bytes and len(self._bytes) >= _MAX_ROWS:
                 key = OTHER_KEYS  # a stranger who invents keys fills no memory
@@ -48,6 +49,7 @@ class TrafficMeter:
             return self._rejected[reason]
 
     def rows(self) -> list[TrafficRow]:
+        """Messages and bytes so far, by key and direction."""
         with self._lock:
             return [
                 TrafficRow(key, direction, self._messages[key, direction], n_bytes)
@@ -55,10 +57,12 @@ class TrafficMeter:
             ]
 
     def rejected(self) -> dict[str, int]:
+        """How often what was dropped, by reason."""
         with self._lock:
             return dict(self._rejected)
 
     def offered_bytes(self, key: str) -> int:
+        """Bytes put on one key so far."""
         with self._lock:
             return self._bytes[key, "offered"]
 

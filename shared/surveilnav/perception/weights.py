@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,7 +98,7 @@ def _download(weights: Weights, path: Path) -> None:
     handle, partial = tempfile.mkstemp(dir=path.parent, prefix=weights.file)
     try:
         with (
-            os.fdopen(handle, "wb") as out,
+            open(handle, "wb") as out,
             httpx.stream("GET", weights.url, timeout=_TIMEOUT, follow_redirects=True) as answer,
         ):
             answer.raise_for_status()
@@ -111,7 +110,7 @@ def _download(weights: Weights, path: Path) -> None:
                 out.write(chunk)
         if n != weights.n_bytes or digest.hexdigest() != weights.sha256:
             raise PerceptionError(f"{weights.url} holds another file than expected ({weights.n_bytes} bytes): not used")
-        os.replace(partial, path)
+        Path(partial).replace(path)
     except (httpx.HTTPError, OSError) as error:
         raise PerceptionError(
             f"the weights {weights.file} aren't on this machine and can't be downloaded from {weights.url} "

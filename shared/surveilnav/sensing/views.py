@@ -5,12 +5,16 @@ The wire's twins are in ``surveilnav.messages``; ``surveilnav.sensing.packing`` 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
+
+#: Steeper views than this show nothing that a detector knows: it can't read what is seen from straight above.
+_NADIR_RAD = math.radians(75.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,3 +105,8 @@ def box_cells(box_px: tuple[float, float, float, float], width_px: int, height_p
     left, top = max(0, int(np.floor(x0))), max(0, int(np.floor(y0)))
     right, bottom = min(width_px, int(np.ceil(x1))), min(height_px, int(np.ceil(y1)))
     return left, top, max(left, right), max(top, bottom)
+
+
+def looks_straight_down(T_world_camera: Matrix4) -> bool:
+    """Whether a camera (4, 4) looks down so steeply that no detector can read what it sees."""
+    return float(T_world_camera[2, 2]) < -math.sin(_NADIR_RAD)

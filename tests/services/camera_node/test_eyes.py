@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import subprocess
 import sys
@@ -18,37 +17,13 @@ from services.camera_node.config import CameraSettings
 from services.camera_node.eyes import Eyes, open_eyes
 from services.camera_node.service import CameraService
 from simulator.truth.backends import Oracle
-from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.categories import COCO
 from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRAFFIC
 from surveilnav.errors import PerceptionError
-from surveilnav.geometry import Pinhole, Pose, camera_pose
 from surveilnav.messages import CameraRequest
 from surveilnav.sensing.views import Detected, ViewPerception
 
-SIDE = 64
-VIEWS = [Pose.from_matrix(camera_pose((1.0, 2.0, 1.8), k * math.pi / 6, math.radians(-30))) for k in range(12)]
-NADIR = Pose.from_matrix(camera_pose((1.0, 2.0, 1.8), 0.0, -math.pi / 2))
-CAMERA = PlannedCamera("c1", "0", (1.0, 2.0, 1.8), [*VIEWS, NADIR])
 QUICK = CameraSettings(perception="oracle", look_period_s=0.01)
-
-
-class Building:
-    """Shows instance 1, a bed, in view 3, and nothing elsewhere."""
-
-    def __init__(self, floors=("0", "1")):
-        intrinsics = Pinhole.from_hfov(SIDE, SIDE, math.radians(100.0))
-        self.plan = CameraPlan("home", "hash", list(floors), 1.8, intrinsics, [CAMERA])
-        self.scene = SimpleNamespace(truth_labels={1: "bed"})
-        self.settings = SimpleNamespace(seed=0)
-        self.rendered = []
-
-    def camera_view(self, camera, view):
-        self.rendered.append(view)
-        ids = np.full((SIDE, SIDE), view == 3, np.uint16)
-        return SimpleNamespace(
-            rgb=np.full((SIDE, SIDE, 3), 99, np.uint8), depth_m=np.full((SIDE, SIDE), 2.0, np.float32), instance_ids=ids
-        )
 
 
 class Watcher:
@@ -74,17 +49,12 @@ class Watcher:
 
 
 @pytest.fixture
-def camera_node(make_node):
-    return make_node("camera", "c1")
-
-
-@pytest.fixture
-def start(camera_node):
+def start(camera_node, make_camera):
     """``start(backend)``: eyes that look; they are closed at the test's end."""
     opened = []
 
-    def start(backend, settings=QUICK, building=None, busy=lambda: False):
-        eyes = Eyes(camera_node, building or Building(), CAMERA, settings, lambda: backend, busy)
+    def start(backend, settings=QUICK, busy=lambda: False):
+        eyes = Eyes(camera_node, make_camera(), settings, lambda: backend, busy)
         opened.append(eyes)
         eyes.start()
         return eyes
@@ -105,10 +75,7 @@ def wait_for(condition, timeout_s=10.0):
 def summaries(node):
     """A list that every summary put from now on is added to."""
     got = []
-    subscriber = node.session.declare_subscriber(
-        node.key(CAMERA_SUMMARY), lambda sample: got.append(node.received(CAMERA_SUMMARY, sample))
-    )
-    return SimpleNamespace(messages=got, subscriber=subscriber)
+    return SimpleNamespace(messages=got, subscription=node.subscribe(CAMERA_SUMMARY, got.append))
 
 
 def test_it_tells_what_it_saw_though_nobody_invoked_it(start, make_node):
@@ -145,13 +112,12 @@ def test_while_frames_are_sent_no_look_begins(start):
     wait_for(lambda: len(watcher.looks) == 12)
 
 
-def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, make_node):
+def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, make_node, make_camera):
     hold = threading.Event()
-    building = Building()
-    service = CameraService(camera_node, building, CAMERA, QUICK)
+    service = CameraService(camera_node, make_camera(), QUICK)
     client = make_node("test", "t", alive=False)
     watcher = Watcher(hold=hold)
-    start(watcher, building=building)
+    start(watcher)
     wait_for(lambda: watcher.looks)  # it looks, and will for a long time
     slots = [client.slot(CAMERA_FRAME, floor="0", camera="c1", view=v) for v in range(13)]
     loop = threading.Thread(target=lambda: camera_node.run(service.step, idle_s=0.02), daemon=True)
@@ -173,12 +139,12 @@ def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, ma
     loop.join(5)
 
 
-def test_uninvoked_it_stays_under_a_kilobyte_a_second(start, camera_node, make_node):
+def test_uninvoked_it_stays_under_a_kilobyte_a_second(start, camera_node, make_node, make_camera):
     """With the longest summary, news all the time, and somebody who reads its traffic figures."""
     listener = make_node("test", "t", alive=False)
     heard = summaries(listener)
     traffic = listener.table(TRAFFIC)
-    service = CameraService(camera_node, Building(), CAMERA, QUICK)
+    service = CameraService(camera_node, make_camera(), QUICK)
     start(Watcher(labels=COCO), CameraSettings(perception="oracle", look_period_s=0.5))
     wait_for(lambda: heard.messages and traffic.rows())
 
@@ -218,15 +184,19 @@ def test_a_detector_that_cannot_run_is_named_and_the_camera_goes_on(start, camer
     assert eyes._thread.is_alive()
 
 
-def test_who_does_not_choose_a_floor_loads_no_detector(camera_node):
-    assert open_eyes(camera_node, Building(), CAMERA, CameraSettings(perception="none"), bool, Oracle) is None
-    one_floor = Building(floors=["0"])
-    assert open_eyes(camera_node, one_floor, CAMERA, CameraSettings(perception="oracle"), bool, Oracle) is None
-    anyway = open_eyes(
-        camera_node, one_floor, CAMERA, CameraSettings(perception="oracle", least_floors=1), bool, Oracle
-    )
-    assert anyway is not None
-    anyway.close()
+def test_who_does_not_choose_a_floor_loads_no_detector(camera_node, make_camera):
+    def opened(n_floors, **settings):
+        return open_eyes(
+            camera_node, make_camera(), CameraSettings(**settings), n_floors=n_floors, load=Oracle, busy=lambda: False
+        )
+
+    with opened(2, perception="none") as eyes:
+        assert eyes is None
+    with opened(1, perception="oracle") as eyes:
+        assert eyes is None
+    with opened(1, perception="oracle", least_floors=1) as eyes:
+        assert eyes._thread.is_alive()
+    assert not eyes._thread.is_alive()
     code = "import sys, services.camera_node.__main__; print([m for m in sys.modules if 'onnx' in m or 'choose' in m])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert run.stdout.strip() == "[]", "the networks' runtime is loaded without need"

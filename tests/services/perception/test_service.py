@@ -68,7 +68,7 @@ def ask(client: Node, *query: Any, **options: Any) -> Any:
         try:
             return client.ask(*query, **options)
         except Unanswered as error:
-            if "nobody is there" not in str(error) or time.monotonic() > until_s:
+            if error.timed_out or time.monotonic() > until_s:
                 raise
             time.sleep(0.05)
 

@@ -1,0 +1,64 @@
+"""What a camera node knows of its camera, whatever makes the pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.geometry import Pinhole, Pose
+from surveilnav.sensing.views import TrueInstances
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a camera hangs: ``position_m`` (x, y, z) in the world, ``mounting_offset_m`` above its floor."""
+
+    name: str
+    floor: str
+    position_m: tuple[float, float, float]
+    mounting_offset_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """What one view shows.
+
+    Attributes:
+        version: the same number means the same picture.
+        rgb: (height, width, 3) uint8.
+        depth_m: (height, width) float32 [m] along the optical axis, registered; 0 or NaN where there is none.
+        truth: what each pixel shows: a simulator knows, a real camera never does.
+    """
+
+    version: int
+    rgb: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+    truth: TrueInstances | None = None
+
+
+class Source(Protocol):
+    """One camera; safe to use from several threads.
+
+    Attributes:
+        place: where it hangs.
+        views: ``T_world_camera`` of each view; a fixed camera has one.
+        intrinsics: of every view, colour and depth alike.
+        depth_range_m: (nearest, farthest) that it measures.
+    """
+
+    place: Place
+    views: Sequence[Pose]
+    intrinsics: Pinhole
+    depth_range_m: tuple[float, float]
+
+    def version(self, view: int) -> int | None:
+        """The version of a view's latest picture, without making it; None: there is none yet."""
+        ...
+
+    def latest(self, view: int) -> Picture:
+        """The latest picture of a view that has one."""
+        ...

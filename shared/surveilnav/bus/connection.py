@@ -1,0 +1,161 @@
+"""A process's connection to the router: what publishers, queries and presence share.
+
+Everything received is decoded and checked here; what doesn't decode is counted (``TrafficReport.rejected``),
+logged at a limited rate and dropped. Everything received is metered by key.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import structlog
+import zenoh
+
+from surveilnav.bus.logs import RateLimit
+from surveilnav.bus.settings import BusSettings
+from surveilnav.bus.traffic import TrafficMeter
+from surveilnav.bus.wire import clock_ns, decode
+from surveilnav.contract import Stream, schema_of
+from surveilnav.errors import BusError, WireError
+from surveilnav.messages.base import Message
+
+M = TypeVar("M", bound=Message)
+PRIORITY = {
+    "control": zenoh.Priority.INTERACTIVE_HIGH,
+    "data": zenoh.Priority.DATA_HIGH,
+    "bulk": zenoh.Priority.DATA_LOW,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Received(Generic[M]):
+    """One message as it arrived: its key, the ids in the key, the message, the raw payload, and when."""
+
+    key: str
+    ids: dict[str, str]
+    message: M
+    payload: bytes
+    received_ns: int
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since it arrived."""
+        return (clock_ns() - self.received_ns) / 1e9
+
+
+class Connection:
+    """The Zenoh session, the bytes counted, the complaints made, and the threads that end before the session.
+
+    Attributes:
+        stopping: set when the process ends.
+        wake: set whenever something arrived that a loop may wait for.
+    """
+
+    def __init__(self, name: str, settings: BusSettings) -> None:
+        self.settings, self.building = settings, settings.building
+        self.log = structlog.get_logger().bind(node=name)
+        self.traffic = TrafficMeter()
+        self.stopping, self.wake = threading.Event(), threading.Event()
+        self._limit = RateLimit()
+        self._threads: list[threading.Thread] = []
+        self._kept: list[object] = []
+
+    def open(self) -> None:
+        """Connects to the router.
+
+        Raises:
+            BusError: no router answers in time.
+        """
+        try:
+            self.session = zenoh.open(zenoh.Config.from_json5(self.settings.client_config()))
+        except zenoh.ZError as error:
+            raise BusError(
+                f"no router answers at {self.settings.router} (waited {self.settings.connect_timeout_s:g} s). "
+                "Start one with `surveilnav up` or `python -m surveilnav.bus.router`, "
+                "or point SURVEILNAV_BUS__ROUTER at the right tcp/HOST:PORT."
+            ) from error
+
+    def close(self) -> None:
+        """Ends the threads, then the session; a second time changes nothing."""
+        self.stop()
+        for thread in self._threads:  # they use the session
+            thread.join(timeout=2.0)
+        if not self.session.is_closed():
+            self.session.close()  # type: ignore[no-untyped-call]
+
+    def stop(self) -> None:
+        """Has loops and threads end."""
+        self.stopping.set()
+        self.wake.set()
+
+    def thread(self, target: Callable[[], None], name: str) -> None:
+        """Runs ``target`` on a thread of its own; it must return soon after ``stopping`` is set."""
+        thread = threading.Thread(target=target, name=name, daemon=True)
+        thread.start()
+        self._threads.append(thread)
+
+    def keep(self, declared: object) -> None:
+        """Holds what Zenoh undeclares when nobody refers to it any more."""
+        self._kept.append(declared)
+
+    def key(self, stream: Stream, **ids: object) -> str:
+        """The key of a stream in this building; ids left out are wildcards."""
+        return stream.key_for(building=self.building, **ids)
+
+    def received(self, stream: Stream, sample: Any) -> Received[Any] | None:
+        """Decodes a sample; None (counted, logged seldom) if it is no message of ``stream``."""
+        key = str(sample.key_expr)
+        payload, attachment = bytes_of(sample.payload), bytes_of(sample.attachment)
+        self.traffic.count(key, "delivered", len(payload) + len(attachment) + len(key))
+        ids = stream.ids_of(key)
+        try:
+            if ids is None:
+                raise WireError(f"expected a key like {stream.key}, got {key!r:.120}")
+            data, raw = (attachment, payload) if stream.payload else (payload, b"")
+            message = decode(stream.message, data, schema_in(sample.encoding))
+        except WireError as error:
+            self.reject(stream.name, str(error))
+            return None
+        return Received(key, ids, message, raw, clock_ns())
+
+    def reject(self, where: str, why: str) -> None:
+        """Counts and (seldom) logs remote data that was dropped."""
+        count = self.traffic.reject(where)
+        self.warn_seldom("dropped", where=where, why=why, count=count)
+
+    def warn_seldom(self, event: str, **facts: Any) -> None:
+        """Logs a warning, at a limited rate for each event and place."""
+        if self.may_log(event + str(facts.get("where", ""))):
+            self.log.warning(event, **facts)
+
+    def may_log(self, what: str) -> bool:
+        """Whether it is long enough since ``what`` was last logged; counts as logging it."""
+        return self._limit.allows(what)
+
+
+@contextmanager
+def bus_errors(key: str) -> Iterator[None]:
+    """Tells Zenoh's own failures as ``BusError``: nobody above the bus knows Zenoh's types."""
+    try:
+        yield
+    except zenoh.ZError as error:
+        raise BusError(f"the connection failed at {key}: {error}") from error
+
+
+def bytes_of(data: Any) -> bytes:
+    """The bytes of a payload or an attachment; empty if there is none."""
+    return data.to_bytes() if data is not None else b""
+
+
+def encoding_of(message: type[Message], mime: str = "application/msgpack") -> zenoh.Encoding:
+    """The encoding of what carries a message of this type: a MIME type and the message's schema."""
+    return zenoh.Encoding(mime).with_schema(schema_of(message))
+
+
+def schema_in(encoding: Any) -> str:
+    """The schema in an encoding: Zenoh writes it after a semicolon."""
+    return str(encoding).partition(";")[2] if encoding is not None else ""

@@ -1,0 +1,203 @@
+"""Queries: answered on threads of their own from a bounded queue, and asked with a time limit."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import quote, unquote
+
+import zenoh
+
+from surveilnav.bus.connection import PRIORITY, Connection, Received, bus_errors, bytes_of, encoding_of, schema_in
+from surveilnav.bus.wire import Refused, Unanswered, clock_ns, decode, encode
+from surveilnav.contract import Stream
+from surveilnav.errors import SurveilNavError, WireError
+from surveilnav.messages import ErrorReply
+from surveilnav.messages.base import Message
+
+#: A slot of a queryable that nobody could free: an honest error beats a silent wait.
+BUSY = "busy"
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A query to answer: the ids in its key, its parameters, its message (None if it carries none), its payload."""
+
+    ids: dict[str, str]
+    parameters: dict[str, str]
+    message: Any
+    payload: bytes
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A reply: the message, raw bytes beside it, and (for keys with wildcards asked) the ids of its own key."""
+
+    message: Message
+    payload: bytes = b""
+    ids: dict[str, str] = field(default_factory=dict)
+
+
+Handler = Callable[[Request], Answer | list[Answer]]
+
+
+class Server:
+    """Answers queries to one key (wildcards allowed) with ``handler``, on ``workers`` threads of their own.
+
+    When ``capacity`` queries wait, more are refused at once as "busy".
+    """
+
+    def __init__(
+        self, connection: Connection, stream: Stream, key: str, handler: Handler, *, workers: int, capacity: int
+    ) -> None:
+        self._connection, self._stream, self._key, self._handler = connection, stream, key, handler
+        self._waiting: queue.Queue[Any] = queue.Queue(maxsize=capacity)
+        connection.keep(connection.session.declare_queryable(key, self._on_query))
+        for i in range(workers):
+            connection.thread(self._work, f"serve-{stream.name}-{i}")
+
+    def _on_query(self, query: Any) -> None:
+        try:
+            self._waiting.put_nowait((query, clock_ns()))
+        except queue.Full:
+            n = self._waiting.maxsize
+            self._refuse(query, BUSY, f"{n} queries are waiting already: ask again later or ask another")
+
+    def _work(self) -> None:
+        while not self._connection.stopping.is_set():
+            try:
+                query, received_ns = self._waiting.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            self._answer(query, received_ns)
+
+    def _answer(self, query: Any, received_ns: int) -> None:
+        try:
+            answers = self._handler(self._request(query, received_ns))
+            for answer in answers if isinstance(answers, list) else [answers]:
+                self._reply(query, answer)
+        except WireError as error:
+            self._connection.reject(self._stream.name, str(error))
+            self._refuse(query, "bad_message", str(error))
+        except Refused as error:
+            self._refuse(query, error.name, str(error))
+        except SurveilNavError as error:
+            self._refuse(query, "failed", str(error))
+        except zenoh.ZError as error:
+            self._connection.warn_seldom("reply failed", stream=self._stream.name, error=str(error))
+        except Exception as error:  # a handler's bug must not end the service, nor stay silent
+            if self._connection.may_log(f"query failed {self._stream.name}"):
+                self._connection.log.exception("query failed", stream=self._stream.name)
+            self._refuse(query, "internal", f"{type(error).__name__}: {error}")
+        finally:
+            query.drop()  # a query kept alive stalls its caller until the timeout
+
+    def _request(self, query: Any, received_ns: int) -> Request:
+        """The query, decoded and checked. Raises WireError."""
+        stream, key = self._stream, str(query.key_expr)
+        payload, attachment = bytes_of(query.payload), bytes_of(query.attachment)
+        self._connection.traffic.count(key, "delivered", len(payload) + len(attachment) + len(key))
+        message = None
+        if stream.request is not None:
+            if not (attachment or payload):
+                raise WireError(f"expected a {stream.request.__name__}, got a query without a payload")
+            data, payload = (attachment, payload) if attachment else (payload, b"")
+            message = decode(stream.request, data, schema_in(query.encoding))
+        ids = stream.ids_of(key) or stream.ids_of(self._key) or {}  # asked of many: each is asked for its own
+        if stream.kind == "query" and stream.request is not None and not ids:
+            raise WireError(f"expected a key like {stream.key} without wildcards, got {key!r:.120}")
+        return Request(ids, _parameters(query), message, payload, received_ns)
+
+    def _reply(self, query: Any, answer: Answer) -> None:
+        key = str(query.key_expr)
+        if "*" in key:  # asked of many: each answers on a key of its own
+            key = self._key if "*" not in self._key else self._connection.key(self._stream, **answer.ids)
+        header = encode(answer.message)
+        encoding = encoding_of(type(answer.message))  # priority and congestion control are the query's
+        if self._stream.payload:
+            query.reply(key, answer.payload, attachment=header, encoding=encoding)
+        else:
+            query.reply(key, header, encoding=encoding)
+        self._connection.traffic.count(key, "offered", len(header) + len(answer.payload) + len(key))
+
+    def _refuse(self, query: Any, name: str, message: str) -> None:
+        error = ErrorReply(stamp_ns=clock_ns(), name=name, message=message)
+        try:
+            query.reply_err(encode(error), encoding=encoding_of(ErrorReply))
+        except zenoh.ZError as failure:
+            self._connection.warn_seldom("refusal failed", error=str(failure))
+        finally:
+            query.drop()
+
+
+def ask(
+    connection: Connection, stream: Stream, key: str, request: Message | None = None, *, payload: bytes = b"",
+    timeout_s: float, parameters: dict[str, str] | None = None,
+) -> Received[Any]:  # fmt: skip
+    """The one answer to a query.
+
+    Raises:
+        Refused: the other side answered with an error.
+        Unanswered: nobody answers there, or (``timed_out``) not in time.
+    """
+    refused: Refused | None = None
+    timed_out = False
+    for reply in _replies(connection, stream, key, request, payload, timeout_s, parameters):
+        if reply.ok is not None:
+            if received := connection.received(stream, reply.ok):
+                return received
+        elif (refused := _refusal(reply.err)) is None:
+            timed_out = True
+    if refused:
+        raise refused
+    why = f"not within {timeout_s:g} s" if timed_out else "nobody is there"
+    raise Unanswered(f"no answer from {key}: {why}", timed_out=timed_out)
+
+
+def ask_all(
+    connection: Connection, stream: Stream, key: str, request: Message | None = None, *, timeout_s: float,
+    parameters: dict[str, str] | None = None,
+) -> list[Received[Any]]:  # fmt: skip
+    """All answers that come within ``timeout_s``; errors are left out."""
+    replies = _replies(connection, stream, key, request, b"", timeout_s, parameters)
+    answers = [connection.received(stream, reply.ok) for reply in replies if reply.ok is not None]
+    return [answer for answer in answers if answer is not None]
+
+
+def _replies(
+    connection: Connection, stream: Stream, key: str, request: Message | None, payload: bytes, timeout_s: float,
+    parameters: dict[str, str] | None,
+) -> Iterator[Any]:  # fmt: skip
+    options: dict[str, Any] = {}
+    header = b""
+    if request is not None:
+        header = encode(request)
+        options["encoding"] = encoding_of(type(request))
+        options |= {"payload": payload, "attachment": header} if payload else {"payload": header}
+    selector: Any = key
+    if parameters:
+        selector = f"{key}?" + ";".join(f"{quote(k)}={quote(v)}" for k, v in parameters.items())
+    connection.traffic.count(key, "offered", len(header) + len(payload) + len(key))
+    with bus_errors(key):
+        replies = connection.session.get(
+            selector, timeout=timeout_s, consolidation=zenoh.ConsolidationMode.NONE,
+            priority=PRIORITY[stream.priority], congestion_control=zenoh.CongestionControl.BLOCK, **options,
+        )  # fmt: skip
+    yield from replies
+
+
+def _refusal(err: Any) -> Refused | None:
+    """The refusal in an error reply; None for Zenoh's own timeout."""
+    try:
+        error = decode(ErrorReply, err.payload.to_bytes(), schema_in(err.encoding))
+    except WireError:
+        return None
+    return Refused(error.name, error.message)
+
+
+def _parameters(query: Any) -> dict[str, str]:
+    pairs = (part.partition("=") for part in str(query.parameters).split(";") if part)
+    return {unquote(name): unquote(value) for name, _, value in pairs}

@@ -1,0 +1,148 @@
+"""The camera service over real Zenoh, with a camera made here."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from services.camera_node.config import CameraSettings
+from services.camera_node.service import CameraService
+from surveilnav.bus import Refused
+from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
+from surveilnav.messages import CameraRequest
+from surveilnav.sensing.packing import decode_frame
+from surveilnav.sensing.truth import truth_from_wire
+
+PLACE = {"floor": "0", "camera": "c1"}
+
+
+def until(condition, timeout_s=10.0):
+    end_s = time.monotonic() + timeout_s
+    while not (found := condition()):
+        assert time.monotonic() < end_s, "it never came"
+        time.sleep(0.01)
+    return found
+
+
+@pytest.fixture
+def client(make_node):
+    return make_node("test", "t", alive=False)
+
+
+def listened(service, view):
+    return until(lambda: service._frames[view].matched)
+
+
+def test_a_view_is_put_once_a_version_and_only_to_listeners(camera_node, client, make_camera):
+    camera = make_camera()
+    service = CameraService(camera_node, camera, CameraSettings())
+    assert not service.step()
+    assert camera.asked == [], "nobody listens: nothing is made"
+    slot = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    listened(service, 3)
+    assert service.step()
+    frame = until(slot.poll)
+    assert (frame.message.source, frame.message.view, frame.message.seq) == ("camera/c1", 3, 1)
+    assert np.abs(decode_frame(frame.message, frame.payload).rgb.astype(int) - 99).max() <= 2
+    assert not service.step()
+    camera.versions[3] = 7
+    assert service.step()
+    again = until(slot.poll)
+    assert again.message.seq == 2
+    assert decode_frame(again.message, again.payload).rgb.mean() > 104
+    assert camera.asked == [3, 3]
+
+
+def test_what_is_asked_for_again_comes_again_without_being_made_again(camera_node, client, make_camera):
+    camera = make_camera()
+    service = CameraService(camera_node, camera, CameraSettings())
+    slot = client.slot(CAMERA_FRAME, **PLACE, view=2)
+    listened(service, 2)
+    service.step()
+    until(slot.poll)
+    client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="resend", views=[2]), **PLACE)
+    assert service.step()
+    assert until(slot.poll).message.seq == 2
+    assert camera.asked == [2]
+
+
+def test_a_view_without_a_picture_yet_waits(camera_node, client, make_camera):
+    camera = make_camera()
+    camera.versions[2] = None
+    service = CameraService(camera_node, camera, CameraSettings())
+    slot = client.slot(CAMERA_FRAME, **PLACE, view=2)
+    listened(service, 2)
+    assert not service.step()
+    thumbnail = CameraRequest(stamp_ns=1, action="thumbnail", views=[2])
+    with pytest.raises(Refused, match="no picture yet") as refused:
+        client.ask(CAMERA_REQUEST, thumbnail, **PLACE)
+    assert refused.value.name == "busy"
+    camera.versions[2] = 0
+    assert service.step()
+    assert until(slot.poll).message.seq == 1
+    assert client.ask(CAMERA_REQUEST, thumbnail, **PLACE).payload.startswith(b"\xff\xd8")
+
+
+def test_a_simulator_tells_what_each_pixel_shows_before_the_frame_to_who_listens(camera_node, client, make_camera):
+    camera = make_camera()
+    service = CameraService(camera_node, camera, CameraSettings())
+    truths = client.slot(TRUTH, source="camera-c1", view=3)
+    frames = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    listened(service, 3)
+    until(lambda: service._truths[3].matched)
+    service.step()
+    frame, told = until(frames.poll), until(truths.poll)
+    assert (told.message.source, told.message.view, told.message.seq) == ("camera/c1", 3, frame.message.seq)
+    truth = truth_from_wire(told.message, told.payload)
+    assert (truth.ids == 1).all()
+    assert truth.labels == {1: "bed"}
+    assert np.allclose(truth.T_world_camera, camera.views[3].matrix())
+
+
+def test_a_real_camera_tells_no_truth_even_to_who_listens(camera_node, client, make_camera):
+    service = CameraService(camera_node, make_camera(real=True), CameraSettings())
+    truths = client.slot(TRUTH, source="camera-c1", view=3)
+    frames = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    listened(service, 3)
+    until(lambda: service._truths[3].matched)
+    service.step()
+    until(frames.poll)
+    assert truths.poll() is None
+
+
+def test_the_truth_of_a_picture_that_changed_meanwhile_is_not_told_of_the_old_one(camera_node, client, make_camera):
+    camera = make_camera()
+    make, camera.versions[3] = camera.latest, 5
+
+    def latest(view):
+        picture = make(view)
+        camera.versions[view] = 6  # a newer one is there at once
+        return picture
+
+    camera.latest = latest
+    service = CameraService(camera_node, camera, CameraSettings())
+    truths = client.slot(TRUTH, source="camera-c1", view=3)
+    frames = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    listened(service, 3)
+    until(lambda: service._truths[3].matched)
+    service.step()
+    assert until(frames.poll).message.seq == 1
+    time.sleep(0.2)
+    assert truths.poll() is None
+    service.step()
+    assert until(frames.poll).message.seq == 2
+    assert until(truths.poll).message.seq == 2
+
+
+def test_it_says_who_it_is_and_refuses_views_it_has_not(camera_node, client, make_camera):
+    camera = make_camera()
+    CameraService(camera_node, camera, CameraSettings())
+    info = client.ask(CAMERA_INFO, **PLACE).message
+    assert (info.camera, info.floor, info.position_m, info.mounting_offset_m) == ("c1", "0", (1.0, 2.0, 1.8), 1.8)
+    assert [v.T_world_camera for v in info.views] == camera.views
+    for views in ([13], []):
+        with pytest.raises(Refused, match="0-12") as refused:
+            client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="resend", views=views), **PLACE)
+        assert refused.value.name == "bad_view"

@@ -1,0 +1,183 @@
+"""The robot service over real Zenoh, with a body made here."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import msgspec
+import numpy as np
+import pytest
+
+from services.robot_node.bodies.body import Look
+from services.robot_node.config import RobotSettings
+from services.robot_node.core import RobotState, camera_pose_of
+from services.robot_node.service import RobotService
+from surveilnav.bus import Refused, clock_ns
+from surveilnav.contract import ROBOT_COMMAND, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
+from surveilnav.geometry import Pinhole, yaw_of
+from surveilnav.messages import Command, RobotStatus, Stair
+from surveilnav.sensing.packing import decode_frame
+from surveilnav.sensing.truth import truth_from_wire
+from surveilnav.sensing.views import TrueInstances
+
+STAIR = Stair(floor="0", to_floor="1", at_m=(0.0, 0.0, 0.0), to_m=(1.0, 1.0, 2.7), length_m=3.0)
+
+
+class Body:
+    """A robot that walks along x, stops at a wall at x = 0.4 m, and can't fly."""
+
+    stairs = (STAIR,)
+
+    def __init__(self, real=False):
+        self.state, self.real = RobotState(0.0, 0.0, 0.0, "0", 0.5), real
+
+    def refusal(self, action, to_floor=None):
+        return "it has no wings" if action == "look_up" else ""
+
+    def begin_mission(self):
+        self.state = dataclasses.replace(self.state, path_m=0.0, last_action=None, stopped=False)
+
+    def act(self, action, to_floor=None):
+        s = self.state
+        x_m = min(0.4, s.x_m + 0.25) if action == "move_forward" else s.x_m
+        self.state = dataclasses.replace(
+            s, seq=s.seq + 1, x_m=x_m, path_m=s.path_m + x_m - s.x_m, last_action=action, stopped=action == "stop",
+            collided=action == "move_forward" and x_m - s.x_m < 0.25,
+        )  # fmt: skip
+
+    def observe(self):
+        T, s = camera_pose_of(self.state, 0.7), self.state
+        truth = None if self.real else TrueInstances(np.full((8, 8), 5, np.uint16), {5: "bed"}, T)
+        rgb, depth_m = np.full((8, 8, 3), 40 + s.seq, np.uint8), np.full((8, 8), 2.0, np.float32)
+        return Look(s, T, Pinhole.from_hfov(8, 8, 1.0), 0.7, (0.5, 5.0), rgb, depth_m, truth)
+
+
+def until(condition, timeout_s=10.0):
+    end_s = time.monotonic() + timeout_s
+    while not (found := condition()):
+        assert time.monotonic() < end_s, "it never came"
+        time.sleep(0.01)
+    return found
+
+
+@pytest.fixture
+def client(make_node):
+    return make_node("test", "t", alive=False)
+
+
+@pytest.fixture
+def robot(make_node):
+    """``robot(body)``: a service whose loop the test turns."""
+    return lambda body: RobotService(make_node("robot", "r1"), body, RobotSettings())
+
+
+@pytest.fixture
+def command(client):
+    """``command(action, seq)``: the reply to one command."""
+
+    def send(action, seq, mission="m1", **more):
+        message = Command(stamp_ns=clock_ns(), action=action, seq_expected=seq, mission=mission, **more)
+        return client.ask(ROBOT_COMMAND, message, robot="r1").message
+
+    return send
+
+
+def test_it_says_what_it_did_in_status_and_observation_alike(robot, client, command):
+    service = robot(Body())
+    observations = client.slot(ROBOT_OBSERVATION, robot="r1")
+    status = client.ask(ROBOT_STATUS, robot="r1").message
+    assert (status.seq, status.last_action, status.collided, status.path_m) == (0, None, False, 0.0)
+    assert status.stairs == [STAIR]
+    for seq, path_m, collided in ((1, 0.25, False), (2, 0.4, True)):
+        reply = command("move_forward", seq - 1)
+        assert (reply.accepted, reply.seq) == (True, seq)
+        assert service.step()
+        status, seen = client.ask(ROBOT_STATUS, robot="r1").message, until(observations.poll)
+        for said in (status, seen.message):
+            assert (said.seq, said.last_action, said.collided) == (seq, "move_forward", collided)
+            assert said.path_m == pytest.approx(path_m)
+            assert said.T_world_base.translation_m[0] == pytest.approx(path_m)
+        assert decode_frame(seen.message, seen.payload).rgb.mean() == pytest.approx(40 + seq, abs=2)
+    assert status.state == "moving"
+    assert yaw_of(status.T_world_base.matrix()) == pytest.approx(0.5)
+    assert seen.message.mounting_offset_m == 0.7
+
+
+def test_a_new_mission_counts_from_zero_unless_its_command_is_refused(robot, client, command):
+    service = robot(Body())
+    command("move_forward", 0)
+    with pytest.raises(Refused, match="no wings") as refused:
+        command("look_up", 1, mission="m2")
+    assert refused.value.name == "bad_command"
+    assert client.ask(ROBOT_STATUS, robot="r1").message.path_m == 0.25
+    command("turn_left", 1, mission="m2")
+    status = client.ask(ROBOT_STATUS, robot="r1").message
+    assert (status.seq, status.path_m, status.last_action) == (2, 0.0, "turn_left")
+    command("stop", 2, mission="m2")
+    assert client.ask(ROBOT_STATUS, robot="r1").message.state == "stopped"
+    assert service.step()
+
+
+def test_a_command_for_another_observation_changes_nothing(robot, client, command):
+    body = Body()
+    robot(body)
+    reply = command("move_forward", 4)
+    assert (reply.accepted, reply.seq) == (False, 0)
+    assert "expected sequence number 0, got 4" in reply.error
+    assert body.state.seq == 0
+
+
+def test_without_a_command_before_the_deadline_it_says_that_it_stopped(robot, client, command):
+    service = robot(Body())
+    command("turn_left", 0, deadline_ms=1)
+    time.sleep(0.05)
+    service.step()
+    status = client.ask(ROBOT_STATUS, robot="r1").message
+    assert status.state == "stopped"
+    assert "deadline" in status.message
+    command("turn_left", 1)
+    assert client.ask(ROBOT_STATUS, robot="r1").message.state == "moving"
+
+
+def test_an_observation_that_nobody_follows_up_comes_again(robot, client):
+    service = robot(Body())
+    slot = client.slot(ROBOT_OBSERVATION, robot="r1")
+    until(lambda: service._observation.matched)
+    service.step()
+    first = until(slot.poll)
+
+    def again():
+        service.step()
+        return slot.poll()
+
+    second = until(again)
+    assert second.message == first.message
+    assert second.received_ns - first.received_ns > 0.8e9
+
+
+@pytest.mark.parametrize("real", [False, True])
+def test_only_a_simulator_tells_what_each_pixel_shows(robot, client, real):
+    service = robot(Body(real))
+    truths, slot = client.slot(TRUTH, source="robot-r1", view=0), client.slot(ROBOT_OBSERVATION, robot="r1")
+    until(lambda: service._truth.matched and service._observation.matched)
+    service.step()
+    seen = until(slot.poll)
+    if real:
+        time.sleep(0.2)
+        assert truths.poll() is None
+        return
+    told = until(truths.poll)
+    assert (told.message.source, told.message.seq) == (seen.message.source, seen.message.seq)
+    truth = truth_from_wire(told.message, told.payload)
+    assert (truth.ids == 5).all()
+    assert truth.labels == {5: "bed"}
+
+
+def test_a_status_of_an_older_sender_still_decodes(robot, client):
+    robot(Body())
+    plain = msgspec.msgpack.decode(msgspec.msgpack.encode(client.ask(ROBOT_STATUS, robot="r1").message))
+    for name in ("collided", "last_action", "path_m"):
+        plain.pop(name, None)
+    status = msgspec.msgpack.decode(msgspec.msgpack.encode(plain), type=RobotStatus)
+    assert (status.collided, status.last_action, status.path_m) == (False, None, 0.0)

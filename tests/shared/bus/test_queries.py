@@ -1,0 +1,128 @@
+"""Queries on a real router: answered, refused by name, unanswered; bounded queues."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+import zenoh
+
+from surveilnav.bus import Answer, Refused, Unanswered
+from surveilnav.contract import CAMERA_SLOT, MISSION_CANCEL, MISSION_GOAL, ROBOT_STATUS, schema_of
+from surveilnav.messages import Ack, Command, MissionAck, MissionGoal, SlotClaim
+
+
+def test_a_query_is_answered_refused_or_unanswered(make_node, eventually):
+    planner, client = make_node("planner", "p"), make_node("cli", "c")
+
+    def on_goal(request):
+        if request.message.target == "unicorn":
+            raise Refused("bad_target", "there are no unicorns")
+        if request.message.target == "bug":
+            raise ZeroDivisionError("oops")
+        return Answer(MissionAck(stamp_ns=1, mission=request.ids["mission"], accepted=True, state="queued"))
+
+    planner.serve(MISSION_GOAL, on_goal)
+    ask = lambda target: client.ask(MISSION_GOAL, MissionGoal(stamp_ns=1, mission="m", target=target), mission="m")  # noqa: E731
+    assert eventually(lambda: ask("tv")).message.accepted
+    with pytest.raises(Refused, match="no unicorns") as refused:
+        ask("unicorn")
+    assert refused.value.name == "bad_target"
+    with pytest.raises(Refused, match="ZeroDivisionError") as refused:
+        ask("bug")
+    assert refused.value.name == "internal"
+    assert ask("tv").message.accepted  # a handler's bug ends nothing
+    with pytest.raises(Unanswered, match="nobody is there") as unanswered:
+        client.ask(MISSION_CANCEL, MissionGoal(stamp_ns=1, mission="m", target="tv"), mission="m")
+    assert not unanswered.value.timed_out
+
+
+def test_a_full_queue_refuses_at_once(make_node, eventually):
+    server, client = make_node("planner", "p"), make_node("cli", "c")
+    release = threading.Event()
+
+    def slow(request):
+        release.wait(10)
+        return Answer(MissionAck(stamp_ns=1, mission="m", accepted=True, state="queued"))
+
+    server.serve(MISSION_GOAL, slow, capacity=1)
+    goal = MissionGoal(stamp_ns=1, mission="m", target="tv")
+    answers = []
+
+    def ask():
+        try:
+            answers.append(client.ask(MISSION_GOAL, goal, mission="m", timeout_s=10).message.accepted)
+        except Refused as error:
+            answers.append(error.name)
+
+    time.sleep(0.2)
+    threads = [threading.Thread(target=ask) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+        time.sleep(0.1)
+    assert eventually(lambda: answers.count("busy") == 2)
+    release.set()
+    for thread in threads:
+        thread.join()
+    assert sorted(map(str, answers)) == ["True", "True", "busy", "busy"]
+
+
+def test_parameters_survive_spaces_and_semicolons(make_node, eventually, status):
+    server, client = make_node("planner", "p"), make_node("cli", "c")
+    seen = []
+
+    def answer(request):
+        seen.append(request.parameters)
+        return Answer(status())
+
+    server.serve(ROBOT_STATUS, answer, robot="r1")
+    parameters = {"target": "potted plant; x=1 & ä", "n": "2"}
+    assert eventually(lambda: client.ask(ROBOT_STATUS, robot="r1", parameters=parameters))
+    assert seen[0] == parameters
+
+
+def test_hostile_queries_are_refused_with_a_reason(make_node, stranger):
+    server, client = make_node("planner", "p"), make_node("cli", "c")
+    server.serve(MISSION_GOAL, lambda r: Answer(MissionAck(stamp_ns=1, mission="m", accepted=True, state="queued")))
+    time.sleep(0.2)
+    with pytest.raises(Refused, match="expected schema") as refused:
+        client.ask(MISSION_GOAL, Command(stamp_ns=1, action="stop", seq_expected=1), mission="m")
+    assert refused.value.name == "bad_message"
+    with pytest.raises(Refused, match="without a payload"):
+        client.ask(MISSION_GOAL, mission="m")
+    key = client.key(MISSION_GOAL, mission="m")
+    encoding = zenoh.Encoding("application/msgpack").with_schema(schema_of(MissionGoal))
+    replies = list(stranger.get(key, payload=b"\xc1\xc1", encoding=encoding, timeout=2.0))
+    assert [r.ok for r in replies] == [None]
+    assert server.traffic.rejected()["mission_goal"] == 3
+
+
+def test_who_is_there_but_too_slow_is_told_from_nobody(make_node):
+    server, client = make_node("planner", "p"), make_node("cli", "c")
+    release = threading.Event()
+
+    def slow(request):
+        release.wait(10)
+        return Answer(MissionAck(stamp_ns=1, mission="m", accepted=True, state="queued"))
+
+    server.serve(MISSION_GOAL, slow)
+    time.sleep(0.2)
+    with pytest.raises(Unanswered, match="not within") as unanswered:
+        client.ask(MISSION_GOAL, MissionGoal(stamp_ns=1, mission="m", target="tv"), mission="m", timeout_s=0.3)
+    release.set()
+    assert unanswered.value.timed_out
+
+
+def test_a_question_to_all_reaches_each_owner_of_a_key(make_node, eventually):
+    client = make_node("cli", "c")
+    for slot in ("2", "5"):
+        make_node("camera", f"c{slot}").serve(
+            CAMERA_SLOT, lambda r: Answer(Ack(stamp_ns=1, message=r.ids["slot"])), slot=slot
+        )
+    claim = SlotClaim(stamp_ns=1, node="me")
+
+    def slots():
+        return {(a.ids["slot"], a.message.message) for a in client.ask_all(CAMERA_SLOT, claim, timeout_s=0.5)}
+
+    assert eventually(lambda: slots() == {("2", "2"), ("5", "5")})
