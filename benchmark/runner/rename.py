@@ -1,19 +1,22 @@
 """Published runs after a setting was renamed: the same runs under the settings' new names.
 
-    python -m benchmark.runner.rename fusion.objects.tau=fusion.objects.association.tau [OLD=NEW ...] [--records FOLDER]
+    python -m benchmark.runner.rename fusion.objects.tau=fusion.objects.association.tau [OLD=NEW ...]
+        [--value fusion.objects.association.tau:1.1=null ...] [--records FOLDER]
 
 A run's folder is named by its settings (``run_id``), and ``settings.json`` in it says them in full. Whoever renames a
-setting, or moves it, runs this once in the same commit: it moves the values in every ``settings.json`` and gives the folders
-their new names. Without OLD=NEW it only does the latter, as after a default that changed. Searches aren't touched.
+setting, or moves it, or says a value of it in another way, runs this once in the same commit: it mends every
+``settings.json`` and gives the folders their new names. Without arguments it only does the latter, as after a default that
+changed. Searches aren't touched.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -24,7 +27,15 @@ from surveilnav.errors import ConfigError
 PUBLISHED = Path("docs/results/bench/records")
 
 
-def rename(records: Path, names: Mapping[str, str]) -> list[tuple[str, str]]:
+class Value(NamedTuple):
+    """A setting's value that is now said in another way; ``name`` is the setting's new one."""
+
+    name: str
+    was: Any
+    now: Any
+
+
+def rename(records: Path, names: Mapping[str, str], values: Sequence[Value] = ()) -> list[tuple[str, str]]:
     """Renames settings in all runs of a folder; dots lead into nested ones. Returns (old, new) names of the folders.
 
     Raises:
@@ -39,6 +50,8 @@ def rename(records: Path, names: Mapping[str, str]) -> list[tuple[str, str]]:
         settings = facts["settings"]
         for old, new in names.items():
             _move(settings, old.split("."), new.split("."))
+        for value in values:
+            _revalue(settings, value)
         try:
             named = records / run_id(msgspec.convert(settings, RunSettings))
         except msgspec.ValidationError as error:
@@ -76,15 +89,33 @@ def _move(settings: dict[str, Any], old: Sequence[str], new: Sequence[str]) -> N
     place[new[-1]] = value
 
 
+def _revalue(settings: dict[str, Any], value: Value) -> None:
+    *above, last = value.name.split(".")
+    for name in above:
+        settings = inner if isinstance(inner := settings.get(name), dict) else {}
+    if last in settings and settings[last] == value.was:
+        settings[last] = value.now
+
+
+def _value_of(text: str) -> Value:
+    """Of NAME:OLD=NEW, both JSON. ValueError: it isn't so."""
+    name, _, both = text.partition(":")
+    was, now = both.split("=")
+    return Value(name, json.loads(was), json.loads(now))
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Renames, and says what came of it."""
     parser = argparse.ArgumentParser(prog="python -m benchmark.runner.rename", description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*", metavar="OLD=NEW", help="settings, with dots into nested ones")
+    parser.add_argument(
+        "--value", action="append", default=[], metavar="NEW:WAS=NOW", type=_value_of, help="JSON: tau_mutual:2.0=null"
+    )
     parser.add_argument("--records", type=Path, default=PUBLISHED)
     args = parser.parse_args(argv)
     if wrong := [n for n in args.names if n.count("=") != 1]:
         parser.error(f"expected OLD=NEW, got {wrong[0]!r}")
-    for old, new in rename(args.records, dict(n.split("=") for n in args.names)):
+    for old, new in rename(args.records, dict(n.split("=") for n in args.names), args.value):
         print(f"{old} -> {new}")
     return 0
 

@@ -59,6 +59,31 @@ def test_a_setting_of_the_run_itself(tmp_path, capsys):
     assert capsys.readouterr().out == f"val_mini-00000000 -> {run_id(RunSettings(delay_steps=5))}\n"
 
 
+def test_a_value_is_said_in_another_way(tmp_path):
+    off, on = ({"fusion": {"objects": {"tau": 1.1, "tau_mutual": v}}} for v in (2.0, 0.5))
+    for settings in (off, on, {}):
+        published(tmp_path, RunSettings(**settings))
+    arguments = [
+        "fusion.objects.tau_mutual=fusion.mutual",
+        "--value",
+        "fusion.mutual:2.0=null",
+        "--records",
+        str(tmp_path),
+    ]
+    assert main(arguments) == 0
+    for mutual in (None, 0.5):
+        settings = RunSettings(fusion={"objects": {"tau": 1.1}, "mutual": mutual})
+        assert kept(tmp_path / run_id(settings), settings, BASIS).records == [RECORD]
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+@pytest.mark.parametrize("arguments", [["fusion.tau"], ["--value", "tau=3"], ["--value", "tau:3=x"]])
+def test_what_cant_be_read_is_said(tmp_path, arguments, capsys):
+    with pytest.raises(SystemExit):
+        main([*arguments, "--records", str(tmp_path)])
+    assert "error:" in capsys.readouterr().err
+
+
 def test_two_runs_arent_made_one(tmp_path):
     folders = [published(tmp_path, RunSettings(planning={name: 1})) for name in ("a", "b")]
     with pytest.raises(ConfigError, match="two runs come to"):
