@@ -10,15 +10,16 @@ from itertools import groupby
 
 import numpy as np
 
-from benchmark.play.sight import Sight, Sighted
+from benchmark.play.sight import ROBOT, Sight, Sighted
 from benchmark.policies.policy import Searcher
-from services.fusion.core import FusionConfig, JointMap, active_cameras
+from services.fusion.core import FusionConfig, Integrated, JointMap, active_cameras
+from services.fusion.core.guard import ViewError
 from services.planner.core import Decision, MapView, RobotView
 from services.robot_node import core as robot
 from simulator.world.goals import Goals, Start, Verdict, judge
-from surveilnav.messages import Stair
 from surveilnav.sensing.views import PosedView
 
+_MISSION = "episode"
 _NO_SUMMARIES: Mapping[str, Mapping[str, float]] = {}
 
 
@@ -105,6 +106,7 @@ class Episode:
         self._reported = sight.by_floor() if self._reports else _NO_SUMMARIES
         self._text = sight.backend.embed_texts([f"seems like there is a {goals.label}"])[0]
         self._joint: JointMap | None = None
+        self._floor = start.floor  # as the maps call it
         self._invoked: dict[str, int] = {}
         self._due: list[tuple[int, tuple[str, ...]]] = []
         self._robot_bytes = 0
@@ -144,12 +146,14 @@ class Episode:
         else:
             self._joint = self._joint or JointMap(self._fusion)
             _integrate(self._joint, self._sight, arrived)
-        placed = self._joint.integrate(seen.view, seen.perception)
-        return self._joint, map_view(self._joint, placed.floor, self._text)
+        if (placed := _accepted(self._joint, seen)) is not None:
+            self._floor = placed.floor
+        return self._joint, map_view(self._joint, self._floor, self._text)
 
     def decide(self, maps: MapView) -> Decision:
         """The searcher's waypoint and action."""
-        return self._searcher.act(maps, robot_state_view(self._state, self._stairs), self._reported)
+        status = robot.status_of(self._state, robot=ROBOT, mission=_MISSION, stairs=self._stairs)
+        return self._searcher.act(maps, RobotView.from_status(status, _MISSION, self._stairs), self._reported)
 
     def act(self, decision: Decision) -> None:
         """Carries it out. A refused stair leaves the robot where it is: the mission sees that at its next step."""
@@ -178,7 +182,15 @@ class Episode:
 def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
     for name in names:
         for seen in sight.camera(name):
-            joint.integrate(seen.view, seen.perception)
+            _accepted(joint, seen)
+
+
+def _accepted(joint: JointMap, seen: Sighted) -> Integrated | None:
+    """What the maps made of a view, by the same guard as on the bus; None: they hold it already, or it shows nothing."""
+    try:
+        return joint.accept(seen.view, seen.perception)
+    except ViewError:  # right before a wall not one pixel has a depth
+        return None
 
 
 def map_view(joint: JointMap, floor: str, text: np.ndarray) -> MapView:
@@ -189,14 +201,6 @@ def map_view(joint: JointMap, floor: str, text: np.ndarray) -> MapView:
     return MapView(
         floor, joint.floors[floor], grid, occupancy, layers["explored"], layers["frontier"], value,  # type: ignore[arg-type]
         joint.objects(floor), joint.floor_revision(floor),
-    )  # fmt: skip
-
-
-def robot_state_view(state: robot.RobotState, stairs: tuple[Stair, ...] = ()) -> RobotView:
-    """The planner's view of a robot."""
-    return RobotView(
-        state.seq, state.x_m, state.y_m, state.yaw_rad, state.pitch_rad, state.floor, state.collided, state.last_action,
-        state.path_m, stairs,
     )  # fmt: skip
 
 

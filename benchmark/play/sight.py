@@ -35,7 +35,7 @@ Views = Literal["panoramic", "half"]
 
 _NADIR_RAD = math.radians(-75.0)
 _BUILDING = "building"
-_ROBOT = "r1"
+ROBOT = "r1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,26 +136,26 @@ class Sight:
     def robot(self, state: robot.RobotState, seed: int = 0) -> Sighted:
         """What the robot sees at ``state``; ``seed`` sets the luck of its perception apart from other episodes'."""
         T_world_camera = robot.camera_pose_of(state)
-        key = (seed, f"robot/{_ROBOT}", 0, state.seq) if seed else (f"robot/{_ROBOT}", 0, state.seq)
+        key = (seed, f"robot/{ROBOT}", 0, state.seq) if seed else (f"robot/{ROBOT}", 0, state.seq)
         if self.way == "depth":
             rendered = self._depth(
                 T_world_camera, robot.CAMERA, robot.DEPTH_RANGE_M, DepthNoise.robot(), "robot", state.seq
             )
             view = PosedView(
-                f"robot/{_ROBOT}", 0, state.seq, state.seq, state.floor, T_world_camera, self._lens(robot.CAMERA),
+                f"robot/{ROBOT}", 0, state.seq, state.seq, state.floor, T_world_camera, self._lens(robot.CAMERA),
                 robot.CAMERA_HEIGHT_M, rendered.rgb, rendered.depth_m, robot.DEPTH_RANGE_M,
             )  # fmt: skip
             return Sighted(view, self._perceive(view, rendered, key), 0)
         rendered = self.building.robot_view(T_world_camera, robot.CAMERA, robot.DEPTH_RANGE_M, state.seq)
         payload, image, depth = encode_rgbd(rendered.rgb, rendered.depth_m, depth_range_m=robot.DEPTH_RANGE_M)
         header = Observation(
-            stamp_ns=state.seq, source=f"robot/{_ROBOT}", view=0, seq=state.seq, floor=state.floor,
+            stamp_ns=state.seq, source=f"robot/{ROBOT}", view=0, seq=state.seq, floor=state.floor,
             T_world_camera=Pose.from_matrix(T_world_camera), camera=robot.CAMERA,
             mounting_offset_m=robot.CAMERA_HEIGHT_M, depth_range_m=robot.DEPTH_RANGE_M, image=image, depth=depth,
             T_world_base=Pose.from_matrix(robot.base_pose_of(state)), last_action=state.last_action,  # type: ignore[arg-type]
             collided=state.collided, path_m=state.path_m,
         )  # fmt: skip
-        address = ROBOT_OBSERVATION.key_for(building=_BUILDING, robot=_ROBOT)
+        address = ROBOT_OBSERVATION.key_for(building=_BUILDING, robot=ROBOT)
         view = decode_frame(header, payload)
         return Sighted(view, self._perceive(view, rendered, key), len(payload) + len(encode(header)) + len(address))
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
@@ -13,10 +12,10 @@ from services.planner.config import PlannerSettings
 from services.planner.core import Decision, MapView, MissionState, RobotView, step
 from services.planner.store import Pending, SavedMission, Store, StoreError
 from services.planner.summaries import Summaries
-from services.planner.world import CancelError, LostError, World, yaw_of_status
+from services.planner.world import CancelError, LostError, World
 from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
-from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus, Stair
+from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
 
 #: So often in a row a robot may refuse a stair; the core gives the stair up long before.
 _MAX_REFUSALS = 5
@@ -53,7 +52,8 @@ class Mission:
         self.status, self.plan, self.robot = saved.status, saved.plan, saved.status.robot
         self._memory = self._remembered(saved)
         self._pending, self._cancel = saved.pending, saved.cancel
-        self._last_place, self._last_action = saved.place, saved.last_action
+        self._robot_path_m = saved.robot_path_m
+        self._path_before_m = self.status.path_m - saved.robot_path_m
         self._refusals = 0
         self._settled_on: str | None = None  # the floor whose cameras' first views were waited for
         self._ended = threading.Event()
@@ -83,8 +83,8 @@ class Mission:
         with self._saving:
             memory = "" if self.finished else self._memory.to_json().decode()
             saved = SavedMission(
-                status=self.status, plan=self.plan, pending=self._pending, place=self._last_place,
-                last_action=self._last_action, cancel=self._cancel, memory=memory,
+                status=self.status, plan=self.plan, pending=self._pending, robot_path_m=self._robot_path_m,
+                cancel=self._cancel, memory=memory,
             )  # fmt: skip
             under_way = not self.finished and self._pending is not None and self._cancel is None
             self._store.save(saved, finished=self.finished, sync=not under_way)
@@ -160,22 +160,13 @@ class Mission:
 
     def _decide(self, status: RobotStatus, maps: MapView) -> Pending:
         """The next action; written to the store, so that it may be sent."""
-        stairs = self._world.stairs(status)
-        moved_m = self._moved_m(status, stairs)
-        x_m, y_m, _ = status.T_world_base.translation_m
-        self._last_place = x_m, y_m
-        path_m = self.status.path_m + moved_m
-        collided = self._last_action == "move_forward" and moved_m < 0.96 * self._settings.core.step_m
-        robot = RobotView(
-            status.seq, x_m, y_m, yaw_of_status(status), status.pitch_rad, status.floor, collided, self._last_action,
-            path_m, stairs,
-        )  # fmt: skip
+        robot = self._robot_view(status)
         self._memory, decision = step(
             self._memory, maps, robot, self._settings.core, summaries=self._summaries.by_floor()
         )
         facts = {
-            "step": self._memory.step, "path_m": path_m, "floor": status.floor, "object_id": decision.object_id,
-            "floor_choice_bytes": self._floor_choice_bytes(),
+            "step": self._memory.step, "path_m": self._path_before_m + robot.path_m, "floor": status.floor,
+            "object_id": decision.object_id, "floor_choice_bytes": self._floor_choice_bytes(),
         }  # fmt: skip
         if not decision.finished:
             facts |= {
@@ -191,16 +182,13 @@ class Mission:
             self._tell(self._statuses, self.status)
         return self._pending
 
-    def _moved_m(self, status: RobotStatus, stairs: tuple[Stair, ...]) -> float:
-        """Metres since the last decision; over a stair its length, and the way to its near end."""
-        if self._last_place is None:
-            return 0.0
-        here = status.T_world_base.translation_m[:2]
-        taken = [s for s in stairs if (s.floor, s.to_floor) == (self.status.floor, status.floor)]
-        if self._last_action != "take_stairs" or not taken:
-            return math.dist(here, self._last_place)
-        stair = min(taken, key=lambda s: math.dist(s.to_m[:2], here))
-        return math.dist(self._last_place, stair.at_m[:2]) + stair.length_m
+    def _robot_view(self, status: RobotStatus) -> RobotView:
+        """The robot by its own word; a stair that it refused wasn't its last action."""
+        robot = RobotView.from_status(status, self.id, self._world.stairs(status))
+        if robot.path_m < self._robot_path_m:  # it forgot its way: it was started anew
+            self._path_before_m += self._robot_path_m
+        self._robot_path_m = robot.path_m
+        return replace(robot, last_action=None, collided=False) if self._refusals else robot
 
     def _carry_out(self, pending: Pending) -> bool:
         """Has the robot do what was decided; True if that ended the mission."""
@@ -215,16 +203,14 @@ class Mission:
     def _act(self, pending: Pending) -> None:
         action = str(pending.action)
         try:
-            newest = self._world.move(action, pending.seq, self.id, pending.to_floor)
+            self._world.move(action, pending.seq, self.id, pending.to_floor)
         except Refused as refused:
-            self._refusals += 1
+            self._refusals += 1  # the core counts it against the stair, and chooses again
             if action != "take_stairs" or self._refusals > _MAX_REFUSALS:
                 raise LostError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
-            self._last_action = None  # the core counts it against the stair, and chooses again
             self._hold(f"robot {self.robot} refused {action}: {refused}")
             return
         self._refusals = 0
-        self._last_action = action if newest == pending.seq + 1 else None
 
     def _concluded(self, pending: Pending) -> bool:
         """Ends the mission as decided; False if the robot didn't carry out the stop that says "found"."""

@@ -19,7 +19,7 @@ from surveilnav.errors import SurveilNavError
 from surveilnav.messages import MissionStatus, Plan
 
 #: Of the tables and of what is in them. A store of another version is set aside, not read.
-VERSION = 1
+VERSION = 2
 _SCHEMA = """CREATE TABLE IF NOT EXISTS missions (
     id TEXT PRIMARY KEY, finished INTEGER NOT NULL, record TEXT NOT NULL, memory TEXT NOT NULL)"""
 _SAVE = """INSERT INTO missions (id, finished, record, memory) VALUES (?, ?, ?, ?)
@@ -55,15 +55,14 @@ class Pending(msgspec.Struct, frozen=True, kw_only=True):
 class SavedMission(msgspec.Struct, frozen=True, kw_only=True):
     """A mission as it goes on after a restart.
 
-    ``place``: (x, y) [m, world] of the robot at the last decision; ``last_action``: what led there; ``cancel``: the
-    reason, once somebody cancelled it; ``memory``: the core's, as JSON ("": none yet, or the mission is over).
+    ``robot_path_m``: of ``status.path_m`` what the robot itself spoke of at the last decision; ``cancel``: the reason, once
+    somebody cancelled it; ``memory``: the core's, as JSON ("": none yet, or the mission is over).
     """
 
     status: MissionStatus
     plan: Plan | None = None
     pending: Pending | None = None
-    place: tuple[float, float] | None = None
-    last_action: str | None = None
+    robot_path_m: float = 0.0
     cancel: str | None = None
     memory: str = ""
 
@@ -74,8 +73,7 @@ class _Record(msgspec.Struct, frozen=True, kw_only=True):
     status: MissionStatus
     plan: Plan | None
     pending: Pending | None
-    place: tuple[float, float] | None
-    last_action: str | None
+    robot_path_m: float
     cancel: str | None
 
 

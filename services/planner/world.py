@@ -208,12 +208,6 @@ class World:
         time.sleep(seconds)
 
 
-def yaw_of_status(status: RobotStatus) -> float:
-    """Heading [rad] of a robot's base."""
-    T = status.T_world_base.matrix()
-    return math.atan2(T[1, 0], T[0, 0])
-
-
 def _is_stair(stair: Stair) -> bool:
     """Whether a stair joins two floors at places that can be, over a length that can be walked."""
     places = all(math.isfinite(v) and abs(v) < _FARTHEST_M for v in (*stair.at_m, *stair.to_m))

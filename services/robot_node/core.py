@@ -8,13 +8,16 @@ robot, and is counted by its length in path and steps.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
-from surveilnav.geometry import Matrix4, Pinhole, base_pose, camera_pose
-from surveilnav.messages import ACTIONS, Stair
+from surveilnav.geometry import Matrix4, Pinhole, Pose, base_pose, camera_pose
+from surveilnav.messages import ACTIONS, RobotStatus, Stair
+
+StateName = Literal["ready", "moving", "stopped", "error"]
 
 FORWARD_M = 0.25
 TURN_RAD = math.radians(30.0)
@@ -113,6 +116,18 @@ def stairs_of(navigation: NavigationLike) -> list[Stair]:
         for t in navigation.transits
         for floor in _floors_of(t)
     ]  # fmt: skip
+
+
+def status_of(
+    state: RobotState, *, robot: str, mission: str = "", kind: StateName = "ready", message: str = "",
+    stairs: Sequence[Stair] = (), stamp_ns: int = 0,
+) -> RobotStatus:  # fmt: skip
+    """What the robot says of itself on the bus. ``mission``: the one that it last obeyed."""
+    return RobotStatus(
+        stamp_ns=stamp_ns, robot=robot, floor=state.floor, seq=state.seq, state=kind, pitch_rad=state.pitch_rad,
+        T_world_base=Pose.from_matrix(base_pose_of(state)), message=message, stairs=list(stairs), mission=mission,
+        collided=state.collided, last_action=state.last_action, path_m=state.path_m,  # type: ignore[arg-type]
+    )  # fmt: skip
 
 
 def begin_mission(state: RobotState) -> RobotState:

@@ -11,7 +11,6 @@ from services.robot_node.config import RobotSettings
 from services.robot_node.observation import Encoded, encode
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import ROBOT_COMMAND, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
-from surveilnav.geometry import Pose
 from surveilnav.messages import CommandReply, RobotStatus
 from surveilnav.sensing.truth import truth_to_wire
 
@@ -92,10 +91,10 @@ class RobotService:
 
     def _status_message(self) -> RobotStatus:
         state = self._body.state
-        kind = "stopped" if state.stopped or self._message else "moving" if self._deadline_s else "ready"
-        return RobotStatus(
-            stamp_ns=clock_ns(), robot=self._settings.id, floor=state.floor, seq=state.seq, pitch_rad=state.pitch_rad,
-            state=kind, T_world_base=Pose.from_matrix(core.base_pose_of(state)), message=self._message,  # type: ignore[arg-type]
-            stairs=list(self._body.stairs), collided=state.collided, last_action=state.last_action,  # type: ignore[arg-type]
-            path_m=state.path_m,
+        kind: core.StateName = (
+            "stopped" if state.stopped or self._message else "moving" if self._deadline_s else "ready"
+        )
+        return core.status_of(
+            state, robot=self._settings.id, mission=self._mission, kind=kind, message=self._message,
+            stairs=self._body.stairs, stamp_ns=clock_ns(),
         )  # fmt: skip

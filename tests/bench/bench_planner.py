@@ -80,7 +80,7 @@ def test_field(benchmark, side_cells, by):
 @pytest.fixture(scope="module")
 def search():
     """One search of a home, looked at from a place where it can be played again: views, what the planner was told."""
-    from benchmark.play.episode import map_view, robot_state_view
+    from benchmark.play.episode import map_view
     from benchmark.play.sight import Sight
     from services.robot_node import core as robot
     from simulator.simulation import SimulatedBuilding, SimulationSettings
@@ -108,7 +108,7 @@ def search():
     while len(steps) < STEPS:
         seen = sight.robot(state)
         placed = joint.integrate(seen.view, seen.perception)
-        told = robot_state_view(state)
+        told = RobotView.from_status(robot.status_of(state, robot="r1"), "", ())
         mission, decision = step(mission, map_view(joint, placed.floor, text), told, PlannerConfig())
         steps.append((seen.view, seen.perception, told, decision.action))
         if decision.finished:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages import Candidate, ObjectRecord, Stair
+from surveilnav.messages import Candidate, ObjectRecord, RobotStatus, Stair
 
 WaypointKind = Literal["target", "candidate", "frontier", "stairs", "second_look"]
 
@@ -57,6 +58,17 @@ class RobotView:
     last_action: str | None
     path_m: float
     stairs: tuple[Stair, ...] = ()
+
+    @classmethod
+    def from_status(cls, status: RobotStatus, mission: str, stairs: tuple[Stair, ...]) -> RobotView:
+        """The robot by its own word. What it did in another mission says nothing in this one."""
+        x_m, y_m, _ = status.T_world_base.translation_m
+        T_world_base, ours = status.T_world_base.matrix(), status.mission == mission
+        return cls(
+            status.seq, x_m, y_m, math.atan2(T_world_base[1, 0], T_world_base[0, 0]), status.pitch_rad, status.floor,
+            collided=ours and status.collided, last_action=status.last_action if ours else None,
+            path_m=status.path_m if ours else 0.0, stairs=stairs,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,8 +48,8 @@ class RobotStatus(Message, frozen=True, kw_only=True):
     """State of a robot, at 1 Hz and on change. ``seq``: its newest observation; ``pitch_rad`` of its camera, up > 0.
 
     ``stairs``: the stairs (or lifts) of the building that this robot can take, in both directions.
-    ``last_action`` led to ``seq`` (None: nothing done in this mission yet); ``collided``: it was cut short;
-    ``path_m``: length of the way since the mission began (or since start-up).
+    ``mission``: the one that it last obeyed; ``last_action`` led to ``seq`` (None: nothing done in it yet); ``collided``: it was
+    cut short; ``path_m``: length of the way since that mission began (or since start-up).
     """
 
     robot: str
@@ -60,6 +60,7 @@ class RobotStatus(Message, frozen=True, kw_only=True):
     pitch_rad: float = 0.0
     message: str = ""
     stairs: list[Stair] = []
+    mission: str = ""
     collided: bool = False
     last_action: ActionName | None = None
     path_m: float = 0.0

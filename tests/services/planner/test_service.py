@@ -65,6 +65,7 @@ class Fakes:
         self.id, self.lock = robot, threading.Lock()
         self.commands, self.pending, self.answers, self.slow_at, self.slow_s = [], 0, True, -1, 0.0
         self.refuses_stairs, self.seqs, self.deaf = 0, [], False
+        self.mission, self.last_action, self.climbed_m, self.path_before_m = "", None, 0.0, 0.0
         self.robot_node, self.fusion_node = make_node("robot", robot), make_node("fusion", f"fusion-{robot}")
         self.robot_node.serve(ROBOT_COMMAND, self.command, robot=robot)
         self.robot_node.serve(ROBOT_STATUS, self.answer_status, robot=robot)
@@ -90,8 +91,13 @@ class Fakes:
         pose = Pose.from_matrix(base_pose((self.world.x, self.world.y, 0.0), self.world.yaw))
         return RobotStatus(
             stamp_ns=1, robot=self.id, floor=self.floor, seq=self.world.seq, state="ready", T_world_base=pose,
-            pitch_rad=self.world.pitch, stairs=self.stairs,
+            pitch_rad=self.world.pitch, stairs=self.stairs, mission=self.mission, collided=self.world.collided,
+            last_action=self.last_action, path_m=self.path_m(),
         )  # fmt: skip
+
+    def path_m(self):
+        """Of this mission: on all floors, and over stairs."""
+        return sum(world.path_m for world in self.worlds.values()) + self.climbed_m - self.path_before_m
 
     def answer_status(self, request):
         while self.deaf:
@@ -113,6 +119,9 @@ class Fakes:
             if command.action == "take_stairs" and (self.refuses_stairs or not self.near(command.to_floor)):
                 self.refuses_stairs -= 1
                 raise Refused("bad_command", "the stair is barred")
+            if command.mission != self.mission:
+                self.mission, self.path_before_m = command.mission, self.path_before_m + self.path_m()
+            self.last_action = command.action
             self.commands.append(command.action)
             self.seqs.append(command.seq_expected)
             if command.action == "stop":
@@ -136,6 +145,7 @@ class Fakes:
 
     def climb(self, to_floor):
         stair, seq, yaw = self.near(to_floor), self.world.seq, self.world.yaw
+        self.climbed_m += math.dist(stair.at_m[:2], (self.world.x, self.world.y)) + stair.length_m
         self.floor = to_floor
         (self.world.x, self.world.y), self.world.yaw, self.world.seq = stair.to_m[:2], yaw, seq + 1
         self.world.look()

@@ -27,7 +27,7 @@ def saved(id="m1", **more):
 def full(id="m1"):
     waypoint = Candidate("stairs", 1.0, 2.0, 0.5, True)
     return saved(
-        id, place=(1.0, -2.5), last_action="move_forward", cancel="enough", memory=MissionState("chair").to_json().decode(),
+        id, robot_path_m=1.0, cancel="enough", memory=MissionState("chair").to_json().decode(),
         pending=Pending(seq=41, action="take_stairs", to_floor="1"),
         plan=Plan(
             stamp_ns=1, mission=id, robot="r1", floor="0", step=7, seq=41, action="take_stairs", waypoint=waypoint,
@@ -58,7 +58,7 @@ def test_missions_come_back_as_they_were_in_the_order_they_came(open_store):
     missions = [saved("z"), full("a"), saved("m")]
     for mission in missions:
         store.save(mission, sync=True)
-    changed = msgspec.structs.replace(missions[0], place=(3.0, 4.0))
+    changed = msgspec.structs.replace(missions[0], robot_path_m=3.0)
     store.save(changed)
     store.close()
     assert open_store().load() == [changed, *missions[1:]]
