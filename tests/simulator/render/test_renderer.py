@@ -109,7 +109,7 @@ def test_rasteriser_sees_what_rays_hit(seed):
     drawn = Rasteriser(corners)
     seen = drawn.cast(R, origin, CAMERA)
     with pytest.MonkeyPatch.context() as patch:  # alone, only what isn't hidden is brought into the camera's frame
-        patch.setattr("simulator.render.shading._threads", 1)
+        patch.setattr("simulator.render.bands._threads", 1)
         alone = drawn.cast(R, origin, CAMERA)
     for name in ("t", "triangle", "uv"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(seen, name))
@@ -211,7 +211,7 @@ def test_threads_do_not_change_a_picture(monkeypatch):
     renderer = Renderer(room_scene(), lighting="flat")
     pictures = []
     for cores in (1, 2, 5):
-        monkeypatch.setattr("simulator.render.shading._threads", cores)
+        monkeypatch.setattr("simulator.render.bands._threads", cores)
         rendered = renderer.render(T, CAMERA)
         pictures.append((rendered.rgb.tobytes(), rendered.depth_m.tobytes(), rendered.instance_ids.tobytes()))
     assert pictures[0] == pictures[1] == pictures[2]
