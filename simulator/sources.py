@@ -40,7 +40,6 @@ EXAMPLE_HOMES: tuple[str, ...] = tuple(_HOMES)
 TRAIN_HOMES: tuple[str, ...] = (
     "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
 )  # fmt: skip
-PARAMETRIC_HOME = "parametric_flat"
 #: Patterns of names: n is any number from 0, and the plan's seed.
 GENERATED: tuple[str, ...] = tuple(f"{kind}_<n>" for kind in KINDS)
 
@@ -56,14 +55,13 @@ class BuildingInfo:
 
     name: str
     about: str
-    needs_assets: bool
 
 
 def list_buildings() -> tuple[BuildingInfo, ...]:
     """All buildings that can be named; any .sh3d file or Home.xml can be opened besides."""
-    named = tuple(BuildingInfo(name, about, True) for name, (_, about) in _HOMES.items())
-    generated = (BuildingInfo(f"{kind}_<n>", about, False) for kind, (_, about) in KINDS.items())
-    return (*named, *generated, *(BuildingInfo(name, about, False) for name, (_, about) in _PARAMETRIC.items()))
+    named = tuple(BuildingInfo(name, about) for name, (_, about) in _HOMES.items())
+    generated = (BuildingInfo(f"{kind}_<n>", about) for kind, (_, about) in KINDS.items())
+    return (*named, *generated, *(BuildingInfo(name, about) for name, (_, about) in _PARAMETRIC.items()))
 
 
 def open_building(name_or_path: str, *, seed: int = 0, models: Models = "all", cache_dir: Path | None = None) -> Scene:

@@ -15,7 +15,8 @@ from services.planner.core.drive import HEADINGS, Route
 from services.planner.core.settings import PlannerConfig
 from services.planner.core.state import RobotView
 from services.planner.core.terrain import Terrain
-from simulator.world.navigation import DistanceField, NavigationMap
+from simulator.world.distance_field import DistanceField
+from simulator.world.navigation import NavigationMap
 
 
 class OraclePlanner:

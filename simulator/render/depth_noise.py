@@ -41,11 +41,6 @@ class DepthNoise:
     dropout: float = 0.0
 
     @classmethod
-    def none(cls) -> DepthNoise:
-        """Clean depth."""
-        return cls()
-
-    @classmethod
     def robot(cls) -> DepthNoise:
         """A structured light or active stereo sensor on a robot (0.5-5 m): Nguyen's Kinect figures."""
         return cls(0.8, 0.0012, 0.0019, 0.4, 0.0028, 0.10, 0.001)

@@ -137,14 +137,6 @@ def exposure_of(metered: NDArray[np.float32]) -> float:
     return float(np.clip(min(by_mean, by_lights), 0.5, 2.5))
 
 
-def semantics(rendered: Rendered, scene: Scene) -> NDArray[np.object_]:
-    """Class name per pixel (H, W) of str: "" where the pixel shows nothing with a class of its own."""
-    labels = np.full(65536, "", dtype=object)
-    for instance_id, label in scene.labels_by_id.items():
-        labels[instance_id] = label
-    return labels[rendered.instance_ids]
-
-
 def _frame(T_world_camera: Matrix4) -> tuple[Matrix3, Vector3]:
     T = np.asarray(T_world_camera, dtype=np.float64)
     if T.shape != (4, 4) or not np.isfinite(T).all():

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.world.free_ground import FloorNavigation
 from simulator.world.geodesic import spread
-from simulator.world.navigation import FloorNavigation, NavigationMap
+from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Scene
 from surveilnav.errors import ConfigError
@@ -23,8 +24,6 @@ from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 
 MOUNTING_M = 1.8
 AZIMUTHS = 12
-VIEWS = AZIMUTHS + 1
-NADIR = AZIMUTHS
 TILT_RAD = math.radians(-30.0)
 #: The paper gives 1280x1280; the field of view is ours.
 CAMERA = Pinhole.from_hfov(1280, 1280, math.radians(100.0))

@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from simulator.world.navigation import DistanceField, FloorNavigation, NavigationMap
+from simulator.world.distance_field import DistanceField
+from simulator.world.free_ground import FloorNavigation
+from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Instance, Scene
 from surveilnav.categories import canonical
@@ -105,7 +107,6 @@ class Verdict:
     success: bool
     success_at_0_2_m: bool
     success_at_1_m: bool
-    stop_called: bool
     distance_to_viewpoint_m: float
     spl: float
     soft_spl: float
@@ -147,21 +148,6 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
     )  # fmt: skip
 
 
-def list_targets(scene: Scene, navigation: NavigationMap, *, caster: RayCaster | None = None) -> dict[str, int]:
-    """How many instances of each class a robot can get to; classes without any are left out."""
-    caster = caster or RayCaster(scene)
-    counts: dict[str, int] = {}
-    named = scene.labels_by_id
-    for instance in scene.instances:
-        if instance.id not in named:
-            continue
-        surface = _surface(scene, instance)
-        # One viewpoint will do, and most objects have hundreds: a few places first.
-        if any(_viewpoints(navigation, instance, surface, caster, every=n) is not None for n in (25, 1)):
-            counts[instance.label] = counts.get(instance.label, 0) + 1
-    return dict(sorted(counts.items()))
-
-
 def _contents(scene: Scene) -> str:
     labels = list(scene.labels_by_id.values())
     return ", ".join(f"{label} ({labels.count(label)})" for label in sorted(set(labels))) or "nothing with a name"
@@ -200,9 +186,9 @@ def _eyes(floor: FloorNavigation, cells: NDArray[np.int64]) -> NDArray[np.float3
 
 
 def _viewpoints(
-    navigation: NavigationMap, instance: Instance, surface: NDArray[np.float32], caster: RayCaster, *, every: int = 1
+    navigation: NavigationMap, instance: Instance, surface: NDArray[np.float32], caster: RayCaster
 ) -> NDArray[np.bool_] | None:
-    """(rows, cols) cells of the instance's floor that are viewpoints of it, or None if none is; tries every n-th."""
+    """(rows, cols) cells of the instance's floor that are viewpoints of it, or None if none is."""
     floor = navigation.floors.get(instance.floor)
     if floor is None:
         return None
@@ -213,7 +199,7 @@ def _viewpoints(
     cells = near + np.array([row0, col0])
     xy = floor.grid.centres_of(cells)
     away = np.linalg.norm(xy - np.clip(xy, low, high), axis=1)
-    cells = cells[away <= VIEWPOINT_REACH_M][::every]
+    cells = cells[away <= VIEWPOINT_REACH_M]
     if len(cells) == 0:
         return None
     cells = cells[_visible_share(caster, _eyes(floor, cells), surface) >= MIN_VISIBLE]
@@ -322,7 +308,6 @@ def judge(goals: Goals, state: StateLike, *, shortest_path_m: float) -> Verdict:
         success=success,
         success_at_0_2_m=state.stopped and distance_m <= 0.2,
         success_at_1_m=state.stopped and distance_m <= 1.0,
-        stop_called=state.stopped,
         distance_to_viewpoint_m=distance_m,
         spl=float(success) * efficiency,
         soft_spl=progress * efficiency,

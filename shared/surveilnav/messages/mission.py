@@ -9,10 +9,6 @@ import msgspec
 from surveilnav.messages.base import Message
 
 MissionState = Literal["queued", "active", "confirming", "done", "failed", "cancelled"]
-#: How a mission can end badly.
-FailureName = Literal[
-    "not_found", "unreachable", "out_of_steps", "robot_lost", "perception_down", "fusion_down", "stuck", "bad_target"
-]
 
 
 class MissionGoal(Message, frozen=True, kw_only=True):
