@@ -7,7 +7,7 @@ import math
 import time
 import uuid
 from dataclasses import dataclass
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -71,7 +71,7 @@ def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
     Raises:
         SurveilNavError: a user's mistake, or a service that ended; its text says what to do.
     """
-    began_s, started = time.monotonic(), datetime.now(timezone.utc)
+    began_s, started = time.monotonic(), datetime.now(UTC)
     building, goals, start = _prepare(options, console)
     run_dir = options.runs / f"{started:%Y%m%d-%H%M%S}-{uuid.uuid4().hex[:4]}"
     cameras = [camera.name for camera in building.plan.cameras] if options.surveillance else []

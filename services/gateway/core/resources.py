@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from typing import Generic, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -241,7 +241,7 @@ def when(stamp_ns: int | None) -> datetime | None:
     if not stamp_ns:
         return None
     try:
-        return datetime.fromtimestamp(stamp_ns / 1e9, timezone.utc)
+        return datetime.fromtimestamp(stamp_ns / 1e9, UTC)
     except (OverflowError, ValueError, OSError):
         return None
 
