@@ -72,18 +72,18 @@ class Shell:
         """Levels with rooms become floors: "0" on the ground, "1" above, "B1" below; roofs are part of those."""
         with_rooms = {self._level(room.level).id for room in self.home.rooms if len(room.outline_m) >= 3}
         ordered = sorted(self.levels.values(), key=lambda level: level.z_m)
-        storeys: list[list[Level]] = []
+        floors: list[list[Level]] = []
         for level in ordered:
             if level.id not in with_rooms or re.search(r"\broof\b", level.name, re.IGNORECASE):
                 continue
-            if storeys and level.z_m - storeys[-1][0].z_m < 0.1:
-                storeys[-1].append(level)
+            if floors and level.z_m - floors[-1][0].z_m < 0.1:
+                floors[-1].append(level)
             else:
-                storeys.append([level])
-        if not storeys:
-            storeys = [[ordered[0]]]
-        ground = next((i for i, group in enumerate(storeys) if group[0].z_m > -0.3), len(storeys) - 1)
-        for i, group in enumerate(storeys):
+                floors.append([level])
+        if not floors:
+            floors = [[ordered[0]]]
+        ground = next((i for i, group in enumerate(floors) if group[0].z_m > -0.3), len(floors) - 1)
+        for i, group in enumerate(floors):
             floor_id = str(i - ground) if i >= ground else f"B{ground - i}"
             first = group[0]
             self.builder.floors.append(Floor(floor_id, first.name or floor_id, first.z_m, first.height_m))

@@ -39,7 +39,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A storey of the plan."""
+    """A floor of the plan."""
 
     id: str
     name: str
