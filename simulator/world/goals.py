@@ -125,25 +125,24 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
     instances = scene.labelled(wanted) if wanted in scene.labels_by_id.values() else ()
     if not instances:
         raise TargetError(f"there is no {label!r} in {scene.name}; it has {_contents(scene)}")
-    viewpoints: dict[str, NDArray[np.bool_]] = {}
-    viewpoints_of: dict[int, NDArray[np.float64]] = {}
-    reachable: list[Instance] = []
     surfaces = [_surface(scene, instance) for instance in instances]
-    for instance, surface in zip(instances, surfaces, strict=True):
-        seen_from = _viewpoints(navigation, instance, surface, caster)
-        if seen_from is None:
-            continue
-        reachable.append(instance)
-        viewpoints_of[instance.id] = navigation.floors[instance.floor].grid.centres_of(np.argwhere(seen_from))
-        viewpoints[instance.floor] = viewpoints.get(instance.floor, False) | seen_from
-    if not reachable:
+    seen_from = {
+        instance: cells
+        for instance, surface in zip(instances, surfaces, strict=True)
+        if (cells := _viewpoints(navigation, instance, surface, caster)) is not None
+    }
+    if not seen_from:
         raise TargetError(
             f"{scene.name} has {len(instances)} x {wanted!r}, but robots can't get within {VIEWPOINT_REACH_M:g} m and "
             f"sight of any; choose another target: {_contents(scene)}"
         )
-    points = {name: navigation.floors[name].grid.centres_of(np.argwhere(m)) for name, m in viewpoints.items()}
+    on_floor: dict[str, NDArray[np.bool_]] = {}
+    for instance, cells in seen_from.items():
+        on_floor[instance.floor] = on_floor.get(instance.floor, False) | cells
+    points = {name: navigation.floors[name].grid.centres_of(np.argwhere(cells)) for name, cells in on_floor.items()}
+    points_of = {i.id: navigation.floors[i.floor].grid.centres_of(np.argwhere(cells)) for i, cells in seen_from.items()}
     return Goals(
-        wanted, tuple(reachable), tuple(i for i in instances if i not in reachable), points, viewpoints_of,
+        wanted, tuple(seen_from), tuple(i for i in instances if i not in seen_from), points, points_of,
         np.concatenate(surfaces), navigation.distance_field(points),
     )  # fmt: skip
 
@@ -237,20 +236,13 @@ def sample_start(
         for index, (floor, cell, path_m, straight_m) in enumerate(candidates):
             if path_m < share * min_path_m or (detour and path_m < MIN_DETOUR * straight_m):
                 continue
-            f = navigation.floors[floor]
             if unseen:
                 if index not in hidden:
-                    eye = _eyes(f, cell[None])
-                    # Few points show most of what is in sight; only what looks hidden is worth all of them.
-                    hidden[index] = all(
-                        _visible_share(caster, eye, p)[0] == 0.0 for p in (goals.surface[::16], goals.surface)
-                    )
+                    hidden[index] = _out_of_sight(navigation.floors[floor], cell, goals, caster)
                 if not hidden[index]:
                     continue
-            x, y = f.grid.centres_of(cell)
             notes = (f"{note}: {path_m:.1f} m",) if note else ()
-            yaw_rad = float(rng.uniform(-math.pi, math.pi))
-            return Start((float(x), float(y), f.z_m), floor, yaw_rad, goals.field.at((x, y), floor), notes)
+            return _start_at(navigation.floors[floor], cell, goals, rng, notes)
     raise TargetError(f"there is no place in {scene.name} from which a robot could start to search for {goals.label!r}")
 
 
@@ -270,11 +262,24 @@ def habitat_starts(
             break
         if path_m < min_path_m or path_m < MIN_DETOUR * straight_m:
             continue
-        f = navigation.floors[floor]
-        x, y = f.grid.centres_of(cell)
-        yaw_rad = float(rng.uniform(-math.pi, math.pi))
-        starts.append(Start((float(x), float(y), f.z_m), floor, yaw_rad, goals.field.at((x, y), floor)))
+        starts.append(_start_at(navigation.floors[floor], cell, goals, rng))
     return starts
+
+
+def _start_at(
+    floor: FloorNavigation, cell: NDArray[np.int64], goals: Goals, rng: np.random.Generator, notes: tuple[str, ...] = ()
+) -> Start:
+    """A start in a cell, its yaw drawn."""
+    x, y = floor.grid.centres_of(cell)
+    yaw_rad = float(rng.uniform(-math.pi, math.pi))
+    return Start((float(x), float(y), floor.z_m), floor.id, yaw_rad, goals.field.at((x, y), floor.id), notes)
+
+
+def _out_of_sight(floor: FloorNavigation, cell: NDArray[np.int64], goals: Goals, caster: RayCaster) -> bool:
+    """Whether no point of a goal is seen from a cell, whatever direction it lies in."""
+    eye = _eyes(floor, cell[None])
+    # Few points show most of what is in sight; only what looks hidden is worth all of them.
+    return all(_visible_share(caster, eye, p)[0] == 0.0 for p in (goals.surface[::16], goals.surface))
 
 
 def _candidates(
