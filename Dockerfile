@@ -2,8 +2,6 @@
 
 # --- Python packages: they change seldom ---
 FROM python:3.11-slim-bookworm AS packages
-# scikit-fmm has no wheels: it is compiled here and only here.
-RUN apt-get update && apt-get install -y --no-install-recommends g++ python3-dev
 RUN python -m venv /opt/venv
 ENV PATH=/opt/venv/bin:$PATH
 WORKDIR /src

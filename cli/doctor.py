@@ -38,9 +38,9 @@ def examine() -> list[Finding]:
 
 
 def _python() -> Finding:
-    ok = (3, 10) <= sys.version_info[:2] <= (3, 12)
+    ok = (3, 11) <= sys.version_info[:2] <= (3, 13)
     return Finding(
-        "Python", "ok" if ok else "missing", platform.python_version(), "" if ok else "use Python 3.10 to 3.12"
+        "Python", "ok" if ok else "missing", platform.python_version(), "" if ok else "use Python 3.11 to 3.13"
     )
 
 

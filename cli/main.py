@@ -7,7 +7,7 @@ import json
 import signal
 import sys
 from dataclasses import asdict
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,14 +31,14 @@ console = Console(stderr=True, highlight=False)
 DEFAULT_CAMERAS = 4
 
 
-class Backend(str, Enum):
+class Backend(StrEnum):
     auto = "auto"
     onnx_coco = "onnx-coco"
     oracle = "oracle"
     simulated = "simulated"
 
 
-class OnOff(str, Enum):
+class OnOff(StrEnum):
     on = "on"
     off = "off"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -40,7 +41,6 @@ EXAMPLE_HOMES: tuple[str, ...] = tuple(_HOMES)
 TRAIN_HOMES: tuple[str, ...] = (
     "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
 )  # fmt: skip
-PARAMETRIC_HOME = "parametric_flat"
 #: Patterns of names: n is any number from 0, and the plan's seed.
 GENERATED: tuple[str, ...] = tuple(f"{kind}_<n>" for kind in KINDS)
 
@@ -56,14 +56,13 @@ class BuildingInfo:
 
     name: str
     about: str
-    needs_assets: bool
 
 
 def list_buildings() -> tuple[BuildingInfo, ...]:
     """All buildings that can be named; any .sh3d file or Home.xml can be opened besides."""
-    named = tuple(BuildingInfo(name, about, True) for name, (_, about) in _HOMES.items())
-    generated = (BuildingInfo(f"{kind}_<n>", about, False) for kind, (_, about) in KINDS.items())
-    return (*named, *generated, *(BuildingInfo(name, about, False) for name, (_, about) in _PARAMETRIC.items()))
+    named = tuple(BuildingInfo(name, about) for name, (_, about) in _HOMES.items())
+    generated = (BuildingInfo(f"{kind}_<n>", about) for kind, (_, about) in KINDS.items())
+    return (*named, *generated, *(BuildingInfo(name, about) for name, (_, about) in _PARAMETRIC.items()))
 
 
 def open_building(name_or_path: str, *, seed: int = 0, models: Models = "all", cache_dir: Path | None = None) -> Scene:
@@ -92,24 +91,10 @@ def open_building(name_or_path: str, *, seed: int = 0, models: Models = "all", c
     if is_generated(name):
         return _open_plan(generated_home(name), name, seed, cache, models)
     if name in _HOMES:
-        with Furniture(ensure_assets(cache=cache), cache) as furniture:
-            plan = f"{_EXAMPLES}/{_HOMES[name][0]}.xml"
-            data = furniture.jar.read(plan)
-            if data is None:
-                raise AssetError(f"{furniture.jar.path} has no {plan}: a version of Sweet Home 3D that we don't know")
-            home = read_home(data, name)
-            return build_home(
-                home, name, seed, furniture, None, f"Sweet Home 3D example home {_HOMES[name][0]}", models
-            )
-    try:
-        path = Path(name_or_path).expanduser()
-        if is_mesh(path):
-            return open_scan(path)
-        is_file = path.suffix.lower() in (".sh3d", ".xml") or path.exists()
-        if is_file:
-            return _open_file(path, seed, cache, models)
-    except (OSError, RuntimeError, ValueError) as error:  # too long, no home directory, a zero byte, no permission
-        raise BuildingError(f"{name_or_path[:80]!r} can't be opened: {error}") from error
+        return _open_example(name, seed, cache, models)
+    scene = _open_path(name_or_path, seed, cache, models)
+    if scene is not None:
+        return scene
     valid = (*EXAMPLE_HOMES, *_PARAMETRIC, *GENERATED)
     near = get_close_matches(name, valid, n=1)
     raise BuildingError(
@@ -118,17 +103,42 @@ def open_building(name_or_path: str, *, seed: int = 0, models: Models = "all", c
     )
 
 
+def _open_example(name: str, seed: int, cache: Path, models: Models) -> Scene:
+    with Furniture(ensure_assets(cache=cache), cache) as furniture:
+        source = f"Sweet Home 3D example home {_HOMES[name][0]}"
+        return build_home(read_example(name, furniture), name, seed, furniture, None, source, models)
+
+
+def _open_path(text: str, seed: int, cache: Path, models: Models) -> Scene | None:
+    """The building in a file or folder; None where the text is no path of one."""
+    try:
+        path = Path(text).expanduser()
+        if is_mesh(path):
+            return open_scan(path)
+        if path.suffix.lower() in (".sh3d", ".xml") or path.exists():
+            return _open_file(path, seed, cache, models)
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no home directory, a zero byte, no permission
+        raise BuildingError(f"{text[:80]!r} can't be opened: {error}") from error
+    return None
+
+
 def _open_plan(home: Home, name: str, seed: int, cache: Path, models: Models) -> Scene:
     """A generated plan, with whatever furniture can be had."""
     source = f"{name}: generated, furnished by statistics of example homes"
     try:
         root = ensure_assets(cache=cache)
     except AssetError as error:
-        note = f"furniture libraries can't be had, simple shapes stand in: {error}"
-        scene = build_home(home, name, seed, None, None, source, models)
-        return replace(scene, notes=(note, *scene.notes))
+        return _with_simple_shapes(home, name, seed, None, source, models, error)
     with Furniture(root, cache) as furniture:
         return build_home(home, name, seed, furniture, None, source, models)
+
+
+def _with_simple_shapes(
+    home: Home, name: str, seed: int, archive: Archive | None, source: str, models: Models, error: AssetError
+) -> Scene:
+    note = f"furniture libraries can't be had, simple shapes stand in: {error}"
+    scene = build_home(home, name, seed, None, archive, source, models)
+    return replace(scene, notes=(note, *scene.notes))
 
 
 def read_example(name: str, furniture: Furniture) -> Home:
@@ -147,37 +157,26 @@ def _open_file(path: Path, seed: int, cache: Path, models: Models) -> Scene:
             f"there is no file {path}; expected a .sh3d file, a Home.xml, a .glb, an .obj, a folder of HM3D, or one of "
             f"{', '.join(EXAMPLE_HOMES)}"
         )
-    archive: Archive | None = None
-    furniture: Furniture | None = None
-    try:
-        if _is_xml(path):
-            data = _read_limited(path)
-        else:
-            archive = Archive(path)
-            plan = archive.read("Home.xml")
-            if plan is None:
-                old = archive.fingerprint("Home") != ""
-                hint = (
-                    "open it in Sweet Home 3D 5.3 or newer and save it again" if old else "is it a Sweet Home 3D file?"
-                )
-                raise BuildingError(f"{path} has no Home.xml inside: {hint}")
-            data = plan
-        home = read_home(data, path.name)
-        note = ""
+    name = re.sub(r"[^A-Za-z0-9_.]+", "_", path.stem)[:40].strip("_.") or "home"
+    source = f"Sweet Home 3D file {path.name}"
+    with nullcontext() if _is_xml(path) else closing(Archive(path)) as archive:
+        home = read_home(_read_limited(path) if archive is None else _plan_in(archive, path), path.name)
         try:
             furniture = Furniture(ensure_assets(cache=cache), cache)
         except AssetError as error:
-            note = f"furniture libraries can't be had, simple shapes stand in: {error}"
-        name = re.sub(r"[^A-Za-z0-9_.]+", "_", path.stem)[:40].strip("_.") or "home"
-        scene = build_home(home, name, seed, furniture, archive, f"Sweet Home 3D file {path.name}", models)
-    finally:
-        if archive is not None:
-            archive.close()
-        if furniture is not None:
-            furniture.close()
-    if note:
-        scene = replace(scene, notes=(note, *scene.notes))
-    return scene
+            return _with_simple_shapes(home, name, seed, archive, source, models, error)
+        with furniture:
+            return build_home(home, name, seed, furniture, archive, source, models)
+
+
+def _plan_in(archive: Archive, path: Path) -> bytes:
+    """The Home.xml of a .sh3d file."""
+    plan = archive.read("Home.xml")
+    if plan is None:
+        old = archive.fingerprint("Home") != ""
+        hint = "open it in Sweet Home 3D 5.3 or newer and save it again" if old else "is it a Sweet Home 3D file?"
+        raise BuildingError(f"{path} has no Home.xml inside: {hint}")
+    return plan
 
 
 def _is_xml(path: Path) -> bool:

@@ -14,7 +14,7 @@ from benchmark.dataset.build import open_scene
 from benchmark.dataset.integrity import damage, read_manifest
 from benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
 from simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
-from simulator.world.navigation import FloorNavigation
+from simulator.world.free_ground import FloorNavigation
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Grid
 

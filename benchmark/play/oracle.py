@@ -15,7 +15,8 @@ from services.planner.core.config import PlannerConfig
 from services.planner.core.motion.drive import HEADINGS, Route
 from services.planner.core.motion.terrain import Terrain
 from services.planner.core.state import RobotView
-from simulator.world.navigation import DistanceField, NavigationMap
+from simulator.world.distance_field import DistanceField
+from simulator.world.navigation import NavigationMap
 
 
 class OraclePlanner:

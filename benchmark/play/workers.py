@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Generic, NamedTuple, TypeVar
 
-from simulator.render.shading import use_threads
+from simulator.render.bands import use_threads
 from surveilnav.errors import SurveilNavError
 
 #: OpenBLAS takes its kernels by processor and splits sums by core, so that sums differ in their last bits. These kernels run

@@ -17,8 +17,8 @@ from benchmark.policies.policy import Policy, Task, Truth
 from services.fusion.core import FusionConfig
 from services.planner.core import Decision, MapView, PlannerConfig, RobotView
 from services.planner.core.motion.drive import HEADINGS
+from simulator.world.distance_field import Waypoint
 from simulator.world.goals import SUCCESS_M
-from simulator.world.navigation import Waypoint
 
 #: Weighted A* (Pohl 1970): at most so much longer than the best sequence of whole steps, and many times faster.
 _WEIGHT = 1.05

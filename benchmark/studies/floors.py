@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from benchmark.play.episode import EpisodeResult
     from services.planner.core.state import FloorChange
     from simulator.simulation import SimulatedBuilding
+    from simulator.world.free_ground import FloorNavigation
     from simulator.world.goals import Goals, Start
-    from simulator.world.navigation import FloorNavigation, NavigationMap
+    from simulator.world.navigation import NavigationMap
     from surveilnav.geometry import Grid
 
 HOMES = ("2_bedroom_basement", "3_bedroom_attic", "3_bedroom_mezzanine")

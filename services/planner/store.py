@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
@@ -148,7 +148,7 @@ class Store:
         return self._open
 
     def _set_aside(self, path: Path, fault: str) -> None:
-        stamp = datetime.now(timezone.utc).strftime("%Y%m%d-%H%M%S-%f")
+        stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
         aside = path.with_name(f"{path.name}.{stamp}")
         for suffix in ("", "-wal", "-shm"):
             part = path.with_name(path.name + suffix)

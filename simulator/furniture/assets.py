@@ -66,16 +66,7 @@ def ensure_assets(progress: Progress | None = None, *, cache: Path | None = None
             if is_complete(root):
                 return root
             with tempfile.TemporaryDirectory(dir=base, prefix="part-") as part:
-                new = Path(part) / "root"
-                for package in PACKAGES:
-                    deb, trusted = _package_file(package, base, Path(part), say)
-                    _check(deb, package, trusted)
-                    say(f"unpacking {package}")
-                    unpack_deb(deb, new)
-                if not is_complete(new):
-                    raise AssetError(
-                        f"the packages {', '.join(PACKAGES)} lack {JAR} or {LIBRARIES}/*.sh3f: a version we can't use"
-                    )
+                new = _unpacked(base, Path(part), say)
                 if root.exists():
                     shutil.rmtree(root)
                 os.replace(new, root)
@@ -84,6 +75,19 @@ def ensure_assets(progress: Progress | None = None, *, cache: Path | None = None
             f"the furniture can't be kept in {base} ({error}): free some space (400 MB) or set SURVEILNAV_CACHE_DIR"
         ) from error
     return root
+
+
+def _unpacked(base: Path, part: Path, say: Progress) -> Path:
+    """A new directory in ``part`` with the contents of all packages."""
+    new = part / "root"
+    for package in PACKAGES:
+        deb, trusted = _package_file(package, base, part, say)
+        _check(deb, package, trusted)
+        say(f"unpacking {package}")
+        unpack_deb(deb, new)
+    if not is_complete(new):
+        raise AssetError(f"the packages {', '.join(PACKAGES)} lack {JAR} or {LIBRARIES}/*.sh3f: a version we can't use")
+    return new
 
 
 def is_complete(root: Path) -> bool:
@@ -121,17 +125,14 @@ def _package_file(package: str, base: Path, part: Path, say: Progress) -> tuple[
             f"(on Ubuntu, with 'universe' enabled); or {remedy}"
         )
     say(f"downloading {package} (apt-get download)")
+    return _downloaded(package, part, remedy), trusted
+
+
+def _downloaded(package: str, part: Path, remedy: str) -> Path:
+    """The package's file, which apt-get puts into ``part``."""
     command = ["apt-get", "download", "-q", package]
     try:
-        done = subprocess.run(
-            command,
-            cwd=part,
-            capture_output=True,
-            text=True,
-            timeout=_TIMEOUT_S,
-            env={**os.environ, "LC_ALL": "C"},
-            check=False,
-        )
+        done = _run(command, _TIMEOUT_S, cwd=part)
     except subprocess.TimeoutExpired as error:
         raise AssetError(f"`{' '.join(command)}` took more than {_TIMEOUT_S} s: try again; or {remedy}") from error
     found = sorted(part.glob(f"{package}_*.deb"))
@@ -141,20 +142,21 @@ def _package_file(package: str, base: Path, part: Path, say: Progress) -> tuple[
             f"`{' '.join(command)}` failed ({reason}): "
             f"is the network there, are apt's lists fresh (`apt-get update`)? Or {remedy}"
         )
-    return found[-1], trusted
+    return found[-1]
+
+
+def _run(command: list[str], timeout_s: float, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Runs a command of apt's, whose words are to be English."""
+    return subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, timeout=timeout_s, env={**os.environ, "LC_ALL": "C"},
+        check=False,
+    )  # fmt: skip
 
 
 def _index_hashes(package: str) -> frozenset[str]:
     """All SHA-256 that apt's index has for a package."""
     try:
-        done = subprocess.run(
-            ["apt-cache", "show", package],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            env={**os.environ, "LC_ALL": "C"},
-            check=False,
-        )
+        done = _run(["apt-cache", "show", package], 60)
     except (OSError, subprocess.TimeoutExpired):
         return frozenset()
     return frozenset(re.findall(r"^SHA256:\s*([0-9a-f]{64})\s*$", done.stdout, re.MULTILINE))
@@ -212,16 +214,22 @@ def _data_tar(deb: Path) -> Iterator[tarfile.TarFile]:
                 raw = file.read(size)
                 if len(raw) < size:
                     raise ValueError("cut short")
-                if name.endswith(".zst"):
-                    stream = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(raw))
-                    with stream, tarfile.open(fileobj=stream, mode="r|") as data:
-                        yield data
-                else:
-                    with tarfile.open(fileobj=io.BytesIO(raw), mode="r:*") as data:
-                        yield data
+                with _opened_tar(raw, packed=name.endswith(".zst")) as data:
+                    yield data
                 return
             file.seek(size + size % 2, os.SEEK_CUR)
     raise ValueError("it has no data.tar")
+
+
+@contextmanager
+def _opened_tar(raw: bytes, *, packed: bool) -> Iterator[tarfile.TarFile]:
+    if packed:  # by Zstandard, which tarfile doesn't know
+        stream = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(raw))
+        with stream, tarfile.open(fileobj=stream, mode="r|") as data:
+            yield data
+    else:
+        with tarfile.open(fileobj=io.BytesIO(raw), mode="r:*") as data:
+            yield data
 
 
 def main() -> int:

@@ -148,46 +148,60 @@ def _picture(
 def _cut_out(model: Model, material: int, alpha: NDArray[np.uint8]) -> Model:
     """The model with the transparent parts of one picture cut away, triangle by triangle."""
     chosen = np.flatnonzero(model.material == material)
-    corners = model.vertices[model.triangles[chosen]].astype(np.float64)
-    uv = model.uvs[chosen].astype(np.float64)
-    group = model.group[chosen]
-    done: list[tuple[NDArray, NDArray, NDArray]] = []
-    inner = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3]]) / 6.0
-    height, width = alpha.shape
-    for level in range(_CUT_LEVELS + 1):
-        if len(uv) == 0:
-            break
-        samples = np.einsum("sk,nkc->nsc", inner, uv)
-        col = np.floor((samples[..., 0] % 1.0) * width).astype(int) % width
-        row = np.floor(((1.0 - samples[..., 1]) % 1.0) * height).astype(int) % height
-        opaque = alpha[row, col] >= 128
-        full, empty = opaque.all(axis=1), ~opaque.any(axis=1)
-        # A large triangle may hide a hole between seven samples: never settle on the first level.
-        settled = full if level > 0 else np.zeros(len(uv), bool)
-        gone = empty if level > 0 else np.zeros(len(uv), bool)
-        last = level == _CUT_LEVELS or 4 * len(uv) > _MAX_CUT_TRIANGLES
-        if last:
-            settled = opaque.mean(axis=1) >= 0.5
-        done.append((corners[settled], uv[settled], group[settled]))
-        if last:
-            break
-        rest = ~settled & ~gone
-        corners, uv, group = _quartered(corners[rest]), _quartered(uv[rest]), np.repeat(group[rest], 4)
-    new_corners = np.concatenate([d[0] for d in done])
-    new_uv = np.concatenate([d[1] for d in done])
-    new_group = np.concatenate([d[2] for d in done])
+    corners, uv, group = _opaque_parts(
+        model.vertices[model.triangles[chosen]].astype(np.float64), model.uvs[chosen].astype(np.float64),
+        model.group[chosen], alpha,
+    )  # fmt: skip
     keep = model.material != material
     first = len(model.vertices)
-    triangles = first + np.arange(3 * len(new_corners), dtype=np.int32).reshape(-1, 3)
+    triangles = first + np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
     return Model(
-        np.concatenate([model.vertices, new_corners.reshape(-1, 3).astype(np.float32)]),
+        np.concatenate([model.vertices, corners.reshape(-1, 3).astype(np.float32)]),
         np.concatenate([model.triangles[keep], triangles]),
-        np.concatenate([model.uvs[keep], new_uv.astype(np.float32)]),
+        np.concatenate([model.uvs[keep], uv.astype(np.float32)]),
         np.concatenate([model.material[keep], np.full(len(triangles), material, np.int32)]),
-        np.concatenate([model.group[keep], new_group]),
+        np.concatenate([model.group[keep], group]),
         model.materials,
         model.group_names,
     )
+
+
+_Parts = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
+
+
+def _opaque_parts(
+    corners: NDArray[np.float64], uv: NDArray[np.float64], group: NDArray[np.int32], alpha: NDArray[np.uint8]
+) -> _Parts:
+    """Corners (n, 3, 3), texture coordinates (n, 3, 2) and groups (n,) of what is opaque, quartered where it is partly."""
+    done: list[_Parts] = []
+    for level in range(_CUT_LEVELS + 1):
+        if len(uv) == 0:
+            break
+        opaque = _opaque_samples(uv, alpha)
+        if level == _CUT_LEVELS or 4 * len(uv) > _MAX_CUT_TRIANGLES:
+            mostly = opaque.mean(axis=1) >= 0.5
+            done.append((corners[mostly], uv[mostly], group[mostly]))
+            break
+        # A large triangle may hide a hole between seven samples: never settle on the first level.
+        full, empty = opaque.all(axis=1) & (level > 0), ~opaque.any(axis=1) & (level > 0)
+        done.append((corners[full], uv[full], group[full]))
+        rest = ~full & ~empty
+        corners, uv, group = _quartered(corners[rest]), _quartered(uv[rest]), np.repeat(group[rest], 4)
+    return (
+        np.concatenate([part[0] for part in done]),
+        np.concatenate([part[1] for part in done]),
+        np.concatenate([part[2] for part in done]),
+    )
+
+
+def _opaque_samples(uv: NDArray[np.float64], alpha: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(n, 7) whether the picture is opaque at seven places of each triangle."""
+    inner = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3]]) / 6.0
+    height, width = alpha.shape
+    samples = np.einsum("sk,nkc->nsc", inner, uv)
+    col = np.floor((samples[..., 0] % 1.0) * width).astype(int) % width
+    row = np.floor(((1.0 - samples[..., 1]) % 1.0) * height).astype(int) % height
+    return np.asarray(alpha[row, col] >= 128)
 
 
 def _quartered(corners: NDArray[np.float64]) -> NDArray[np.float64]:

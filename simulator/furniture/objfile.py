@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,107 +69,14 @@ def read_obj(data: bytes, name: str = "model") -> ObjModel:
     Raises:
         BuildingError: nothing to draw, numbers that are not finite, or more than the limits.
     """
-    positions: list[str] = []
-    textures: list[tuple[str, str]] = []
-    corners: list[tuple[int, int]] = []
-    faces: list[int] = []  # corners per face
-    face_material: list[int] = []
-    face_group: list[int] = []
-    materials: dict[str, int] = {"": 0}
-    groups: dict[str, int] = {"": 0}
-    material = group = 0
-    libraries: list[str] = []
+    lines = _Lines(name)
     text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
     for line in text.splitlines():
-        head, rest = _split(line)
-        if head == "v":
-            words = rest.split()
-            if len(words) < 3:
-                raise BuildingError(f"{name}: a vertex has three coordinates, got {line[:60]!r}")
-            positions.extend(words[:3])
-            if len(positions) > 3 * MAX_VERTICES:
-                raise BuildingError(f"{name} has more than {MAX_VERTICES} vertices: use a simpler model")
-        elif head == "f":
-            words = rest.split()
-            if len(words) > MAX_CORNERS_PER_FACE:
-                raise BuildingError(f"{name}: a face has at most {MAX_CORNERS_PER_FACE} corners, got {len(words)}")
-            count_v, count_t, before = len(positions) // 3, len(textures), len(corners)
-            try:
-                for word in words:
-                    parts = word.split("/")
-                    v = int(parts[0])
-                    t = int(parts[1]) if len(parts) > 1 and parts[1] else 0
-                    corners.append((v - 1 if v > 0 else count_v + v, t - 1 if t > 0 else count_t + t if t else -1))
-            except ValueError as error:
-                raise BuildingError(f"{name}: a face has indices like 1/2/3, got {line[:60]!r}") from error
-            if len(words) < 3:
-                del corners[before:]
-                continue
-            faces.append(len(words))
-            face_material.append(material)
-            face_group.append(group)
-            if len(corners) > 3 * MAX_TRIANGLES:
-                raise BuildingError(f"{name} has more than {MAX_TRIANGLES} triangles: use a simpler model")
-        elif head == "vt":
-            words = rest.split()
-            textures.append((words[0] if words else "0", words[1] if len(words) > 1 else "0"))
-        elif head == "usemtl":
-            material = materials.setdefault(rest, len(materials))
-        elif head in ("g", "o"):
-            group = groups.setdefault(rest, len(groups))
-        elif head == "mtllib":
-            libraries.append(rest)
-    return _assemble(
-        name, positions, textures, corners, faces, face_material, face_group, tuple(materials), tuple(groups),
-        tuple(libraries),
-    )  # fmt: skip
-
-
-def _assemble(
-    name: str, positions: list[str], textures: list[tuple[str, str]], corners: list[tuple[int, int]], faces: list[int],
-    face_material: list[int], face_group: list[int], materials: tuple[str, ...], groups: tuple[str, ...],
-    libraries: tuple[str, ...],
-) -> ObjModel:  # fmt: skip
-    try:
-        xyz = np.array(positions, dtype=np.float64).reshape(-1, 3)
-        uv = np.array(textures, dtype=np.float64).reshape(-1, 2)
-    except ValueError as error:
-        raise BuildingError(f"{name}: coordinates must be numbers ({error})") from error
-    if not (np.isfinite(xyz).all() and np.abs(xyz).max(initial=0.0) < 1e9):
-        raise BuildingError(f"{name}: coordinates must be finite and below 1e9")
-    uv = np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0)
-    index = np.array(corners, dtype=np.int64).reshape(-1, 2)
-    if len(index) and (index[:, 0].min() < 0 or index[:, 0].max() >= len(xyz)):
-        raise BuildingError(f"{name}: a face names a vertex that isn't there; it has {len(xyz)}")
-    index[(index[:, 1] >= len(uv)) | (index[:, 1] < -1), 1] = -1
-
-    counts = np.array(faces, dtype=np.int64)
-    starts = np.concatenate([[0], np.cumsum(counts)])[:-1]
-    parts: list[NDArray[np.int64]] = []  # (n, 4): three corners, face
-    plain = np.flatnonzero(counts == 3)
-    parts.append(np.column_stack([starts[plain], starts[plain] + 1, starts[plain] + 2, plain]))
-    quads = np.flatnonzero(counts == 4)
-    if len(quads):
-        p = xyz[index[starts[quads][:, None] + np.arange(4), 0]]
-        convex = _convex_quads(p)
-        flat = quads[convex]
-        s = starts[flat]
-        parts.append(np.column_stack([s, s + 1, s + 2, flat]))
-        parts.append(np.column_stack([s, s + 2, s + 3, flat]))
-        quads = quads[~convex]
-    budget = EAR_CLIP_BUDGET
-    for face in [*quads.tolist(), *np.flatnonzero(counts > 4).tolist()]:
-        ring = starts[face] + np.arange(counts[face])
-        budget -= len(ring) ** 2
-        cut = ring[ear_clip(_flattened(xyz[index[ring, 0]])) if budget > 0 else _fan(len(ring))]
-        parts.append(np.column_stack([cut, np.full(len(cut), face)]))
-    table = np.concatenate(parts) if parts else np.zeros((0, 4), np.int64)
-    table = table[np.argsort(table[:, 3], kind="stable")]
-    if len(table) == 0:
-        raise EmptyModelError(f"{name} has no faces: nothing to draw")
-    if len(table) > MAX_TRIANGLES:
-        raise BuildingError(f"{name} has more than {MAX_TRIANGLES} triangles: use a simpler model")
-    corner = index[table[:, :3]]
+        lines.take(line)
+    xyz, uv = _coordinates(lines)
+    index = _indices(lines, len(xyz), len(uv))
+    table = _triangles(name, xyz, index, np.array(lines.faces, dtype=np.int64))
+    corner, face = index[table[:, :3]], table[:, 3]
     used, renumbered = np.unique(corner[..., 0], return_inverse=True)
     uvs = np.zeros((len(table), 3, 2), np.float32)
     if len(uv):
@@ -176,9 +84,125 @@ def _assemble(
         uvs[has] = uv[corner[..., 1][has]]
     return ObjModel(
         xyz[used].astype(np.float32), renumbered.reshape(-1, 3).astype(np.int32), uvs,
-        np.array(face_material, np.int32)[table[:, 3]], np.array(face_group, np.int32)[table[:, 3]],
-        materials, groups, libraries,
+        np.array(lines.face_material, np.int32)[face], np.array(lines.face_group, np.int32)[face],
+        tuple(lines.materials), tuple(lines.groups), tuple(lines.libraries),
     )  # fmt: skip
+
+
+class _Lines:
+    """What the lines of a file said, in its own words and order; corners as (vertex, texture or -1) from 0."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.positions: list[str] = []
+        self.textures: list[tuple[str, str]] = []
+        self.corners: list[tuple[int, int]] = []
+        self.faces: list[int] = []  # corners per face
+        self.face_material: list[int] = []
+        self.face_group: list[int] = []
+        self.materials: dict[str, int] = {"": 0}
+        self.groups: dict[str, int] = {"": 0}
+        self.libraries: list[str] = []
+        self._material = self._group = 0
+
+    def take(self, line: str) -> None:
+        """Takes the next line of the file."""
+        head, rest = _split(line)
+        if head == "v":
+            self._vertex(rest, line)
+        elif head == "f":
+            self._face(rest, line)
+        elif head == "vt":
+            words = rest.split()
+            self.textures.append((words[0] if words else "0", words[1] if len(words) > 1 else "0"))
+        elif head == "usemtl":
+            self._material = self.materials.setdefault(rest, len(self.materials))
+        elif head in ("g", "o"):
+            self._group = self.groups.setdefault(rest, len(self.groups))
+        elif head == "mtllib":
+            self.libraries.append(rest)
+
+    def _vertex(self, rest: str, line: str) -> None:
+        words = rest.split()
+        if len(words) < 3:
+            raise BuildingError(f"{self.name}: a vertex has three coordinates, got {line[:60]!r}")
+        self.positions.extend(words[:3])
+        if len(self.positions) > 3 * MAX_VERTICES:
+            raise BuildingError(f"{self.name} has more than {MAX_VERTICES} vertices: use a simpler model")
+
+    def _face(self, rest: str, line: str) -> None:
+        words = rest.split()
+        if len(words) > MAX_CORNERS_PER_FACE:
+            raise BuildingError(f"{self.name}: a face has at most {MAX_CORNERS_PER_FACE} corners, got {len(words)}")
+        count_v, count_t = len(self.positions) // 3, len(self.textures)
+        try:
+            corners = [_corner(word, count_v, count_t) for word in words]
+        except ValueError as error:
+            raise BuildingError(f"{self.name}: a face has indices like 1/2/3, got {line[:60]!r}") from error
+        if len(words) < 3:
+            return
+        self.corners += corners
+        self.faces.append(len(words))
+        self.face_material.append(self._material)
+        self.face_group.append(self._group)
+        if len(self.corners) > 3 * MAX_TRIANGLES:
+            raise BuildingError(f"{self.name} has more than {MAX_TRIANGLES} triangles: use a simpler model")
+
+
+def _corner(word: str, count_v: int, count_t: int) -> tuple[int, int]:
+    """Vertex and texture (-1: none) of a word like "1/2/3"; negative ones count back from the newest."""
+    parts = word.split("/")
+    v = int(parts[0])
+    t = int(parts[1]) if len(parts) > 1 and parts[1] else 0
+    return v - 1 if v > 0 else count_v + v, t - 1 if t > 0 else count_t + t if t else -1
+
+
+def _coordinates(lines: _Lines) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions (V, 3) and texture coordinates (T, 2)."""
+    try:
+        xyz = np.array(lines.positions, dtype=np.float64).reshape(-1, 3)
+        uv = np.array(lines.textures, dtype=np.float64).reshape(-1, 2)
+    except ValueError as error:
+        raise BuildingError(f"{lines.name}: coordinates must be numbers ({error})") from error
+    if not (np.isfinite(xyz).all() and np.abs(xyz).max(initial=0.0) < 1e9):
+        raise BuildingError(f"{lines.name}: coordinates must be finite and below 1e9")
+    return xyz, np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _indices(lines: _Lines, count_v: int, count_t: int) -> NDArray[np.int64]:
+    """Vertex and texture (corners, 2) of every corner; -1 for textures that aren't there."""
+    index = np.array(lines.corners, dtype=np.int64).reshape(-1, 2)
+    if len(index) and (index[:, 0].min() < 0 or index[:, 0].max() >= count_v):
+        raise BuildingError(f"{lines.name}: a face names a vertex that isn't there; it has {count_v}")
+    index[(index[:, 1] >= count_t) | (index[:, 1] < -1), 1] = -1
+    return index
+
+
+def _triangles(
+    name: str, xyz: NDArray[np.float64], index: NDArray[np.int64], counts: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """(F, 4): three corners and the face that they belong to, in the order of faces with ``counts`` corners each."""
+    starts = np.concatenate([[0], np.cumsum(counts)])[:-1]
+    plain = np.flatnonzero(counts == 3)
+    parts = [np.column_stack([starts[plain], starts[plain] + 1, starts[plain] + 2, plain])]
+    quads = np.flatnonzero(counts == 4)
+    if len(quads):
+        convex = _convex_quads(xyz[index[starts[quads][:, None] + np.arange(4), 0]])
+        flat, s = quads[convex], starts[quads[convex]]
+        parts += [np.column_stack([s, s + 1, s + 2, flat]), np.column_stack([s, s + 2, s + 3, flat])]
+        quads = quads[~convex]
+    budget = EAR_CLIP_BUDGET
+    for face in [*quads.tolist(), *np.flatnonzero(counts > 4).tolist()]:
+        ring = starts[face] + np.arange(counts[face])
+        budget -= len(ring) ** 2
+        cut = ring[ear_clip(_flattened(xyz[index[ring, 0]])) if budget > 0 else _fan(len(ring))]
+        parts.append(np.column_stack([cut, np.full(len(cut), face)]))
+    table = np.concatenate(parts)
+    if len(table) == 0:
+        raise EmptyModelError(f"{name} has no faces: nothing to draw")
+    if len(table) > MAX_TRIANGLES:
+        raise BuildingError(f"{name} has more than {MAX_TRIANGLES} triangles: use a simpler model")
+    return table[np.argsort(table[:, 3], kind="stable")]
 
 
 def _fan(count: int) -> NDArray[np.int32]:
@@ -213,33 +237,27 @@ def _flattened(p: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def read_mtl(data: bytes) -> dict[str, MtlMaterial]:
     """Parses an MTL file; what can't be understood is left out."""
-    found: dict[str, MtlMaterial] = {}
+    fields: dict[str, dict[str, Any]] = {}
     name = ""
-    fields: dict[str, object] = {}
-
-    def finish() -> None:
-        if name:
-            found[name] = MtlMaterial(**fields)  # type: ignore[arg-type]
-
     for line in data.decode("utf-8", errors="replace").splitlines():
         head, rest = _split(line)
-        head = head.lower()
-        if head == "newmtl":
-            finish()
-            name, fields = rest, {}
-        elif head == "kd":
-            numbers = _numbers(rest, 3)
-            if numbers:
-                r, g, b = (min(1.0, max(0.0, v)) for v in numbers)
-                fields["color"] = (r, g, b)
-        elif head == "d" and (numbers := _numbers(rest.removeprefix("-halo"), 1)):
-            fields["alpha"] = min(1.0, max(0.0, numbers[0]))
-        elif head == "ns" and (numbers := _numbers(rest, 1)):
-            fields["shininess"] = min(128.0, max(0.0, numbers[0]))
-        elif head == "map_kd" and rest:
-            fields["texture"] = rest
-    finish()
-    return found
+        if head.lower() == "newmtl":
+            name, fields[rest] = rest, {}
+        elif name:
+            fields[name] |= _mtl_field(head.lower(), rest)
+    return {name: MtlMaterial(**facts) for name, facts in fields.items() if name}
+
+
+def _mtl_field(head: str, rest: str) -> dict[str, Any]:
+    """What a line says of its material, as fields of ``MtlMaterial``."""
+    if head == "kd" and (numbers := _numbers(rest, 3)):
+        r, g, b = (min(1.0, max(0.0, v)) for v in numbers)
+        return {"color": (r, g, b)}
+    if head == "d" and (numbers := _numbers(rest.removeprefix("-halo"), 1)):
+        return {"alpha": min(1.0, max(0.0, numbers[0]))}
+    if head == "ns" and (numbers := _numbers(rest, 1)):
+        return {"shininess": min(128.0, max(0.0, numbers[0]))}
+    return {"texture": rest} if head == "map_kd" and rest else {}
 
 
 def _split(line: str) -> tuple[str, str]:

@@ -166,20 +166,8 @@ def placed(
     by pitch or roll and centred again, turned about the vertical, and set on its elevation
     (``ModelManager.getPieceOfFurnitureNormalizedModelTransformation``). ``material`` may replace materials by index.
     """
-    p = model.vertices.astype(np.float64)
-    if rotation is not None:
-        p = p @ np.reshape(rotation, (3, 3)).T
     used = np.unique(model.triangles)
-    low, high = p[used].min(axis=0), p[used].max(axis=0)
-    extent = np.where(high - low > 1e-9, high - low, 1.0)
-    width, depth, height = (max(v, 1e-4) for v in piece.size_m)
-    p = (p - (low + high) / 2) / extent * np.array([-width if piece.mirrored else width, height, depth])
-    if piece.pitch_rad or piece.roll_rad:
-        tilt = _about_x(-piece.pitch_rad) if piece.pitch_rad else _about_z(-piece.roll_rad)
-        p = p @ tilt.T
-        low, high = p[used].min(axis=0), p[used].max(axis=0)
-        p = p - (low + high) / 2
-        height = float(high[1] - low[1])
+    p, height = _upright(model.vertices.astype(np.float64), used, piece, rotation)
     c, s = np.cos(piece.yaw_rad), np.sin(piece.yaw_rad)
     x, y, z = p[:, 0], -p[:, 2], p[:, 1]
     world = np.column_stack(
@@ -194,6 +182,25 @@ def placed(
         world[used].astype(np.float32), np.ascontiguousarray(table[model.triangles][:, order]),
         np.ascontiguousarray(model.uvs[:, order]), model.material, materials,
     )  # fmt: skip
+
+
+def _upright(
+    p: NDArray[np.float64], used: NDArray[np.integer], piece: Piece, rotation: tuple[float, ...] | None
+) -> tuple[NDArray[np.float64], float]:
+    """A model's points (N, 3) [m, y up], the ``used`` ones in the piece's box around the origin, tilted; their height [m]."""
+    if rotation is not None:
+        p = p @ np.reshape(rotation, (3, 3)).T
+    low, high = p[used].min(axis=0), p[used].max(axis=0)
+    extent = np.where(high - low > 1e-9, high - low, 1.0)
+    width, depth, height = (max(v, 1e-4) for v in piece.size_m)
+    p = (p - (low + high) / 2) / extent * np.array([-width if piece.mirrored else width, height, depth])
+    if piece.pitch_rad or piece.roll_rad:
+        tilt = _about_x(-piece.pitch_rad) if piece.pitch_rad else _about_z(-piece.roll_rad)
+        p = p @ tilt.T
+        low, high = p[used].min(axis=0), p[used].max(axis=0)
+        p = p - (low + high) / 2
+        height = float(high[1] - low[1])
+    return p, height
 
 
 def _about_x(angle: float) -> NDArray[np.float64]:

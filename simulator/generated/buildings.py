@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from simulator.furniture.placing import seeded
+from simulator.generated.floor_plan import OUTSIDE, FloorPlan, Hole, add_windows
 from simulator.generated.furnish import furnish
 from simulator.generated.layout import (
     STAIR_RUN_M,
@@ -18,10 +19,9 @@ from simulator.generated.layout import (
     flats_body,
     office_body,
 )
-from simulator.generated.rooms import flats_storey, office_storey
+from simulator.generated.rooms import flats_floor, office_floor
 from simulator.generated.space import FRONTS, Placed, RoomSpace
 from simulator.generated.statistics import Wanted, draw
-from simulator.generated.storey import OUTSIDE, Hole, Storey, add_windows
 from simulator.generated.walls import HALF_M, INNER_M, OUTER_M, Raster, inset, raster_of
 from simulator.plans.sweethome import Home, Level, Piece, PlanRoom, PlanWall
 
@@ -76,63 +76,63 @@ def generated_home(name: str) -> Home:
         raise ValueError(f"expected office_<n> or flats_<n> with a number from 0, got {name!r}")
     kind = match.group(1)
     rng = seeded(f"plan|{name}")
-    body, storeys = plan(kind, rng)
+    body, floors = plan(kind, rng)
     levels = tuple(
         Level(f"level{i}", "Ground floor" if i == 0 else f"Floor {i}", round(i * _FLOOR_M, 2), _ROOM_HEIGHT_M, _SLAB_M)
-        for i in range(len(storeys))
+        for i in range(len(floors))
     )
     walls: list[PlanWall] = []
     rooms: list[PlanRoom] = []
     pieces: list[Piece] = []
-    for i, storey in enumerate(storeys):
-        raster, level = raster_of(storey.spaces), f"level{i}"
+    for i, floor in enumerate(floors):
+        raster, level = raster_of(floor.spaces), f"level{i}"
         walls += _walls(raster, level)
         rooms += [
             PlanRoom(s.name, level, inset(raster.outline(k), HALF_M), True, True, None, None)
-            for k, s in enumerate(storey.spaces)
+            for k, s in enumerate(floor.spaces)
         ]
-        pieces += [_hole_piece(hole, level) for hole in storey.holes]
+        pieces += [_hole_piece(hole, level) for hole in floor.holes]
         if body.stair_hall is not None:
-            walls += _rails(body, i, len(storeys), level)
-            if i + 1 < len(storeys):
+            walls += _rails(body, i, len(floors), level)
+            if i + 1 < len(floors):
                 pieces.append(_stair_piece(body, i, level))
-        for space in furnished(body, storey, rng):
+        for space in furnished(body, floor, rng):
             pieces += [_piece(p, level) for p in space.pieces]
     return Home(name, _ROOM_HEIGHT_M, levels, tuple(walls), tuple(rooms), tuple(pieces))
 
 
-def plan(kind: str, rng: np.random.Generator) -> tuple[Body, list[Storey]]:
+def plan(kind: str, rng: np.random.Generator) -> tuple[Body, list[FloorPlan]]:
     """Body and floors."""
     low, high = KINDS[kind][0]
-    floors = int(rng.choice([1, 2, 3, 4], p=[0.3, 0.3, 0.25, 0.15]))
-    area = min(float(rng.uniform(low, high)), _MAX_AREA_M2 / floors)
-    body = (office_body if kind == "office" else flats_body)(area, floors > 1, rng)
-    storeys = []
-    for i in range(floors):
-        storey = (office_storey if kind == "office" else flats_storey)(body, i, rng)
-        add_windows(storey, rng, ground=i == 0)
-        storeys.append(storey)
-    return body, storeys
+    count = int(rng.choice([1, 2, 3, 4], p=[0.3, 0.3, 0.25, 0.15]))
+    area = min(float(rng.uniform(low, high)), _MAX_AREA_M2 / count)
+    body = (office_body if kind == "office" else flats_body)(area, count > 1, rng)
+    floors = []
+    for i in range(count):
+        floor = (office_floor if kind == "office" else flats_floor)(body, i, rng)
+        add_windows(floor, rng, ground=i == 0)
+        floors.append(floor)
+    return body, floors
 
 
-def furnished(body: Body, storey: Storey, rng: np.random.Generator) -> list[RoomSpace]:
+def furnished(body: Body, floor: FloorPlan, rng: np.random.Generator) -> list[RoomSpace]:
     """The rooms of a floor with their furniture."""
     closed = () if body.stair_hall is None else (body.stair_hall.rect,)
     done = []
-    for number, room in enumerate(storey.spaces):
-        holes = [h for h in storey.holes if number in h.rooms]
+    for number, room in enumerate(floor.spaces):
+        holes = [h for h in floor.holes if number in h.rooms]
         space = RoomSpace(room.rects, holes, closed if number == 0 else ())
         wanted = draw(room.type, room.area_m2, rng)
-        if room.type == "bath" and not _has_toilet(storey, room.name) and not any(w.kind == "toilet" for w in wanted):
+        if room.type == "bath" and not _has_toilet(floor, room.name) and not any(w.kind == "toilet" for w in wanted):
             wanted.append(Wanted("toilet", (0.4, 0.75, 0.7)))
         furnish(space, room.type, wanted, rng)
         done.append(space)
     return done
 
 
-def _has_toilet(storey: Storey, bath: str) -> bool:
+def _has_toilet(floor: FloorPlan, bath: str) -> bool:
     """Whether a bath's flat has a toilet besides: every flat has one."""
-    return any(s.name == bath.replace(" bath", " toilet") for s in storey.spaces)
+    return any(s.name == bath.replace(" bath", " toilet") for s in floor.spaces)
 
 
 def _walls(raster: Raster, level: str) -> list[PlanWall]:

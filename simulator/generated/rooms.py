@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from simulator.generated.floor_plan import FloorPlan
 from simulator.generated.layout import Body, Rect, Strip, snap
-from simulator.generated.storey import Storey
 
 #: Types of office rooms: least and largest width along the corridor [m].
 _OFFICE_WIDTHS: dict[str, tuple[float, float]] = {
@@ -22,20 +22,20 @@ _TITLES = {
 _MIN_FLAT_M = 5.4
 
 
-def start(body: Body, rng: np.random.Generator) -> Storey:
+def start(body: Body, rng: np.random.Generator) -> FloorPlan:
     """A floor with its corridor, stair hall and what lies behind that."""
-    storey = Storey(ways=body.corridors)
+    floor = FloorPlan(ways=body.corridors)
     stairs = () if body.stair_hall is None else (body.stair_hall.rect,)
-    storey.add("Corridor", "corridor", *body.corridors, *stairs)
+    floor.add("Corridor", "corridor", *body.corridors, *stairs)
     for rect in body.common:
-        room = storey.add("Laundry", "laundry", rect)
-        storey.connect(0, room, rng, sides=stairs)
-    return storey
+        room = floor.add("Laundry", "laundry", rect)
+        floor.connect(0, room, rng, sides=stairs)
+    return floor
 
 
-def office_storey(body: Body, number: int, rng: np.random.Generator) -> Storey:
+def office_floor(body: Body, number: int, rng: np.random.Generator) -> FloorPlan:
     """Offices, meeting rooms, a kitchenette or lounge and toilets along the corridors."""
-    storey = start(body, rng)
+    floor = start(body, rng)
     strips = list(body.strips)
     wanted = ["toilets", "kitchenette" if rng.random() < 0.6 else "lounge", "meeting"]
     wanted += [
@@ -46,8 +46,8 @@ def office_storey(body: Body, number: int, rng: np.random.Generator) -> Storey:
     for index in rng.permutation(len(strips)):
         strip = strips[int(index)]
         for type_, s0, s1 in _fill(strip.length, wanted, rng):
-            _office_room(storey, strip.part(s0, s1), type_, number, rng)
-    return storey
+            _office_room(floor, strip.part(s0, s1), type_, number, rng)
+    return floor
 
 
 def _fill(length: float, wanted: list[str], rng: np.random.Generator) -> list[tuple[str, float, float]]:
@@ -77,41 +77,39 @@ def _fill(length: float, wanted: list[str], rng: np.random.Generator) -> list[tu
     return rooms
 
 
-def _office_room(storey: Storey, strip: Strip, type_: str, number: int, rng: np.random.Generator) -> None:
+def _office_room(floor: FloorPlan, strip: Strip, type_: str, number: int, rng: np.random.Generator) -> None:
     if type_ == "toilets":
-        _toilets(storey, strip, number, rng)
+        _toilets(floor, strip, number, rng)
         return
-    count = sum(s.type == type_ for s in storey.spaces) + 1
-    room = storey.add(f"{_TITLES[type_]} {number}.{count}", type_, strip.cell(0.0, strip.length))
+    count = sum(s.type == type_ for s in floor.spaces) + 1
+    room = floor.add(f"{_TITLES[type_]} {number}.{count}", type_, strip.cell(0.0, strip.length))
     wide = type_ in ("lounge", "open office") and rng.random() < 0.5
-    if not (wide and storey.connect(0, room, rng, "frame", 1.4)):
-        storey.connect(0, room, rng)
+    if not (wide and floor.connect(0, room, rng, "frame", 1.4)):
+        floor.connect(0, room, rng)
     if type_ == "open office":
-        storey.connect(0, room, rng)
+        floor.connect(0, room, rng)
 
 
-def _toilets(storey: Storey, strip: Strip, number: int, rng: np.random.Generator) -> None:
+def _toilets(floor: FloorPlan, strip: Strip, number: int, rng: np.random.Generator) -> None:
     """A washroom at the corridor, two toilets behind it."""
     front, middle = snap(min(2.0, strip.depth / 2)), snap(strip.length / 2)
-    count = sum(s.type == "washroom" for s in storey.spaces)
-    washroom = storey.add(
-        f"Toilet washroom {number}.{count + 1}", "washroom", strip.cell(0.0, strip.length, 0.0, front)
-    )
-    storey.connect(0, washroom, rng)
+    count = sum(s.type == "washroom" for s in floor.spaces)
+    washroom = floor.add(f"Toilet washroom {number}.{count + 1}", "washroom", strip.cell(0.0, strip.length, 0.0, front))
+    floor.connect(0, washroom, rng)
     for i, (s0, s1) in enumerate(((0.0, middle), (middle, strip.length))):
-        room = storey.add(f"Toilet {number}.{2 * count + i + 1}", "toilet", strip.cell(s0, s1, front))
-        storey.connect(washroom, room, rng)
+        room = floor.add(f"Toilet {number}.{2 * count + i + 1}", "toilet", strip.cell(s0, s1, front))
+        floor.connect(washroom, room, rng)
 
 
-def flats_storey(body: Body, number: int, rng: np.random.Generator) -> Storey:
+def flats_floor(body: Body, number: int, rng: np.random.Generator) -> FloorPlan:
     """Flats along the corridor; what is too short for one becomes a storage room."""
-    storey = start(body, rng)
+    floor = start(body, rng)
     flat = 0
     for strip in body.strips:
         if strip.length < _MIN_FLAT_M:
-            count = sum(s.type == "storage" for s in storey.spaces) + 1
-            room = storey.add(f"Storage {number}.{count}", "storage", strip.cell(0.0, strip.length))
-            storey.connect(0, room, rng)
+            count = sum(s.type == "storage" for s in floor.spaces) + 1
+            room = floor.add(f"Storage {number}.{count}", "storage", strip.cell(0.0, strip.length))
+            floor.connect(0, room, rng)
             continue
         count = max(1, round(strip.length / rng.uniform(7.5, 10.0)))
         while strip.length / count < _MIN_FLAT_M:
@@ -123,11 +121,11 @@ def flats_storey(body: Body, number: int, rng: np.random.Generator) -> Storey:
         cuts[-1] = strip.length
         for s0, s1 in pairwise(cuts):
             flat += 1
-            _flat(storey, strip.part(s0, s1), f"Flat {number}.{flat}", rng)
-    return storey
+            _flat(floor, strip.part(s0, s1), f"Flat {number}.{flat}", rng)
+    return floor
 
 
-def _flat(storey: Storey, strip: Strip, title: str, rng: np.random.Generator) -> None:
+def _flat(floor: FloorPlan, strip: Strip, title: str, rng: np.random.Generator) -> None:
     """A row of small rooms at the corridor, a hall behind it, and the rooms with windows at the facade."""
     flip, length = rng.random() < 0.5, strip.length
     row = snap(rng.uniform(1.9, 2.2))
@@ -137,23 +135,23 @@ def _flat(storey: Storey, strip: Strip, title: str, rng: np.random.Generator) ->
         return strip.cell(length - s1, length - s0, t0, t1) if flip else strip.cell(s0, s1, t0, t1)
 
     small, entrance = _small_rooms(length, rng)
-    hall = storey.add(f"{title} hall", "hall", cell(0.0, length, row, hall_end), cell(*entrance, 0.0, row))
-    storey.connect(0, hall, rng)
-    rooms = [(storey.add(f"{title} {type_}", type_, cell(s0, s1, 0.0, row)), type_) for type_, s0, s1 in small]
+    hall = floor.add(f"{title} hall", "hall", cell(0.0, length, row, hall_end), cell(*entrance, 0.0, row))
+    floor.connect(0, hall, rng)
+    rooms = [(floor.add(f"{title} {type_}", type_, cell(s0, s1, 0.0, row)), type_) for type_, s0, s1 in small]
     has_kitchen = any(type_ == "kitchen" for type_, *_ in small)
     at, bedrooms, before = 0.0, 0, (-1, "")
     for type_, width in _facade_rooms(length, has_kitchen, rng):
         bedrooms += type_ == "bedroom"
         name = {"living": "living room", "bedroom": f"bedroom {bedrooms}"}.get(type_, type_)
         end = length if at + width > length - 0.3 else round(at + width, 2)
-        rooms.append((storey.add(f"{title} {name}", type_, cell(at, end, hall_end, None)), type_))
+        rooms.append((floor.add(f"{title} {name}", type_, cell(at, end, hall_end, None)), type_))
         if {type_, before[1]} == {"living", "kitchen"} and rng.random() < 0.4:
-            storey.connect(before[0], rooms[-1][0], rng, "frame", 1.2)
+            floor.connect(before[0], rooms[-1][0], rng, "frame", 1.2)
         before, at = rooms[-1], end
     for room, type_ in rooms:
         wide = type_ == "living" and rng.random() < 0.4
-        if not (wide and storey.connect(hall, room, rng, "frame", 1.3)):
-            storey.connect(hall, room, rng)
+        if not (wide and floor.connect(hall, room, rng, "frame", 1.3)):
+            floor.connect(hall, room, rng)
 
 
 def _small_rooms(length: float, rng: np.random.Generator) -> tuple[list[tuple[str, float, float]], tuple[float, float]]:

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.generated.floor_plan import Hole, free_edges
 from simulator.generated.layout import Rect
-from simulator.generated.storey import Hole, free_edges
 from simulator.generated.walls import HALF_M
 
 #: A door's swing and step: nothing stands there [m].

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.generated.floor_plan import OUTSIDE, Space
 from simulator.generated.layout import Rect
-from simulator.generated.storey import OUTSIDE, Space
 
 INNER_M, OUTER_M = 0.12, 0.25
 HALF_M = INNER_M / 2

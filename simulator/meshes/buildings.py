@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.meshes.flights import find_stairs
+from simulator.meshes.floors import find_floors, outlines
 from simulator.meshes.gltf import MAX_TRIANGLES, Glb, read_glb
 from simulator.meshes.names import label_of_extra, label_of_node
-from simulator.meshes.storeys import find_storeys, outlines
 from simulator.meshes.walkable import find_spots
 from simulator.meshes.wavefront import read_obj_building
 from simulator.plans.assembly import Mesh, SceneBuilder
@@ -112,15 +112,15 @@ def building_of(pieces: Sequence[Piece], name: str, source: str, notes: Sequence
     bare = _assembled(pieces, name, source, (), [], (), [])
     caster = RayCaster(bare)
     spots = find_spots(bare, caster)
-    storeys, about_floors = find_storeys(spots)
-    if not storeys:
+    grounds, about_floors = find_floors(spots)
+    if not grounds:
         raise BuildingError(
             f"{name} has no floor: expected level ground of at least 4 m2 with 1.5 m of free height. Is its up axis right "
             "(GLB and OBJ: y up; HM3D: z up) and its unit metres?"
         )
-    stairs = find_stairs(bare, spots, storeys)
-    floors = tuple(s.floor for s in storeys)
-    rooms = [room for s in storeys for room in outlines(spots, s)]
+    stairs = find_stairs(bare, spots, grounds)
+    floors = tuple(s.floor for s in grounds)
+    rooms = [room for s in grounds for room in outlines(spots, s)]
     found = [*notes, *about_floors, *_about(floors, stairs)]
     return _assembled(pieces, name, source, floors, rooms, stairs, found)
 

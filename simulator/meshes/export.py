@@ -5,7 +5,7 @@ from __future__ import annotations
 import colorsys
 import json
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -125,65 +125,81 @@ def _write(
     path: Path, nodes: Iterator[tuple[str, dict[str, str], list[_Primitive]]], materials: tuple[Material, ...]
 ) -> None:
     """The GLB itself (glTF 2.0, section 4.4): header, JSON chunk, binary chunk."""
-    tree: dict[str, list] = {
-        "accessors": [],
-        "bufferViews": [],
-        "meshes": [],
-        "nodes": [],
-        "images": [],
-        "textures": [],
-    }
-    parts: list[bytes] = []
-    written = 0
-
-    def view(data: bytes) -> int:
-        nonlocal written
-        padded = data + b"\0" * (-len(data) % 4)
-        tree["bufferViews"].append({"buffer": 0, "byteOffset": written, "byteLength": len(data)})
-        parts.append(padded)
-        written += len(padded)
-        return len(tree["bufferViews"]) - 1
-
-    def accessor(array: NDArray[np.float32], kind: str) -> int:
-        entry = {"bufferView": view(array.tobytes()), "componentType": 5126, "count": len(array), "type": kind}
-        if kind == "VEC3":
-            entry |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
-        tree["accessors"].append(entry)
-        return len(tree["accessors"]) - 1
-
-    stored = [_stored(m, tree, view) for m in materials]
+    tree = _Tree()
+    stored = [_stored(m, tree) for m in materials]
     for name, extras, primitives in nodes:
-        listed = []
-        for corners, uv, material in primitives:
-            flipped = np.stack([uv[..., 0], 1.0 - uv[..., 1]], axis=-1).reshape(-1, 2)
-            attributes = {
-                "POSITION": accessor(np.ascontiguousarray(corners.reshape(-1, 3), np.float32), "VEC3"),
-                "TEXCOORD_0": accessor(np.ascontiguousarray(flipped, np.float32), "VEC2"),
-            }
-            listed.append({"attributes": attributes, "material": material})
-        tree["meshes"].append({"primitives": listed})
-        tree["nodes"].append({"name": name, "mesh": len(tree["meshes"]) - 1, "extras": extras})
-    header = {
-        "asset": {"version": "2.0", "generator": "SurveilNav"}, "scene": 0,
-        "scenes": [{"nodes": list(range(len(tree["nodes"])))}], "materials": stored,
-        "buffers": [{"byteLength": written}], **{key: value for key, value in tree.items() if value},
-    }  # fmt: skip
-    text = json.dumps(header, separators=(",", ":")).encode()
+        tree.add_node(name, extras, primitives)
+    text = json.dumps(tree.header(stored), separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    total = 12 + 8 + len(text) + 8 + written
+    total = 12 + 8 + len(text) + 8 + tree.written
     if total >= 2**32:
         raise BuildingError(f"{path} would have {total >> 20} MiB: a GLB has at most 4096")
     try:
         with replacing(path) as file:
             file.write(struct.pack("<4sII", b"glTF", 2, total))
             file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-            file.write(struct.pack("<I4s", written, b"BIN\0"))
-            file.writelines(parts)
+            file.write(struct.pack("<I4s", tree.written, b"BIN\0"))
+            file.writelines(tree.parts)
     except OSError as error:
         raise BuildingError(f"{path} can't be written: {error}") from error
 
 
-def _stored(material: Material, tree: dict[str, list], view: Callable[[bytes], int]) -> dict[str, Any]:
+class _Tree:
+    """The lists of a glTF file by name, and the ``parts`` of its binary chunk, ``written`` bytes in all."""
+
+    def __init__(self) -> None:
+        names = ("accessors", "bufferViews", "meshes", "nodes", "images", "textures")
+        self._lists: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
+        self.parts: list[bytes] = []
+        self.written = 0
+
+    def _add(self, name: str, entry: dict[str, Any]) -> int:
+        self._lists[name].append(entry)
+        return len(self._lists[name]) - 1
+
+    def _add_bytes(self, data: bytes) -> int:
+        padded = data + b"\0" * (-len(data) % 4)
+        view = self._add("bufferViews", {"buffer": 0, "byteOffset": self.written, "byteLength": len(data)})
+        self.parts.append(padded)
+        self.written += len(padded)
+        return view
+
+    def _add_array(self, array: NDArray[np.floating], kind: str) -> int:
+        array = np.ascontiguousarray(array, np.float32)
+        view = self._add_bytes(array.tobytes())
+        entry = {"bufferView": view, "componentType": 5126, "count": len(array), "type": kind}
+        if kind == "VEC3":
+            entry |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+        return self._add("accessors", entry)
+
+    def add_node(self, name: str, extras: dict[str, str], primitives: list[_Primitive]) -> None:
+        """Adds a node with a mesh of its own."""
+        listed = []
+        for corners, uv, material in primitives:
+            flipped = np.stack([uv[..., 0], 1.0 - uv[..., 1]], axis=-1).reshape(-1, 2)
+            attributes = {
+                "POSITION": self._add_array(corners.reshape(-1, 3), "VEC3"),
+                "TEXCOORD_0": self._add_array(flipped, "VEC2"),
+            }
+            listed.append({"attributes": attributes, "material": material})
+        self._add("nodes", {"name": name, "mesh": self._add("meshes", {"primitives": listed}), "extras": extras})
+
+    def add_texture(self, png: bytes) -> int:
+        """Adds a picture; returns the number of its texture."""
+        image = self._add("images", {"bufferView": self._add_bytes(png), "mimeType": "image/png"})
+        return self._add("textures", {"source": image})
+
+    def header(self, materials: list[dict[str, Any]]) -> dict[str, Any]:
+        """The JSON chunk."""
+        return {
+            "asset": {"version": "2.0", "generator": "SurveilNav"}, "scene": 0,
+            "scenes": [{"nodes": list(range(len(self._lists["nodes"])))}], "materials": materials,
+            "buffers": [{"byteLength": self.written}],
+            **{name: entries for name, entries in self._lists.items() if entries},
+        }  # fmt: skip
+
+
+def _stored(material: Material, tree: _Tree) -> dict[str, Any]:
     """A material's entry; its picture goes into the tree as PNG."""
     linear = linear_of(np.array(material.color, dtype=np.float64)).tolist()
     base: dict[str, Any] = {
@@ -195,8 +211,6 @@ def _stored(material: Material, tree: dict[str, list], view: Callable[[bytes], i
         ok, png = cv2.imencode(".png", np.ascontiguousarray(material.texture[..., ::-1]))
         if not ok:
             raise BuildingError(f"the picture of {material.name!r} can't be written as PNG")
-        tree["images"].append({"bufferView": view(png.tobytes()), "mimeType": "image/png"})
-        tree["textures"].append({"source": len(tree["images"]) - 1})
-        base["baseColorTexture"] = {"index": len(tree["textures"]) - 1}
+        base["baseColorTexture"] = {"index": tree.add_texture(png.tobytes())}
     mode = {"alphaMode": "BLEND"} if material.alpha < 1.0 else {}
     return {"name": material.name, "pbrMetallicRoughness": base, "doubleSided": True, **mode}

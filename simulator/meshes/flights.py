@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from simulator.meshes.storeys import Storey
+from simulator.meshes.floors import FloorGround
 from simulator.meshes.walkable import Spots
 from simulator.world.geodesic import mark_triangles
 from simulator.world.scene import Scene, Stair
@@ -21,15 +21,15 @@ _RADIUS_M, _LOW_M, _HIGH_M = 0.2, 0.1, 1.0
 _REACH_M = 2.0
 
 
-def find_stairs(scene: Scene, spots: Spots, storeys: tuple[Storey, ...]) -> tuple[Stair, ...]:
+def find_stairs(scene: Scene, spots: Spots, grounds: tuple[FloorGround, ...]) -> tuple[Stair, ...]:
     """One transit per flight of steps or ramp that is wide enough for a robot and joins two floors.
 
     The ends are where a robot can stand, the length is that of the shortest way between them over the treads.
     """
-    if len(storeys) < 2:
+    if len(grounds) < 2:
         return ()
-    on_floor = np.logical_or.reduce([s.on for s in storeys])
-    free = {s.floor.id: _free(scene, spots, s) for s in storeys}
+    on_floor = np.logical_or.reduce([s.on for s in grounds])
+    free = {s.floor.id: _free(scene, spots, s) for s in grounds}
     flight = _parts_within(spots, spots.passable & ~on_floor)
     found: list[Stair] = []
     for number in range(1, int(flight.max(initial=0)) + 1):
@@ -37,7 +37,7 @@ def find_stairs(scene: Scene, spots: Spots, storeys: tuple[Storey, ...]) -> tupl
         beside = spots.neighbour[:, mine]
         touched = np.zeros(len(mine), np.bool_)
         touched[beside[beside >= 0]] = True
-        joined = [s for s in storeys if (touched & s.on).any()]
+        joined = [s for s in grounds if (touched & s.on).any()]
         for lower, upper in pairwise(joined):
             stair = _way(spots, mine, lower, upper, free)
             if stair is not None:
@@ -45,20 +45,20 @@ def find_stairs(scene: Scene, spots: Spots, storeys: tuple[Storey, ...]) -> tupl
     return tuple(found)
 
 
-def _free(scene: Scene, spots: Spots, storey: Storey) -> NDArray[np.bool_]:
+def _free(scene: Scene, spots: Spots, ground: FloorGround) -> NDArray[np.bool_]:
     """(N,) which spots of a floor a robot's centre may take."""
     grid = spots.grid
-    ground = np.zeros(grid.rows * grid.cols, np.bool_)
-    ground[spots.column[storey.on]] = True
+    cells = np.zeros(grid.rows * grid.cols, np.bool_)
+    cells[spots.column[ground.on]] = True
     blocked = np.zeros(grid.shape, np.bool_)
-    z = storey.floor.z_m
+    z = ground.floor.z_m
     mark_triangles(
         blocked, scene.vertices, scene.triangles, grid.origin_x_m, grid.origin_y_m, grid.resolution_m, z + _LOW_M,
         z + _HIGH_M,
     )  # fmt: skip
-    room = np.pad(ground.reshape(grid.shape) & ~blocked, 1)
+    room = np.pad(cells.reshape(grid.shape) & ~blocked, 1)
     free = ndimage.distance_transform_edt(room)[1:-1, 1:-1] * grid.resolution_m > _RADIUS_M
-    return np.asarray(storey.on & free.ravel()[spots.column])
+    return np.asarray(ground.on & free.ravel()[spots.column])
 
 
 def _edges(spots: Spots, allowed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -81,7 +81,7 @@ def _parts_within(spots: Spots, allowed: NDArray[np.bool_]) -> NDArray[np.int32]
 
 
 def _way(
-    spots: Spots, flight: NDArray[np.bool_], lower: Storey, upper: Storey, free: dict[str, NDArray[np.bool_]]
+    spots: Spots, flight: NDArray[np.bool_], lower: FloorGround, upper: FloorGround, free: dict[str, NDArray[np.bool_]]
 ) -> Stair | None:
     """The shortest way over a flight from free ground to free ground; None where a robot has no room at an end."""
     row, col = np.divmod(spots.column, spots.grid.cols)

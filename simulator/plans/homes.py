@@ -110,18 +110,16 @@ class _Furnisher(Shell):
             model = self._model_of(piece, entry)
         except EmptyModelError:
             return
-        if model is not None:
-            mesh = placed(model, piece, piece.rotation, level.z_m, lambda _, m: self._tint(m, piece))
-            self._add(
-                mesh,
-                piece.name,
-                label,
-                level,
-                model=entry.id if entry else piece.model,
-                room=self._room_at(piece, level),
-            )
-            return
-        self._stand_in(piece, level, label)
+        if model is None:
+            self._stand_in(piece, level, label)
+        else:
+            self._add_own(model, piece, label, level, entry)
+
+    def _add_own(self, model: Model, piece: Piece, label: str, level: Level, entry: CatalogModel | None) -> None:
+        """Adds a piece as its own model, in its own colours."""
+        mesh = placed(model, piece, piece.rotation, level.z_m, lambda _, m: self._tint(m, piece))
+        known_as = entry.id if entry else piece.model
+        self._add(mesh, piece.name, label, level, model=known_as, room=self._room_at(piece, level))
 
     def _place_swapped(self, piece: Piece, level: Level, kind: Kind) -> bool:
         """Places a model of the same kind instead; False where none can be had."""
@@ -136,26 +134,28 @@ class _Furnisher(Shell):
         if choice is None:
             return False
         entry, fit = choice
-        room = self._room_at(piece, level)
         try:
             model = self.furniture.load(entry)
             if on_stand:
-                stand = self.furniture.by_id.get(_TV_STAND)
-                if stand is not None:
-                    below = replace(piece, size_m=(w, d, low))
-                    mesh = placed(self.furniture.load(stand), below, stand.rotation, level.z_m)
-                    self._add(mesh, "TV stand", "", level, model=stand.id, room=room)
+                self._place_tv_stand(replace(piece, size_m=(w, d, low)), level)
                 piece = replace(piece, size_m=box, z_m=piece.z_m + low)
             else:
                 piece = fitted(piece, entry, fit)
         except BuildingError as error:
             self.builder.notes.append(f"{entry.id} can't be read: {error}")
             return False
-        self._add(
-            placed(model, piece, entry.rotation, level.z_m), piece.name, kind.label, level, model=entry.id, room=room
-        )
+        mesh = placed(model, piece, entry.rotation, level.z_m)
+        self._add(mesh, piece.name, kind.label, level, model=entry.id, room=self._room_at(piece, level))
         self._credit(entry.library)
         return True
+
+    def _place_tv_stand(self, piece: Piece, level: Level) -> None:
+        """The furniture below a television, where the libraries have it."""
+        assert self.furniture is not None
+        stand = self.furniture.by_id.get(_TV_STAND)
+        if stand is not None:
+            mesh = placed(self.furniture.load(stand), piece, stand.rotation, level.z_m)
+            self._add(mesh, "TV stand", "", level, model=stand.id, room=self._room_at(piece, level))
 
     def _place_opening(self, piece: Piece, level: Level, entry: CatalogModel | None) -> None:
         label = "door" if is_door(piece) else "window"
@@ -170,10 +170,7 @@ class _Furnisher(Shell):
         key = (id(model), stands_open(piece))
         if key not in self._opened:
             self._opened[key] = _glazed(model.without_groups(lambda group: drops_group(piece, group)))
-        mesh = placed(self._opened[key], piece, piece.rotation, level.z_m, lambda _, m: self._tint(m, piece))
-        self._add(
-            mesh, piece.name, label, level, model=entry.id if entry else piece.model, room=self._room_at(piece, level)
-        )
+        self._add_own(self._opened[key], piece, label, level, entry)
 
     def _model_of(self, piece: Piece, entry: CatalogModel | None) -> Model | None:
         """The piece's own model: from its file, else from the libraries; None where it can't be had.
@@ -182,17 +179,9 @@ class _Furnisher(Shell):
             EmptyModelError: it is there, and there is nothing to see.
         """
         path = piece.model.lstrip("/")
-        if self.archive is not None and path and self.archive.fingerprint(path):
-            if path not in self._own_models:
-                try:
-                    self._own_models[path] = load_model(path, self.archive.read)
-                except EmptyModelError:
-                    raise
-                except BuildingError as error:
-                    self.builder.notes.append(f"the model of {piece.name!r} can't be read: {error}")
-                    self._own_models[path] = None
-            if self._own_models[path] is not None:
-                return self._own_models[path]
+        own = self._own_model(piece, path)
+        if own is not None:
+            return own
         if self.furniture is None:
             return None
         try:
@@ -207,6 +196,20 @@ class _Furnisher(Shell):
         except BuildingError as error:
             self.builder.notes.append(f"the model of {piece.name!r} can't be read: {error}")
         return None
+
+    def _own_model(self, piece: Piece, path: str) -> Model | None:
+        """The model at ``path`` of the file that the plan came in; None where it can't be had."""
+        if self.archive is None or not path or not self.archive.fingerprint(path):
+            return None
+        if path not in self._own_models:
+            try:
+                self._own_models[path] = load_model(path, self.archive.read)
+            except EmptyModelError:
+                raise
+            except BuildingError as error:
+                self.builder.notes.append(f"the model of {piece.name!r} can't be read: {error}")
+                self._own_models[path] = None
+        return self._own_models[path]
 
     def _stand_in(self, piece: Piece, level: Level, label: str) -> None:
         """A simple shape of the same kind and size."""
@@ -239,25 +242,16 @@ class _Furnisher(Shell):
 
     def _connect_floors(self) -> None:
         """Stairs between floors, read off the treads."""
-        solid = [
-            mesh
-            for mesh, i in zip(self.meshes, self.builder.instances, strict=True)
-            if i.label not in ("floor", "ceiling")
-        ]
-        flights = [mesh for mesh, i in zip(self.meshes, self.builder.instances, strict=True) if i.label == "stairs"]
-        for flight in flights:
+        labelled = [(mesh, i.label) for mesh, i in zip(self.meshes, self.builder.instances, strict=True)]
+        solid = [mesh for mesh, label in labelled if label not in ("floor", "ceiling")]
+        for flight in (mesh for mesh, label in labelled if label == "stairs"):
             low, high = float(flight.vertices[:, 2].min()), float(flight.vertices[:, 2].max())
             reached = [f for f in self.builder.floors if low - 0.3 < f.z_m < high - 0.3]
             if len(reached) < 2:
                 continue
             lower, upper = reached[0], reached[1]
-            stair = find_transit(
-                flight,
-                solid,
-                (lower.id, lower.z_m),
-                (upper.id, upper.z_m),
-                (self._is_floor(lower), self._is_floor(upper)),
-            )
+            on_floors = self._is_floor(lower), self._is_floor(upper)
+            stair = find_transit(flight, solid, (lower.id, lower.z_m), (upper.id, upper.z_m), on_floors)
             if stair is not None:
                 self.builder.stairs.append(stair)
 

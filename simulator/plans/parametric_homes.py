@@ -94,7 +94,7 @@ def parametric_flat(seed: int = 0) -> Scene:
     """One floor, 10 x 8 m: living room, kitchen, hall, bedroom, bathroom, study; all six targets."""
     builder = SceneBuilder(f"parametric_flat-s{seed}")
     rng = np.random.default_rng([seed, 1])
-    _storey(builder, "0", "Ground floor", 0.0, _GROUND, (*_LIVING, *_KITCHEN, *_BEDROOM, *_BATH, *_STUDY), rng)
+    _add_floor(builder, "0", "Ground floor", 0.0, _GROUND, (*_LIVING, *_KITCHEN, *_BEDROOM, *_BATH, *_STUDY), rng)
     builder.credits.append("parametric furniture: SurveilNav, Apache-2.0")
     return builder.build("parametric_flat: written in code, no assets")
 
@@ -104,31 +104,35 @@ def parametric_house(seed: int = 0) -> Scene:
     builder = SceneBuilder(f"parametric_house-s{seed}")
     rng = np.random.default_rng([seed, 2])
     rise = ROOM_HEIGHT_M + SLAB_M
-    x, y = _STAIR_FOOT
-    hole = np.array(
-        [
-            (x - 0.05, y - _STAIR_WIDTH_M / 2), (x + _STAIR_RUN_M, y - _STAIR_WIDTH_M / 2),
-            (x + _STAIR_RUN_M, y + _STAIR_WIDTH_M / 2), (x - 0.05, y + _STAIR_WIDTH_M / 2),
-        ]
-    )  # fmt: skip
+    hole = _stair_hole()
     ground = (*_LIVING, *_KITCHEN, *_BEDROOM, *_BATH, *_STUDY)
-    _storey(builder, "0", "Ground floor", 0.0, _GROUND, ground, rng, ceiling_holes=(hole,))
+    _add_floor(builder, "0", "Ground floor", 0.0, _GROUND, ground, rng, ceiling_holes=(hole,))
     upper = (*_UP_LANDING, *_UP_OFFICE, *_BEDROOM, *_BATH, *_UP_STUDY)
-    _storey(builder, "1", "Upper floor", rise, _UPPER, upper, rng, floor_holes=(hole,), railing=True)
-    T = np.eye(4)
-    T[:2, 3] = _STAIR_FOOT
-    flight = stair_flight(_STAIR_WIDTH_M, _STAIR_RUN_M, rise, _STEPS).moved(T)
-    builder.add(flight, "Stairs", "stairs", "0", model="parametric/stairs", room="Living room")
-    builder.stairs.append(
-        Stair(
-            "0", "1", (x - 0.45, y, 0.0), (x + _STAIR_RUN_M + 0.45, y, rise), math.hypot(_STAIR_RUN_M, rise) + 0.9
-        )
-    )  # fmt: skip
+    _add_floor(builder, "1", "Upper floor", rise, _UPPER, upper, rng, floor_holes=(hole,), railing=True)
+    _add_stair(builder, rise)
     builder.credits.append("parametric furniture: SurveilNav, Apache-2.0")
     return builder.build("parametric_house: written in code, no assets")
 
 
-def _storey(
+def _stair_hole() -> np.ndarray:
+    (x, y), half = _STAIR_FOOT, _STAIR_WIDTH_M / 2
+    return np.array(
+        [(x - 0.05, y - half), (x + _STAIR_RUN_M, y - half), (x + _STAIR_RUN_M, y + half), (x - 0.05, y + half)]
+    )
+
+
+def _add_stair(builder: SceneBuilder, rise_m: float) -> None:
+    """The flight and the transit over it."""
+    x, y = _STAIR_FOOT
+    T = np.eye(4)
+    T[:2, 3] = _STAIR_FOOT
+    flight = stair_flight(_STAIR_WIDTH_M, _STAIR_RUN_M, rise_m, _STEPS).moved(T)
+    builder.add(flight, "Stairs", "stairs", "0", model="parametric/stairs", room="Living room")
+    foot, head = (x - 0.45, y, 0.0), (x + _STAIR_RUN_M + 0.45, y, rise_m)
+    builder.stairs.append(Stair("0", "1", foot, head, math.hypot(_STAIR_RUN_M, rise_m) + 0.9))
+
+
+def _add_floor(
     builder: SceneBuilder, floor: str, name: str, z_m: float, room_names: dict[str, str], pieces: tuple[_Piece, ...],
     rng: np.random.Generator, floor_holes: tuple[np.ndarray, ...] = (), ceiling_holes: tuple[np.ndarray, ...] = (),
     railing: bool = False,
@@ -136,42 +140,46 @@ def _storey(
     """One floor: shell, rooms, furniture."""
     builder.floors.append(Floor(floor, name, z_m, ROOM_HEIGHT_M))
     paint, white = wall_material(rng), Material("ceiling", (0.95, 0.95, 0.94))
+    _add_walls(builder, floor, z_m, paint)
+    if railing:
+        _add_railings(builder, floor, z_m, paint)
+    _add_rooms(builder, floor, z_m, room_names, white, rng, floor_holes, ceiling_holes)
+    for hole in floor_holes:
+        builder.add(build_skirt(hole, z_m - SLAB_M, z_m, white), "Edge of the stair hole", "floor", floor)
+    for piece in pieces:
+        _add_piece(builder, floor, z_m, room_names, piece, rng)
+
+
+def _add_walls(builder: SceneBuilder, floor: str, z_m: float, paint: Material) -> None:
+    """A clockwise ring of outer walls (joined head to tail, so that they are mitred), then the inner ones."""
     openings = [
         Opening((x, y), 0.0 if along_x else math.pi / 2, width, 0.4, z_m + z0, z_m + z1)
         for x, y, along_x, width, z0, z1 in (*_DOORS, *_WINDOWS)
     ]
-    # Clockwise ring of the outer walls (joined head to tail, so that they are mitred), then the inner ones.
+    height = (ROOM_HEIGHT_M, ROOM_HEIGHT_M, z_m, paint, paint)
     ring: tuple[Point, ...] = ((0.0, 0.0), (0.0, 8.0), (10.0, 8.0), (10.0, 0.0))
-    walls = [
-        Wall(
-            ring[i],
-            ring[(i + 1) % 4],
-            _OUTER_M,
-            ROOM_HEIGHT_M,
-            ROOM_HEIGHT_M,
-            z_m,
-            paint,
-            paint,
-            (i - 1) % 4,
-            (i + 1) % 4,
-        )
-        for i in range(4)
-    ]
-    walls += [Wall(a, b, _INNER_M, ROOM_HEIGHT_M, ROOM_HEIGHT_M, z_m, paint, paint) for a, b in _INNER]
+    walls = [Wall(ring[i], ring[(i + 1) % 4], _OUTER_M, *height, (i - 1) % 4, (i + 1) % 4) for i in range(4)]
+    walls += [Wall(a, b, _INNER_M, *height) for a, b in _INNER]
     for index, wall in enumerate(walls):
         mesh, _ = build_wall(wall, wall_outline(walls, index), openings)
         builder.add(mesh, f"Wall {index + 1}", "wall", floor)
-    if railing:
-        x, y = _STAIR_FOOT
-        rail = Wall(
-            (x - 0.1, y + _STAIR_WIDTH_M / 2 + 0.04), (x + _STAIR_RUN_M, y + _STAIR_WIDTH_M / 2 + 0.04),
-            0.06, 0.9, 0.9, z_m, paint, paint,
-        )  # fmt: skip
+
+
+def _add_railings(builder: SceneBuilder, floor: str, z_m: float, paint: Material) -> None:
+    """Beside the stair hole and at its foot."""
+    (x, y), half = _STAIR_FOOT, _STAIR_WIDTH_M / 2
+    beside = (x - 0.1, y + half + 0.04), (x + _STAIR_RUN_M, y + half + 0.04)
+    at_foot = (x - 0.08, y - half), (x - 0.08, y + half)
+    for start, end in (beside, at_foot):
+        rail = Wall(start, end, 0.06, 0.9, 0.9, z_m, paint, paint)
         builder.add(build_wall(rail, wall_outline([rail], 0), [])[0], "Railing", "wall", floor)
-        rail = Wall(
-            (x - 0.08, y - _STAIR_WIDTH_M / 2), (x - 0.08, y + _STAIR_WIDTH_M / 2), 0.06, 0.9, 0.9, z_m, paint, paint
-        )
-        builder.add(build_wall(rail, wall_outline([rail], 0), [])[0], "Railing", "wall", floor)
+
+
+def _add_rooms(
+    builder: SceneBuilder, floor: str, z_m: float, room_names: dict[str, str], white: Material,
+    rng: np.random.Generator, floor_holes: tuple[np.ndarray, ...], ceiling_holes: tuple[np.ndarray, ...],
+) -> None:  # fmt: skip
+    """Floors and ceilings."""
     for key, (x0, y0, x1, y1) in _ROOMS.items():
         # Floors reach to the centre lines of the walls: no gap in a doorway.
         outline = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
@@ -183,16 +191,19 @@ def _storey(
         builder.add(slab, f"Floor of {room}", "floor", floor, room=room)
         top = build_slab(np.array(outline), z_m + ROOM_HEIGHT_M, white, ceiling_holes, up=False)
         builder.add(top, f"Ceiling of {room}", "ceiling", floor, room=room)
-    for hole in floor_holes:
-        builder.add(build_skirt(hole, z_m - SLAB_M, z_m, white), "Edge of the stair hole", "floor", floor)
-    for label, x, y, quarter_turns, above in pieces:
-        T = np.eye(4)
-        c, s = round(math.cos(quarter_turns * math.pi / 2)), round(math.sin(quarter_turns * math.pi / 2))
-        T[:2, :2] = [[c, -s], [s, c]]
-        T[:3, 3] = (x, y, z_m + above)
-        room = next((room_names[k] for k, (x0, y0, x1, y1) in _ROOMS.items() if x0 <= x < x1 and y0 <= y < y1), "")
-        mesh = parametric_piece(label, SIZES_M[label], rng).moved(T)
-        detectable = "" if label in ("bathtub", "bookshelf", "lamp", "cabinet", "rug") else label
-        builder.add(
-            mesh, label.capitalize(), detectable, floor, model=f"parametric/{label.replace(' ', '_')}", room=room
-        )
+
+
+def _add_piece(
+    builder: SceneBuilder, floor: str, z_m: float, room_names: dict[str, str], piece: _Piece, rng: np.random.Generator
+) -> None:
+    """A piece of furniture where its line of the table puts it."""
+    label, x, y, quarter_turns, above = piece
+    T = np.eye(4)
+    c, s = round(math.cos(quarter_turns * math.pi / 2)), round(math.sin(quarter_turns * math.pi / 2))
+    T[:2, :2] = [[c, -s], [s, c]]
+    T[:3, 3] = (x, y, z_m + above)
+    room = next((room_names[k] for k, (x0, y0, x1, y1) in _ROOMS.items() if x0 <= x < x1 and y0 <= y < y1), "")
+    mesh = parametric_piece(label, SIZES_M[label], rng).moved(T)
+    detectable = "" if label in ("bathtub", "bookshelf", "lamp", "cabinet", "rug") else label
+    model = f"parametric/{label.replace(' ', '_')}"
+    builder.add(mesh, label.capitalize(), detectable, floor, model=model, room=room)

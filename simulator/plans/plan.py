@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,7 @@ class Wall:
 
     @property
     def length_m(self) -> float:
+        """Of the centre line."""
         return math.dist(self.start_m, self.end_m)
 
 
@@ -123,87 +125,131 @@ def build_wall(
     The second value has (index of the opening, quadrilateral (4, 2)) for openings whose foot lies within 5 cm of
     the wall's.
     """
-    mesh = MeshBuilder()
-    length = wall.length_m
-    if length < 1e-4:
-        return mesh.mesh(), []
-    reveal = reveal or wall.left
-    start = np.array(wall.start_m)
-    along = (np.array(wall.end_m) - start) / length
-    s_corner = (outline - start) @ along
-    low, high = max(s_corner[0], s_corner[3]) + 1e-3, min(s_corner[1], s_corner[2]) - 1e-3
-    first, last = min(s_corner[0], s_corner[3]), max(s_corner[1], s_corner[2])
+    if wall.length_m < 1e-4:
+        return MeshBuilder().mesh(), []
+    sides = _Sides(wall, outline)
+    holes = _holes(sides, openings)
+    mesh = _faces(sides, _columns(sides, holes), reveal or wall.left)
+    thresholds = [
+        (hole.opening, np.array([sides.right(hole.s0), sides.right(hole.s1), sides.left(hole.s1), sides.left(hole.s0)]))
+        for hole in holes
+        if abs(hole.z0 - wall.z_m) < 0.05 or hole.z0 < wall.z_m < hole.z0 + 0.5
+    ]
+    return mesh, thresholds
 
-    # 1. Where along the wall and how high are the holes?
-    holes: list[tuple[float, float, float, float, int]] = []
+
+class _Sides:
+    """A wall's two sides by the length ``s`` [m] along it, from ``first`` to ``last``; mitred at both ends."""
+
+    def __init__(self, wall: Wall, outline: Polygon) -> None:
+        self.wall, self.outline = wall, outline
+        self.start = np.array(wall.start_m)
+        self.along = (np.array(wall.end_m) - self.start) / wall.length_m
+        s_corner = (outline - self.start) @ self.along
+        #: Between these both sides are there.
+        self.low, self.high = max(s_corner[0], s_corner[3]) + 1e-3, min(s_corner[1], s_corner[2]) - 1e-3
+        self.first, self.last = min(s_corner[0], s_corner[3]), max(s_corner[1], s_corner[2])
+
+    def left(self, s: float) -> NDArray[np.float64]:
+        """The point (x, y) of the left side at ``s``."""
+        return self._at(s, (0, 1), 1.0)
+
+    def right(self, s: float) -> NDArray[np.float64]:
+        """The point (x, y) of the right side at ``s``."""
+        return self._at(s, (3, 2), -1.0)
+
+    def _at(self, s: float, ends: tuple[int, int], sign: float) -> NDArray[np.float64]:
+        if s in (self.first, self.last):
+            return np.asarray(self.outline[ends[0] if s == self.first else ends[1]])
+        return np.asarray(self.start + self.along * s + sign * self._normal())
+
+    def _normal(self) -> NDArray:
+        return np.array([-self.along[1], self.along[0]]) * self.wall.thickness_m / 2
+
+    def top(self, s: float) -> float:
+        """The wall's upper edge [m] at ``s``."""
+        return _top(self.wall, s)
+
+
+class _Hole(NamedTuple):
+    """What an opening takes of a wall: along it, in height, and the opening's index."""
+
+    s0: float
+    s1: float
+    z0: float
+    z1: float
+    opening: int
+
+
+class _Column(NamedTuple):
+    """A part of a wall's length in which the same heights are solid."""
+
+    s0: float
+    s1: float
+    solids: list[Span]
+
+
+def _holes(sides: _Sides, openings: Sequence[Opening]) -> list[_Hole]:
+    """Where along the wall and how high the openings cut it."""
+    holes: list[_Hole] = []
     for number, opening in enumerate(openings):
-        span = _span_on_wall(wall, outline, start, along, opening)
-        if span is None or low >= high:
+        span = _span_on_wall(sides.wall, sides.outline, sides.start, sides.along, opening)
+        if span is None or sides.low >= sides.high:
             continue
-        s0 = first if span[0] <= low else span[0]
-        s1 = last if span[1] >= high else span[1]
+        s0 = sides.first if span[0] <= sides.low else span[0]
+        s1 = sides.last if span[1] >= sides.high else span[1]
         if s1 - s0 > 1e-3:
-            holes.append((s0, s1, opening.z_low_m, opening.z_high_m, number))
+            holes.append(_Hole(s0, s1, opening.z_low_m, opening.z_high_m, number))
+    return holes
 
-    # 2. Columns between all the holes' edges: in each, the solid parts from below to above.
-    cuts = sorted({first, last, *(v for h in holes for v in h[:2])})
-    columns: list[tuple[float, float, list[Span]]] = []
+
+def _columns(sides: _Sides, holes: Sequence[_Hole]) -> list[_Column]:
+    """Columns between all the holes' edges: in each, the solid parts from below to above."""
+    cuts = sorted({sides.first, sides.last, *(v for h in holes for v in h[:2])})
+    columns: list[_Column] = []
     for s0, s1 in pairwise(cuts):
         if s1 - s0 < 1e-6:
             continue
         middle = (s0 + s1) / 2
-        gaps = [(z0, z1) for a, b, z0, z1, _ in holes if a < middle < b]
-        columns.append((s0, s1, _solid(wall.z_m, max(_top(wall, s0), _top(wall, s1)), gaps)))
+        gaps = [(h.z0, h.z1) for h in holes if h.s0 < middle < h.s1]
+        columns.append(_Column(s0, s1, _solid(sides.wall.z_m, max(sides.top(s0), sides.top(s1)), gaps)))
+    return columns
 
-    def side_at(s: float, ends: tuple[int, int], sign: float) -> NDArray[np.float64]:
-        if s in (first, last):
-            return np.asarray(outline[ends[0] if s == first else ends[1]])
-        return np.asarray(start + along * s + sign * _normal(wall, along))
 
-    def left_at(s: float) -> NDArray[np.float64]:
-        return side_at(s, (0, 1), 1.0)
-
-    def right_at(s: float) -> NDArray[np.float64]:
-        return side_at(s, (3, 2), -1.0)
-
-    # 3. Faces.
-    for s0, s1, solids in columns:
-        for z0, z1 in solids:
-            t0, t1 = max(z0, min(z1, _top(wall, s0))), max(z0, min(z1, _top(wall, s1)))
-            la, lb, ra, rb = left_at(s0), left_at(s1), right_at(s0), right_at(s1)
-            mesh.quad(
-                [(*lb, z0), (*la, z0), (*la, t0), (*lb, t1)], wall.left, [(-s1, z0), (-s0, z0), (-s0, t0), (-s1, t1)]
-            )
-            mesh.quad(
-                [(*ra, z0), (*rb, z0), (*rb, t1), (*ra, t0)], wall.right, [(s0, z0), (s1, z0), (s1, t1), (s0, t0)]
-            )
-            mesh.quad([(*ra, t0), (*rb, t1), (*lb, t1), (*la, t0)], reveal)
-            mesh.quad([(*la, z0), (*lb, z0), (*rb, z0), (*ra, z0)], reveal)
+def _faces(sides: _Sides, columns: Sequence[_Column], reveal: Material) -> Mesh:
+    """The faces of all columns: around each, where neighbours differ in height, and at the wall's ends."""
+    mesh = MeshBuilder()
+    for column in columns:
+        for z0, z1 in column.solids:
+            _add_solid(mesh, sides, column, z0, z1, reveal)
     for (_, s, before), (_, _, after) in pairwise(columns):
         for z0, z1 in _difference(before, after):
-            t = min(z1, _top(wall, s))
-            mesh.quad([(*right_at(s), z0), (*left_at(s), z0), (*left_at(s), t), (*right_at(s), t)], reveal)
+            _add_end(mesh, sides.right(s), sides.left(s), z0, min(z1, sides.top(s)), reveal)
         for z0, z1 in _difference(after, before):
-            t = min(z1, _top(wall, s))
-            mesh.quad([(*left_at(s), z0), (*right_at(s), z0), (*right_at(s), t), (*left_at(s), t)], reveal)
+            _add_end(mesh, sides.left(s), sides.right(s), z0, min(z1, sides.top(s)), reveal)
     if columns:
-        for z0, z1 in columns[0][2]:
-            t = min(z1, _top(wall, first))
-            mesh.quad([(*outline[0], z0), (*outline[3], z0), (*outline[3], t), (*outline[0], t)], reveal)
-        for z0, z1 in columns[-1][2]:
-            t = min(z1, _top(wall, last))
-            mesh.quad([(*outline[2], z0), (*outline[1], z0), (*outline[1], t), (*outline[2], t)], reveal)
-
-    thresholds = [
-        (number, np.array([right_at(s0), right_at(s1), left_at(s1), left_at(s0)]))
-        for s0, s1, z0, _, number in holes
-        if abs(z0 - wall.z_m) < 0.05 or z0 < wall.z_m < z0 + 0.5
-    ]
-    return mesh.mesh(), thresholds
+        outline = sides.outline
+        for z0, z1 in columns[0].solids:
+            _add_end(mesh, outline[0], outline[3], z0, min(z1, sides.top(sides.first)), reveal)
+        for z0, z1 in columns[-1].solids:
+            _add_end(mesh, outline[2], outline[1], z0, min(z1, sides.top(sides.last)), reveal)
+    return mesh.mesh()
 
 
-def _normal(wall: Wall, along: NDArray) -> NDArray:
-    return np.array([-along[1], along[0]]) * wall.thickness_m / 2
+def _add_solid(mesh: MeshBuilder, sides: _Sides, column: _Column, z0: float, z1: float, reveal: Material) -> None:
+    """Left, right, upper and lower face of a solid part of a column."""
+    s0, s1, wall = column.s0, column.s1, sides.wall
+    t0, t1 = max(z0, min(z1, sides.top(s0))), max(z0, min(z1, sides.top(s1)))
+    la, lb, ra, rb = sides.left(s0), sides.left(s1), sides.right(s0), sides.right(s1)
+    mesh.quad([(*lb, z0), (*la, z0), (*la, t0), (*lb, t1)], wall.left, [(-s1, z0), (-s0, z0), (-s0, t0), (-s1, t1)])
+    mesh.quad([(*ra, z0), (*rb, z0), (*rb, t1), (*ra, t0)], wall.right, [(s0, z0), (s1, z0), (s1, t1), (s0, t0)])
+    mesh.quad([(*ra, t0), (*rb, t1), (*lb, t1), (*la, t0)], reveal)
+    mesh.quad([(*la, z0), (*lb, z0), (*rb, z0), (*ra, z0)], reveal)
+
+
+def _add_end(mesh: MeshBuilder, a: NDArray, b: NDArray, z: float, top: float, reveal: Material) -> None:
+    """An upright face from ``a`` to ``b``."""
+    mesh.quad([(*a, z), (*b, z), (*b, top), (*a, top)], reveal)
 
 
 def _top(wall: Wall, s: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,18 +73,18 @@ class Shell:
         """Levels with rooms become floors: "0" on the ground, "1" above, "B1" below; roofs are part of those."""
         with_rooms = {self._level(room.level).id for room in self.home.rooms if len(room.outline_m) >= 3}
         ordered = sorted(self.levels.values(), key=lambda level: level.z_m)
-        storeys: list[list[Level]] = []
+        floors: list[list[Level]] = []
         for level in ordered:
             if level.id not in with_rooms or re.search(r"\broof\b", level.name, re.IGNORECASE):
                 continue
-            if storeys and level.z_m - storeys[-1][0].z_m < 0.1:
-                storeys[-1].append(level)
+            if floors and level.z_m - floors[-1][0].z_m < 0.1:
+                floors[-1].append(level)
             else:
-                storeys.append([level])
-        if not storeys:
-            storeys = [[ordered[0]]]
-        ground = next((i for i, group in enumerate(storeys) if group[0].z_m > -0.3), len(storeys) - 1)
-        for i, group in enumerate(storeys):
+                floors.append([level])
+        if not floors:
+            floors = [[ordered[0]]]
+        ground = next((i for i, group in enumerate(floors) if group[0].z_m > -0.3), len(floors) - 1)
+        for i, group in enumerate(floors):
             floor_id = str(i - ground) if i >= ground else f"B{ground - i}"
             first = group[0]
             self.builder.floors.append(Floor(floor_id, first.name or floor_id, first.z_m, first.height_m))
@@ -113,28 +114,29 @@ class Shell:
             title = plan.name or f"Room {number + 1}"
             room = Room(title, floor, plan.outline_m)
             self.rooms.setdefault(level.id, []).append((room, outline))
-            holes = self._holes_at(level.z_m)
             if plan.floor:
                 self.builder.rooms.append(room)
-                material, tile_u, tile_v = self._covering(plan, title, coverings)
-                slab = build_slab(outline, level.z_m, material, holes, up=True)
-                slab.uvs[...] /= np.array([tile_u, tile_v], np.float32)
-                self._add(slab, f"Floor of {title}", "floor", level, room=title)
-                for hole in holes:
-                    if contains(outline, hole.mean(axis=0)):
-                        edge = build_skirt(hole, level.z_m - max(level.slab_m, 0.01), level.z_m, _EDGE)
-                        self._add(edge, f"Edge of {title}", "floor", level, room=title)
+                self._build_floor(outline, level, title, self._covering(plan, title, coverings))
             if plan.ceiling:
                 z = level.z_m + level.height_m
                 color = plan.ceiling_color
                 paint = Material("ceiling", color) if color is not None and min(color) > 0.5 else white
-                self._add(
-                    build_slab(outline, z, paint, self._holes_at(z), up=False),
-                    f"Ceiling of {title}",
-                    "ceiling",
-                    level,
-                    room=title,
-                )
+                slab = build_slab(outline, z, paint, self._holes_at(z), up=False)
+                self._add(slab, f"Ceiling of {title}", "ceiling", level, room=title)
+
+    def _build_floor(
+        self, outline: NDArray[np.float64], level: Level, title: str, covering: tuple[Material, float, float]
+    ) -> None:
+        """A room's floor, with the holes of staircases and their edges."""
+        material, tile_u, tile_v = covering
+        holes = self._holes_at(level.z_m)
+        slab = build_slab(outline, level.z_m, material, holes, up=True)
+        slab.uvs[...] /= np.array([tile_u, tile_v], np.float32)
+        self._add(slab, f"Floor of {title}", "floor", level, room=title)
+        for hole in holes:
+            if contains(outline, hole.mean(axis=0)):
+                edge = build_skirt(hole, level.z_m - max(level.slab_m, 0.01), level.z_m, _EDGE)
+                self._add(edge, f"Edge of {title}", "floor", level, room=title)
 
     def _covering(
         self, plan: PlanRoom, title: str, known: dict[str, tuple[Material, float, float]]
@@ -167,43 +169,39 @@ class Shell:
 
     def _straight_walls(self) -> tuple[list[Wall], list[tuple[str, str]]]:
         """All walls, arcs cut into straight ones; with (title, level) of each."""
-        parts: list[tuple[PlanWall, tuple[float, float], tuple[float, float], float, float]] = []
+        parts: list[_Part] = []
         by_id: dict[str, list[int]] = {}
         for plan in self.home.walls:
-            level = self._level(plan.level)
-            height = plan.height_m if plan.height_m is not None else level.height_m
-            end_height = plan.end_height_m if plan.end_height_m is not None else height
-            points = _arc_points(plan) if plan.arc_rad else [plan.start_m, plan.end_m]
-            count = len(points) - 1
-            for i in range(count):
-                by_id.setdefault(plan.id, []).append(len(parts))
-                h0 = height + (end_height - height) * i / count
-                h1 = height + (end_height - height) * (i + 1) / count
-                parts.append((plan, points[i], points[i + 1], h0, h1))
+            straight = self._parts_of(plan)
+            by_id.setdefault(plan.id, []).extend(range(len(parts), len(parts) + len(straight)))
+            parts += straight
             if len(parts) > MAX_STRAIGHT_WALLS:
                 raise BuildingError(f"{self.name} has more than {MAX_STRAIGHT_WALLS} walls, arcs cut straight: refused")
-
-        def joined(target: str, here: tuple[float, float]) -> int | None:
-            candidates = by_id.get(target, []) if target else []
-            if not candidates:
-                return None
-            return min(candidates, key=lambda k: min(math.dist(here, parts[k][1]), math.dist(here, parts[k][2])))
-
+        joinable = {**by_id, "": []}  # "": joined to none
         walls: list[Wall] = []
         names: list[tuple[str, str]] = []
-        for index, (plan, start, end, h0, h1) in enumerate(parts):
-            own = by_id[plan.id]
-            first, last = index == own[0], index == own[-1]
+        for index, part in enumerate(parts):
+            plan, own = part.plan, by_id[part.plan.id]
             walls.append(
                 Wall(
-                    start, end, plan.thickness_m, h0, h1, self._level(plan.level).z_m,
-                    self._wall_paint(plan.left, plan.left_picture), self._wall_paint(plan.right, plan.right_picture),
-                    joined(plan.at_start, start) if first else index - 1,
-                    joined(plan.at_end, end) if last else index + 1,
+                    part.start, part.end, plan.thickness_m, part.height_m, part.end_height_m,
+                    self._level(plan.level).z_m, self._wall_paint(plan.left, plan.left_picture),
+                    self._wall_paint(plan.right, plan.right_picture),
+                    _joined(parts, joinable.get(plan.at_start, []), part.start) if index == own[0] else index - 1,
+                    _joined(parts, joinable.get(plan.at_end, []), part.end) if index == own[-1] else index + 1,
                 )
             )  # fmt: skip
             names.append((f"Wall {plan.id or len(walls)}", plan.level))
         return walls, names
+
+    def _parts_of(self, plan: PlanWall) -> list[_Part]:
+        """The straight walls that a wall of the plan consists of, start to end."""
+        height = plan.height_m if plan.height_m is not None else self._level(plan.level).height_m
+        end_height = plan.end_height_m if plan.end_height_m is not None else height
+        points = _arc_points(plan) if plan.arc_rad else [plan.start_m, plan.end_m]
+        count = len(points) - 1
+        heights = [height + (end_height - height) * i / count for i in range(count + 1)]
+        return [_Part(plan, points[i], points[i + 1], heights[i], heights[i + 1]) for i in range(count)]
 
     def _wall_paint(self, color: Color | None, picture: Picture | None) -> Material:
         if picture is not None:
@@ -239,6 +237,23 @@ class Shell:
     def _add(self, mesh: Mesh, name: str, label: str, level: Level, *, model: str = "", room: str = "") -> None:
         if self.builder.add(mesh, name, label, self.floor_of_level[level.id], model=model, room=room):
             self.meshes.append(mesh)
+
+
+class _Part(NamedTuple):
+    """A straight part of a wall of the plan."""
+
+    plan: PlanWall
+    start: tuple[float, float]
+    end: tuple[float, float]
+    height_m: float
+    end_height_m: float
+
+
+def _joined(parts: Sequence[_Part], candidates: Sequence[int], here: tuple[float, float]) -> int | None:
+    """The candidate with an end nearest to ``here``, or None where there is no candidate."""
+    if not candidates:
+        return None
+    return min(candidates, key=lambda k: min(math.dist(here, parts[k].start), math.dist(here, parts[k].end)))
 
 
 def _near(wall: Wall, openings: Sequence[Opening]) -> list[Opening]:

@@ -39,7 +39,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A storey of the plan."""
+    """A floor of the plan."""
 
     id: str
     name: str
@@ -127,40 +127,46 @@ def parse_xml(data: bytes, source: str) -> ET.Element:
     Raises:
         BuildingError: no XML, or one of those.
     """
-    builder = ET.TreeBuilder()
     parser = expat.ParserCreate()
-    count = depth = 0
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal count, depth
-        count += 1
-        depth += 1
-        if count > MAX_ELEMENTS or depth > MAX_DEPTH:
-            raise BuildingError(
-                f"{source}: more than {MAX_ELEMENTS} elements, or nested deeper than {MAX_DEPTH}: refused"
-            )
-        builder.start(tag, attributes)
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(tag)
-
-    def refuse(*_: object) -> None:
-        raise BuildingError(f"{source}: a document type or entity declaration has no place in a Home.xml: refused")
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
-    parser.StartDoctypeDeclHandler = refuse
-    parser.EntityDeclHandler = refuse
-    parser.ExternalEntityRefHandler = lambda *_: 0
+    watched = _Watched(source, parser)
     try:
         parser.Parse(data, True)
-        return builder.close()
+        return watched.builder.close()
     except expat.ExpatError as error:
         raise BuildingError(f"{source} is no well-formed XML ({error})") from error
     except (AssertionError, LookupError, ValueError) as error:  # LookupError: an encoding that nobody knows
         raise BuildingError(f"{source} is no XML that can be read ({error})") from error
+
+
+class _Watched:
+    """Builds a tree from what a parser finds, and refuses what has no place in it."""
+
+    def __init__(self, source: str, parser: expat.XMLParserType) -> None:
+        self.builder = ET.TreeBuilder()
+        self._source, self._count, self._depth = source, 0, 0
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.StartDoctypeDeclHandler = self._refuse
+        parser.EntityDeclHandler = self._refuse
+        parser.ExternalEntityRefHandler = lambda *_: 0
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._count += 1
+        self._depth += 1
+        if self._count > MAX_ELEMENTS or self._depth > MAX_DEPTH:
+            raise BuildingError(
+                f"{self._source}: more than {MAX_ELEMENTS} elements, or nested deeper than {MAX_DEPTH}: refused"
+            )
+        self.builder.start(tag, attributes)
+
+    def _end(self, tag: str) -> None:
+        self._depth -= 1
+        self.builder.end(tag)
+
+    def _refuse(self, *_: object) -> None:
+        raise BuildingError(
+            f"{self._source}: a document type or entity declaration has no place in a Home.xml: refused"
+        )
 
 
 def read_home(data: bytes, source: str) -> Home:
@@ -185,14 +191,7 @@ def read_home(data: bytes, source: str) -> Home:
     return Home(
         name=root.get("name", ""),
         wall_height_m=_number(root, "wallHeight", source, 250.0, 1.0, _LARGE_CM) / 100,
-        levels=tuple(
-            Level(
-                e.get("id", ""), e.get("name", ""), _number(e, "elevation", source, 0.0) / 100,
-                _number(e, "height", source, 250.0, 1.0, _LARGE_CM) / 100,
-                _number(e, "floorThickness", source, 12.0, 0.0, _LARGE_CM) / 100,
-            )
-            for e in root.findall("level")
-        ),
+        levels=tuple(_plan_level(e, source) for e in root.findall("level")),
         walls=walls,
         rooms=tuple(_room(e, source) for e in root.findall("room")),
         pieces=tuple(pieces),
@@ -250,6 +249,14 @@ def _point(element: ET.Element, x: str, y: str, source: str) -> tuple[float, flo
     return _number(element, x, source) / 100, -_number(element, y, source) / 100
 
 
+def _plan_level(e: ET.Element, source: str) -> Level:
+    return Level(
+        e.get("id", ""), e.get("name", ""), _number(e, "elevation", source, 0.0) / 100,
+        _number(e, "height", source, 250.0, 1.0, _LARGE_CM) / 100,
+        _number(e, "floorThickness", source, 12.0, 0.0, _LARGE_CM) / 100,
+    )  # fmt: skip
+
+
 def _wall(e: ET.Element, source: str) -> PlanWall:
     height = _number(e, "height", source, -1.0, -1.0, _LARGE_CM) / 100
     end_height = _number(e, "heightAtEnd", source, -1.0, -1.0, _LARGE_CM) / 100
@@ -288,20 +295,30 @@ def _pieces(e: ET.Element, level: str, source: str, depth: int) -> Iterator[Piec
         for child in e:
             yield from _pieces(child, level, source, depth + 1)
         return
-    rotation: tuple[float, ...] | None = None
-    if e.get("modelRotation"):
-        words = e.get("modelRotation", "").split()
-        try:
-            rotation = tuple(float(word) for word in words)
-        except ValueError:
-            rotation = ()
-        if len(rotation) != 9 or not all(math.isfinite(v) and abs(v) <= 10 for v in rotation):
-            raise BuildingError(
-                f"{source}: 'modelRotation' of {e.get('name', '')[:40]!r} must be nine numbers, "
-                f"got {' '.join(words)[:60]!r}"
-            )
+    yield _piece(e, level, source)
+
+
+def _rotation(e: ET.Element, source: str) -> tuple[float, ...] | None:
+    """The OBJ's own 3x3 rotation, row-major; None where there is none."""
+    if not e.get("modelRotation"):
+        return None
+    words = e.get("modelRotation", "").split()
+    try:
+        rotation = tuple(float(word) for word in words)
+    except ValueError:
+        rotation = ()
+    if len(rotation) != 9 or not all(math.isfinite(v) and abs(v) <= 10 for v in rotation):
+        raise BuildingError(
+            f"{source}: 'modelRotation' of {e.get('name', '')[:40]!r} must be nine numbers, "
+            f"got {' '.join(words)[:60]!r}"
+        )
+    return rotation
+
+
+def _piece(e: ET.Element, level: str, source: str) -> Piece:
+    rotation = _rotation(e, source)
     x, y = _point(e, "x", "y", source)
-    yield Piece(
+    return Piece(
         name=e.get("name", ""), level=level, catalog_id=e.get("catalogId", ""), model=e.get("model", ""),
         x_m=x, y_m=y, z_m=_number(e, "elevation", source, 0.0) / 100,
         size_m=(

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simulator.render.shading import in_bands, threads
+from simulator.render.bands import in_bands, threads
 from simulator.world.raycast import Hits
 from surveilnav.geometry import Pinhole
 

@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.render import shading
-from simulator.render.bake import LightMap, light_at, load_or_bake
+from simulator.render.bake import light_at, load_or_bake
+from simulator.render.bands import in_bands
 from simulator.render.depth_noise import DepthNoise
+from simulator.render.light_map import LightMap
 from simulator.render.lights import lights_of
 from simulator.render.picture import Lighting, Rendered, within
 from simulator.render.raster import Rasteriser
+from simulator.render.surfaces import surfaces_of
+from simulator.render.tones import LIGHT_OF_BYTE, LINEAR_OF_QUARTER, TONE
 from simulator.world.raycast import NOTHING, Hits, RayCaster
 from simulator.world.scene import Scene
 from surveilnav.geometry import Matrix4, Pinhole
@@ -54,7 +58,7 @@ class Renderer:
         self.scene = scene
         self.lighting = lighting
         self.caster = RayCaster(scene)
-        self._surfaces = shading.surfaces_of(scene, self.caster.triangle_index)
+        self._surfaces = surfaces_of(scene, self.caster.triangle_index)
         self._light = _NO_LIGHT
         if lighting == "baked":
             self._light = load_or_bake(scene, self.caster, self._surfaces, cache_dir, progress)
@@ -93,12 +97,12 @@ class Renderer:
         pixel_light = _NO_PIXEL_LIGHT if self._lights is None else self._light_of_pixels(R, origin, camera, hits)
         seen = (
             R, *_lens(camera), hits.t, hits.triangle, hits.uv, self._surfaces, _MODES[self.lighting], self._light,
-            pixel_light, shading.LINEAR_OF_QUARTER, shading.LIGHT_OF_BYTE,
+            pixel_light, LINEAR_OF_QUARTER, LIGHT_OF_BYTE,
         )  # fmt: skip
         rgb = np.empty((camera.height_px, camera.width_px, 3), dtype=np.uint8)
         metered = np.empty((-(-camera.height_px // _METER), -(-camera.width_px // _METER)), dtype=np.float32)
-        shading.in_bands(shading.shade, len(metered), _METER, *seen, 0.0, shading.TONE, rgb, metered)
-        shading.in_bands(shading.shade, camera.height_px, 1, *seen, exposure_of(metered), shading.TONE, rgb, hits.t)
+        in_bands(shading.shade, len(metered), _METER, *seen, 0.0, TONE, rgb, metered)
+        in_bands(shading.shade, camera.height_px, 1, *seen, exposure_of(metered), TONE, rgb, hits.t)
         return rgb
 
     def _light_of_pixels(self, R: Matrix3, origin: Vector3, camera: Pinhole, hits: Hits) -> NDArray[np.float32]:
@@ -119,7 +123,7 @@ class Renderer:
         depth_m = np.empty(hits.t.shape, dtype=np.float32)
         instance_ids = np.empty(hits.t.shape, dtype=np.uint16)
         near, far = depth_range_m
-        shading.in_bands(
+        in_bands(
             shading.depth_and_instances, hits.t.shape[0], hits.t, hits.triangle, self._surfaces.instances, float(near),
             float(far), depth_m, instance_ids,
         )  # fmt: skip
@@ -131,14 +135,6 @@ def exposure_of(metered: NDArray[np.float32]) -> float:
     by_mean = _MIDDLE / max(float(metered.mean(dtype=np.float64)), 1e-6)
     by_lights = _HIGHLIGHT / max(float(np.quantile(metered, 0.95)), 1e-6)
     return float(np.clip(min(by_mean, by_lights), 0.5, 2.5))
-
-
-def semantics(rendered: Rendered, scene: Scene) -> NDArray[np.object_]:
-    """Class name per pixel (H, W) of str: "" where the pixel shows nothing with a class of its own."""
-    labels = np.full(65536, "", dtype=object)
-    for instance_id, label in scene.labels_by_id.items():
-        labels[instance_id] = label
-    return labels[rendered.instance_ids]
 
 
 def _frame(T_world_camera: Matrix4) -> tuple[Matrix3, Vector3]:

@@ -1,193 +1,14 @@
-"""The compiled inner loops of the renderer: surfaces, textures and light per pixel.
+"""The compiled inner loops that know what surfaces and sky look like: pixels, and rays of bounced light.
 
-Kernels are plain ``@njit(nogil=True)`` over bands of rows and are spread over threads by ``in_bands``. Every pixel is
-computed alone, so the number of threads can't change a picture, and neither threads nor forks can
-upset a threading layer.
+Every pixel is computed alone (``bands``). ``shade`` and ``gather`` share a file because both inline ``sky``: numba's
+cache doesn't notice edits in other files.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
-from itertools import pairwise
-from typing import Any, NamedTuple
-
-import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
-
-from simulator.world.scene import Material, Scene
-
-#: Brightness of stored light: ``light = (byte / 255) ** 2 * LIGHT_MAX``, relative to mid exposure.
-LIGHT_MAX = 4.0
-_TONE_STEPS = 16384
-_TONE_MAX = 4.0
-
-
-_threads = os.cpu_count() or 1
-
-
-def use_threads(n: int) -> None:
-    """Renders on so many threads from now on: one where processes already fill the cores, as handing bands to threads
-    then only costs. Pictures don't depend on it."""
-    global _threads
-    _threads = n
-
-
-def threads() -> int:
-    """What ``use_threads`` set; all cores unless it did."""
-    return _threads
-
-
-@lru_cache(maxsize=1)
-def _pool(pid: int) -> ThreadPoolExecutor:  # keyed by process: a pool doesn't survive a fork
-    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="shading")
-
-
-def in_bands(kernel: Callable[..., Any], rows: int, *args: Any) -> None:
-    """Calls ``kernel(row0, row1, *args)`` over bands that cover ``range(rows)``, on all cores (``use_threads``)."""
-    workers = _threads
-    bands = min(rows, 4 * workers) if workers > 1 else 1
-    if bands <= 1:
-        kernel(0, rows, *args)
-        return
-    edges = [rows * i // bands for i in range(bands + 1)]
-    futures = [_pool(os.getpid()).submit(kernel, a, b, *args) for a, b in pairwise(edges)]
-    for future in futures:
-        future.result()
-
-
-class Surfaces(NamedTuple):
-    """What shading needs of the opaque triangles, in the ray caster's order (T of them).
-
-    Attributes:
-        corners: (T, 3, 3) float32 [m, world].
-        normals: (T, 3) float32 unit, by the right hand rule; zero for degenerate triangles.
-        uvs: (T, 3, 2) float32, finite.
-        materials: (T,) int32 into ``colors`` and ``texture``.
-        instances: (T,) uint16.
-        texels_per_m: (T,) float32, texture texels along a metre of surface (0: untextured).
-        colors: (M, 3) float32 linear.
-        texture: (M, 2) int32, first row in ``mips`` and number of levels (0: untextured).
-        mips: (levels, 3) int64: offset into ``texels``, width, height.
-        texels: (N, 3) uint8 sRGB, all levels of all textures after each other.
-        mean_colors: (M, 3) float32 linear, colour times the texture's mean: for bounced light.
-    """
-
-    corners: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    uvs: NDArray[np.float32]
-    materials: NDArray[np.int32]
-    instances: NDArray[np.uint16]
-    texels_per_m: NDArray[np.float32]
-    colors: NDArray[np.float32]
-    texture: NDArray[np.int32]
-    mips: NDArray[np.int64]
-    texels: NDArray[np.uint8]
-    mean_colors: NDArray[np.float32]
-
-
-def to_linear(srgb: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Linear light of sRGB values 0-1 (IEC 61966-2-1)."""
-    s = np.clip(np.nan_to_num(np.asarray(srgb, dtype=np.float64)), 0.0, 1.0)
-    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
-def _to_srgb(linear: NDArray[np.floating]) -> NDArray[np.float64]:
-    x = np.clip(linear, 0.0, 1.0).astype(np.float64)
-    return np.asarray(np.where(x <= 0.0031308, x * 12.92, 1.055 * x ** (1 / 2.4) - 0.055), dtype=np.float64)
-
-
-#: Linear value of each sRGB byte.
-LINEAR_OF_BYTE = to_linear(np.arange(256) / 255.0)
-#: The same in quarter steps, for colours blended from bytes.
-LINEAR_OF_QUARTER = to_linear(np.arange(1024) / 1020.0)
-#: Light of each stored byte.
-LIGHT_OF_BYTE = ((np.arange(256) / 255.0) ** 2 * LIGHT_MAX).astype(np.float32)
-
-
-def _tone_curve() -> NDArray[np.uint8]:
-    """sRGB byte of linear light: straight up to the middle tones, then a soft shoulder that reaches white at 4."""
-    x = np.linspace(0.0, _TONE_MAX, _TONE_STEPS)
-    knee = 0.55
-    over = np.maximum(x - knee, 0.0) / (1.0 - knee)
-    shoulder = knee + (1.0 - knee) * (1.0 - np.exp(-over)) / (1.0 - np.exp(-(_TONE_MAX - knee) / (1.0 - knee)))
-    return np.round(255.0 * _to_srgb(np.where(x < knee, x, shoulder))).astype(np.uint8)
-
-
-TONE = _tone_curve()
-
-
-def surfaces_of(scene: Scene, triangle_index: NDArray[np.integer]) -> Surfaces:
-    """Gathers what shading needs of the triangles ``triangle_index`` (T,) of a scene; tolerates sloppy data."""
-    corners = np.ascontiguousarray(scene.vertices[scene.triangles[triangle_index]], dtype=np.float32).reshape(-1, 3, 3)
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float32)
-    twice_area = np.linalg.norm(cross, axis=1)
-    normals = cross / np.maximum(twice_area, 1e-20)[:, None]
-    uvs = np.nan_to_num(scene.uvs[triangle_index], nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32).reshape(-1, 3, 2)
-    uvs -= np.floor(uvs.min(axis=1, keepdims=True))  # textures wrap; far coordinates would cost precision
-    materials = scene.material_of_triangle[triangle_index].astype(np.int32)
-    colors, texture, mips, texels, mean_colors = _pack_textures(scene.materials)
-
-    edge1, edge2 = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
-    uv_area = np.abs(edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0])
-    sizes = np.zeros(len(texture), dtype=np.float32)
-    textured = texture[:, 1] > 0
-    sizes[textured] = mips[texture[textured, 0], 1] * mips[texture[textured, 0], 2]
-    texels_per_m = np.sqrt(uv_area * sizes[materials] / np.maximum(twice_area, 1e-12)).astype(np.float32)
-    instances = np.ascontiguousarray(scene.instance_of_triangle[triangle_index], dtype=np.uint16)
-    return Surfaces(
-        corners, normals, uvs, materials, instances, texels_per_m, colors, texture, mips, texels, mean_colors
-    )  # fmt: skip
-
-
-def _pack_textures(materials: tuple[Material, ...]) -> tuple[Any, ...]:
-    """All textures with their mip levels in one array; pictures shared by materials are packed once."""
-    colors = to_linear(np.array([m.color for m in materials], dtype=np.float64).reshape(-1, 3))
-    mean_colors = colors.copy()
-    texture = np.zeros((len(materials), 2), dtype=np.int32)
-    mips: list[tuple[int, int, int]] = []
-    texels: list[NDArray[np.uint8]] = []
-    packed: dict[int, tuple[int, int]] = {}
-    offset = 0
-    for index, material in enumerate(materials):
-        picture = material.texture
-        if picture is None or picture.ndim != 3 or picture.shape[2] < 3 or picture.size == 0:
-            continue
-        if id(picture) not in packed:
-            first, level = len(mips), np.ascontiguousarray(picture[..., :3], dtype=np.uint8)
-            while True:
-                height, width = level.shape[:2]
-                mips.append((offset, width, height))
-                texels.append(level.reshape(-1, 3))
-                offset += width * height
-                if width == 1 and height == 1:
-                    break
-                level = cv2.resize(level, (max(1, width // 2), max(1, height // 2)), interpolation=cv2.INTER_AREA)
-            packed[id(picture)] = (first, len(mips) - first)
-        texture[index] = packed[id(picture)]
-        smallest = texels[packed[id(picture)][0] + packed[id(picture)][1] - 1][0]
-        mean_colors[index] *= LINEAR_OF_BYTE[smallest]
-    all_texels = np.concatenate(texels) if texels else np.zeros((1, 3), dtype=np.uint8)
-    all_mips = np.array(mips or [(0, 1, 1)], dtype=np.int64)
-    return colors, texture, all_mips, all_texels, mean_colors
-
-
-@njit(nogil=True, cache=True)
-def primary_rays(row0, row1, R, origin, fx, fy, cx, cy, rays):
-    """Fills rays (H, W, 6): origin and direction in the world, of unit z in the camera, so that t is the depth."""
-    width = rays.shape[1]
-    for row in range(row0, row1):
-        y = np.float32((row - cy) / fy)
-        for col in range(width):
-            x = np.float32((col - cx) / fx)
-            for axis in range(3):
-                rays[row, col, axis] = origin[axis]
-                rays[row, col, 3 + axis] = R[axis, 0] * x + R[axis, 1] * y + R[axis, 2]
 
 
 @njit(nogil=True, cache=True)
@@ -311,6 +132,44 @@ def shade(
                 rgb[out_row, out_col, 2] = tone[max(min(int(b * scale), last), 0)]
             else:
                 luminance[out_row, out_col] = min(0.2126 * r + 0.7152 * g + 0.0722 * b, 1.5)
+
+
+@njit(nogil=True, cache=True)
+def gather(
+    row0, row1, samples, weight, rays, t_hit, triangle, bary, tri_normals, materials, mean_colors, start, steps,
+    sample_of_node, direct, ambient, out, reach, close,
+):  # fmt: skip
+    """Mean light along the rays of each sample, blended into ``out`` with ``weight``.
+
+    ``reach``: the longest free way [m]; ``close``: the share of rays that end within 6 cm.
+    """
+    count = rays.shape[1]
+    for row in range(row0, row1):
+        s = samples[row]
+        r, g, b, near, far = 0.0, 0.0, 0.0, 0, 0.0
+        for k in range(count):
+            dx, dy, dz = rays[row, k, 3], rays[row, k, 4], rays[row, k, 5]
+            far = max(far, t_hit[row, k])
+            t = np.int64(triangle[row, k])
+            if t == 0xFFFFFFFF:
+                sr, sg, sb = sky(dx, dy, dz)
+                r, g, b = r + 0.8 * sr, g + 0.8 * sg, b + 0.8 * sb
+                continue
+            near += t_hit[row, k] < 0.06
+            facing = dx * tri_normals[t, 0] + dy * tri_normals[t, 1] + dz * tri_normals[t, 2]
+            side = 0 if facing <= 0.0 else 1
+            n = np.int64(steps[t])
+            i = min(int(bary[row, k, 0] * n + 0.5), n)
+            j = min(int(bary[row, k, 1] * n + 0.5), n - i)
+            other = sample_of_node[start[t] + i * (n + 1) - (i * (i - 1)) // 2 + j, side]
+            m = materials[t]
+            r += mean_colors[m, 0] * (direct[other, 0] + ambient[0])
+            g += mean_colors[m, 1] * (direct[other, 1] + ambient[1])
+            b += mean_colors[m, 2] * (direct[other, 2] + ambient[2])
+        out[s, 0] += weight * (r / count - out[s, 0])
+        out[s, 1] += weight * (g / count - out[s, 1])
+        out[s, 2] += weight * (b / count - out[s, 2])
+        reach[s], close[s] = far, near / count
 
 
 @njit(nogil=True, cache=True)

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.world.free_ground import FloorNavigation
 from simulator.world.geodesic import spread
-from simulator.world.navigation import FloorNavigation, NavigationMap
+from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Scene
 from surveilnav.errors import ConfigError
@@ -23,8 +24,6 @@ from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 
 MOUNTING_M = 1.8
 AZIMUTHS = 12
-VIEWS = AZIMUTHS + 1
-NADIR = AZIMUTHS
 TILT_RAD = math.radians(-30.0)
 #: The paper gives 1280x1280; the field of view is ours.
 CAMERA = Pinhole.from_hfov(1280, 1280, math.radians(100.0))
@@ -96,12 +95,16 @@ def place_cameras(
     for index, (floor, wanted) in enumerate(zip(navigation.floors.values(), shares, strict=True)):
         rng = np.random.default_rng([seed, index])
         places, seen_m = _places(floor, standable[floor.id], wanted, caster, rng)
-        for number, (x, y) in enumerate(places):
-            position = (float(x), float(y), floor.z_m + MOUNTING_M)
-            cameras.append(
-                PlacedCamera(f"c{index}-{number + 1}", floor.id, position, _views(position), _best_half(seen_m[number]))
-            )
+        cameras += [
+            _camera_at(f"c{index}-{number}", floor, xy, seen)
+            for number, (xy, seen) in enumerate(zip(places, seen_m, strict=True), start=1)
+        ]
     return tuple(cameras)
+
+
+def _camera_at(name: str, floor: FloorNavigation, xy: NDArray[np.float64], seen_m: NDArray[np.float32]) -> PlacedCamera:
+    position = (float(xy[0]), float(xy[1]), floor.z_m + MOUNTING_M)
+    return PlacedCamera(name, floor.id, position, _views(position), _best_half(seen_m))
 
 
 def _standable(navigation: NavigationMap, floor: str) -> NDArray[np.bool_]:
@@ -142,7 +145,13 @@ def _places(
     keep = np.argsort(badness, kind="stable")[: max(wanted, int((badness == 0).sum()))]
     cells, xy, seen_m = cells[keep], xy[keep], seen_m[keep]
     openness = (_indoors(seen_m) ** 2).mean(axis=1)
-    chosen = [int(np.argmax(openness))]
+    chosen = _farthest_points(floor, cells, int(np.argmax(openness)), wanted)
+    return xy[chosen], seen_m[chosen]
+
+
+def _farthest_points(floor: FloorNavigation, cells: NDArray[np.int64], first: int, wanted: int) -> list[int]:
+    """So many of the ``cells`` (n, 2), from the first on always the one that is the longest way from all before."""
+    chosen = [first]
     nearest = np.full(len(cells), np.inf)
     while len(chosen) < wanted:
         flat = np.ravel_multi_index(tuple(cells[chosen[-1]]), floor.grid.shape)
@@ -150,7 +159,7 @@ def _places(
         nearest = np.minimum(nearest, distance.reshape(floor.grid.shape)[cells[:, 0], cells[:, 1]])
         nearest[chosen] = -1.0
         chosen.append(int(np.argmax(nearest)))
-    return xy[chosen], seen_m[chosen]
+    return chosen
 
 
 def _look_around(

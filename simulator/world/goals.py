@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from simulator.world.navigation import DistanceField, FloorNavigation, NavigationMap
+from simulator.world.distance_field import DistanceField
+from simulator.world.free_ground import FloorNavigation
+from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Instance, Scene
 from surveilnav.categories import canonical
@@ -105,7 +107,6 @@ class Verdict:
     success: bool
     success_at_0_2_m: bool
     success_at_1_m: bool
-    stop_called: bool
     distance_to_viewpoint_m: float
     spl: float
     soft_spl: float
@@ -124,42 +125,26 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
     instances = scene.labelled(wanted) if wanted in scene.labels_by_id.values() else ()
     if not instances:
         raise TargetError(f"there is no {label!r} in {scene.name}; it has {_contents(scene)}")
-    viewpoints: dict[str, NDArray[np.bool_]] = {}
-    viewpoints_of: dict[int, NDArray[np.float64]] = {}
-    reachable: list[Instance] = []
     surfaces = [_surface(scene, instance) for instance in instances]
-    for instance, surface in zip(instances, surfaces, strict=True):
-        seen_from = _viewpoints(navigation, instance, surface, caster)
-        if seen_from is None:
-            continue
-        reachable.append(instance)
-        viewpoints_of[instance.id] = navigation.floors[instance.floor].grid.centres_of(np.argwhere(seen_from))
-        viewpoints[instance.floor] = viewpoints.get(instance.floor, False) | seen_from
-    if not reachable:
+    seen_from = {
+        instance: cells
+        for instance, surface in zip(instances, surfaces, strict=True)
+        if (cells := _viewpoints(navigation, instance, surface, caster)) is not None
+    }
+    if not seen_from:
         raise TargetError(
             f"{scene.name} has {len(instances)} x {wanted!r}, but robots can't get within {VIEWPOINT_REACH_M:g} m and "
             f"sight of any; choose another target: {_contents(scene)}"
         )
-    points = {name: navigation.floors[name].grid.centres_of(np.argwhere(m)) for name, m in viewpoints.items()}
+    on_floor: dict[str, NDArray[np.bool_]] = {}
+    for instance, cells in seen_from.items():
+        on_floor[instance.floor] = on_floor.get(instance.floor, False) | cells
+    points = {name: navigation.floors[name].grid.centres_of(np.argwhere(cells)) for name, cells in on_floor.items()}
+    points_of = {i.id: navigation.floors[i.floor].grid.centres_of(np.argwhere(cells)) for i, cells in seen_from.items()}
     return Goals(
-        wanted, tuple(reachable), tuple(i for i in instances if i not in reachable), points, viewpoints_of,
+        wanted, tuple(seen_from), tuple(i for i in instances if i not in seen_from), points, points_of,
         np.concatenate(surfaces), navigation.distance_field(points),
     )  # fmt: skip
-
-
-def list_targets(scene: Scene, navigation: NavigationMap, *, caster: RayCaster | None = None) -> dict[str, int]:
-    """How many instances of each class a robot can get to; classes without any are left out."""
-    caster = caster or RayCaster(scene)
-    counts: dict[str, int] = {}
-    named = scene.labels_by_id
-    for instance in scene.instances:
-        if instance.id not in named:
-            continue
-        surface = _surface(scene, instance)
-        # One viewpoint will do, and most objects have hundreds: a few places first.
-        if any(_viewpoints(navigation, instance, surface, caster, every=n) is not None for n in (25, 1)):
-            counts[instance.label] = counts.get(instance.label, 0) + 1
-    return dict(sorted(counts.items()))
 
 
 def _contents(scene: Scene) -> str:
@@ -200,9 +185,9 @@ def _eyes(floor: FloorNavigation, cells: NDArray[np.int64]) -> NDArray[np.float3
 
 
 def _viewpoints(
-    navigation: NavigationMap, instance: Instance, surface: NDArray[np.float32], caster: RayCaster, *, every: int = 1
+    navigation: NavigationMap, instance: Instance, surface: NDArray[np.float32], caster: RayCaster
 ) -> NDArray[np.bool_] | None:
-    """(rows, cols) cells of the instance's floor that are viewpoints of it, or None if none is; tries every n-th."""
+    """(rows, cols) cells of the instance's floor that are viewpoints of it, or None if none is."""
     floor = navigation.floors.get(instance.floor)
     if floor is None:
         return None
@@ -213,7 +198,7 @@ def _viewpoints(
     cells = near + np.array([row0, col0])
     xy = floor.grid.centres_of(cells)
     away = np.linalg.norm(xy - np.clip(xy, low, high), axis=1)
-    cells = cells[away <= VIEWPOINT_REACH_M][::every]
+    cells = cells[away <= VIEWPOINT_REACH_M]
     if len(cells) == 0:
         return None
     cells = cells[_visible_share(caster, _eyes(floor, cells), surface) >= MIN_VISIBLE]
@@ -251,20 +236,13 @@ def sample_start(
         for index, (floor, cell, path_m, straight_m) in enumerate(candidates):
             if path_m < share * min_path_m or (detour and path_m < MIN_DETOUR * straight_m):
                 continue
-            f = navigation.floors[floor]
             if unseen:
                 if index not in hidden:
-                    eye = _eyes(f, cell[None])
-                    # Few points show most of what is in sight; only what looks hidden is worth all of them.
-                    hidden[index] = all(
-                        _visible_share(caster, eye, p)[0] == 0.0 for p in (goals.surface[::16], goals.surface)
-                    )
+                    hidden[index] = _out_of_sight(navigation.floors[floor], cell, goals, caster)
                 if not hidden[index]:
                     continue
-            x, y = f.grid.centres_of(cell)
             notes = (f"{note}: {path_m:.1f} m",) if note else ()
-            yaw_rad = float(rng.uniform(-math.pi, math.pi))
-            return Start((float(x), float(y), f.z_m), floor, yaw_rad, goals.field.at((x, y), floor), notes)
+            return _start_at(navigation.floors[floor], cell, goals, rng, notes)
     raise TargetError(f"there is no place in {scene.name} from which a robot could start to search for {goals.label!r}")
 
 
@@ -284,11 +262,24 @@ def habitat_starts(
             break
         if path_m < min_path_m or path_m < MIN_DETOUR * straight_m:
             continue
-        f = navigation.floors[floor]
-        x, y = f.grid.centres_of(cell)
-        yaw_rad = float(rng.uniform(-math.pi, math.pi))
-        starts.append(Start((float(x), float(y), f.z_m), floor, yaw_rad, goals.field.at((x, y), floor)))
+        starts.append(_start_at(navigation.floors[floor], cell, goals, rng))
     return starts
+
+
+def _start_at(
+    floor: FloorNavigation, cell: NDArray[np.int64], goals: Goals, rng: np.random.Generator, notes: tuple[str, ...] = ()
+) -> Start:
+    """A start in a cell, its yaw drawn."""
+    x, y = floor.grid.centres_of(cell)
+    yaw_rad = float(rng.uniform(-math.pi, math.pi))
+    return Start((float(x), float(y), floor.z_m), floor.id, yaw_rad, goals.field.at((x, y), floor.id), notes)
+
+
+def _out_of_sight(floor: FloorNavigation, cell: NDArray[np.int64], goals: Goals, caster: RayCaster) -> bool:
+    """Whether no point of a goal is seen from a cell, whatever direction it lies in."""
+    eye = _eyes(floor, cell[None])
+    # Few points show most of what is in sight; only what looks hidden is worth all of them.
+    return all(_visible_share(caster, eye, p)[0] == 0.0 for p in (goals.surface[::16], goals.surface))
 
 
 def _candidates(
@@ -322,7 +313,6 @@ def judge(goals: Goals, state: StateLike, *, shortest_path_m: float) -> Verdict:
         success=success,
         success_at_0_2_m=state.stopped and distance_m <= 0.2,
         success_at_1_m=state.stopped and distance_m <= 1.0,
-        stop_called=state.stopped,
         distance_to_viewpoint_m=distance_m,
         spl=float(success) * efficiency,
         soft_spl=progress * efficiency,

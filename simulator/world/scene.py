@@ -58,7 +58,7 @@ class Room:
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """A storey. ``id`` can stand in a key ("0", "1", "basement"); ``z_m`` is the altitude of its floor surface."""
+    """A floor. ``id`` can stand in a key ("0", "1", "basement"); ``z_m`` is the altitude of its floor surface."""
 
     id: str
     name: str

@@ -2,7 +2,7 @@
 
 ``test_whole_robot_step``: a view into the joint maps, the layers, and the planner's step, on the views of one search of
 an example home (a home made in code where its assets can't be had); ``extra_info`` holds median and 99th percentile over
-all steps of the search. ``test_field``: the travel-time field beside scikit-fmm's in the same run.
+all steps of the search. ``test_field``: the travel-time field alone.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import skfmm
 
 from services.fusion.core import JointMap
 from services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView, step
@@ -60,21 +59,13 @@ def test_step(benchmark, side_cells, goal):
     assert decision.phase == ("exploring" if goal == "frontier" else "approaching")
 
 
-@pytest.mark.parametrize("by", ["own", "scikit-fmm"])
 @pytest.mark.parametrize("side_cells", [200, 400])
-def test_field(benchmark, side_cells, by):
+def test_field(benchmark, side_cells):
     """Travel time from a goal to every cell of the map."""
     robot = RobotView(0, 2.0, 2.0, 0.3, 0.0, "0", False, None, 0.0)
     terrain = build_terrain(flat(side_cells), robot, MissionState("bed"), PlannerConfig())
     goals = terrain.disc(side_cells * 0.05 - 3.0, side_cells * 0.05 - 2.0, 0.3)
-    open_ = terrain.speed > 0.0
-
-    def scikit():
-        phi = np.ma.MaskedArray(np.where(goals, -1.0, 1.0), mask=~open_)
-        return skfmm.travel_time(phi, np.where(open_, terrain.speed, 1.0), dx=0.05, order=1)
-
-    benchmark.group = f"field, {side_cells} cells"
-    benchmark(scikit if by == "scikit-fmm" else lambda: travel_time_m(terrain.speed, goals, 0.05))
+    benchmark(travel_time_m, terrain.speed, goals, 0.05)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ import numpy as np
 
 from simulator.render.depth_noise import DepthNoise
 from simulator.render.renderer import Renderer
-from simulator.sources import EXAMPLE_HOMES, PARAMETRIC_HOME, open_building
+from simulator.sources import EXAMPLE_HOMES, open_building
 from simulator.world.scene import Scene
 from surveilnav.errors import SurveilNavError
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
@@ -95,7 +95,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=8)
     parser.add_argument("--no-shadowed", action="store_true", help="leave out the slow unbaked column")
     options = parser.parse_args()
-    homes = [h for h in options.homes.split(",") if h] or [*EXAMPLE_HOMES[:1], *EXAMPLE_HOMES[-1:], PARAMETRIC_HOME]
+    homes = [h for h in options.homes.split(",") if h] or [*EXAMPLE_HOMES[:1], *EXAMPLE_HOMES[-1:], "parametric_flat"]
     print(f"{os.cpu_count()} cores, median of {options.views} views in ms; load average {os.getloadavg()[0]:.1f}\n")
     columns = ["home", "triangles", "bake s", "open s", "picture", "baked", "unbaked", "flat", "noise", "no colours"]
     columns += ["z-buffer", "rays"]

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from simulator.world.goals import find_goals
+from simulator.world.navigation import NavigationMap
+from simulator.world.raycast import RayCaster
 from simulator.world.scene import Floor, Instance, Material, Scene, Stair
-from surveilnav.errors import AssetError
+from surveilnav.errors import AssetError, TargetError
 
 Box = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
 _FACES = ((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3))  # fmt: skip  # noqa: E501
@@ -73,3 +77,18 @@ def assets() -> Path:
         return ensure_assets()
     except AssetError as error:
         pytest.skip(f"the Sweet Home 3D packages can't be had: {error}")
+
+
+@pytest.fixture(scope="session")
+def targets_in() -> Callable[[Scene, NavigationMap], dict[str, int]]:
+    """How many instances of each class a robot can get to; classes without any are left out."""
+
+    def count(scene: Scene, navigation: NavigationMap) -> dict[str, int]:
+        caster = RayCaster(scene)
+        found = {}
+        for label in sorted(set(scene.labels_by_id.values())):
+            with suppress(TargetError):
+                found[label] = len(find_goals(scene, navigation, label, caster=caster).instances)
+        return found
+
+    return count

@@ -61,26 +61,3 @@ class Grid:
         """Whether cells (..., 2) lie inside the grid."""
         c = np.asarray(cells)
         return (c[..., 0] >= 0) & (c[..., 0] < self.rows) & (c[..., 1] >= 0) & (c[..., 1] < self.cols)
-
-    def grown_to(self, p_min: ArrayLike, p_max: ArrayLike, margin_m: float = 2.0) -> Grid:
-        """The smallest extension of this grid by whole cells that holds the box with ``margin_m`` around it.
-
-        Returns ``self`` if nothing has to grow. Old cells keep their world position.
-        """
-        (row0, col0), (row1, col1) = self.cells_of(p_min), self.cells_of(p_max)
-        if row0 >= 0 and col0 >= 0 and row1 < self.rows and col1 < self.cols:
-            return self
-        pad = math.ceil(margin_m / self.resolution_m)
-        below, left = max(0, pad - int(row0)) if row0 < 0 else 0, max(0, pad - int(col0)) if col0 < 0 else 0
-        above = max(0, int(row1) - self.rows + 1 + pad) if row1 >= self.rows else 0
-        right = max(0, int(col1) - self.cols + 1 + pad) if col1 >= self.cols else 0
-        return Grid(
-            self.origin_x_m - left * self.resolution_m, self.origin_y_m - below * self.resolution_m,
-            self.resolution_m, self.rows + below + above, self.cols + left + right,
-        )  # fmt: skip
-
-    def offset_in(self, larger: Grid) -> tuple[int, int]:
-        """(row, col) of this grid's corner inside ``larger``, a grid that ``grown_to`` made of it."""
-        row = round((self.origin_y_m - larger.origin_y_m) / self.resolution_m)
-        col = round((self.origin_x_m - larger.origin_x_m) / self.resolution_m)
-        return row, col

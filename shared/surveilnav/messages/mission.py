@@ -11,10 +11,6 @@ from surveilnav.messages.base import Message
 MissionState = Literal["queued", "active", "confirming", "done", "failed", "cancelled"]
 #: States that a mission never leaves.
 FINISHED_STATES: tuple[MissionState, ...] = ("done", "failed", "cancelled")
-#: How a mission can end badly.
-FailureName = Literal[
-    "not_found", "unreachable", "out_of_steps", "robot_lost", "perception_down", "fusion_down", "stuck", "bad_target"
-]
 
 
 class MissionGoal(Message, frozen=True, kw_only=True):

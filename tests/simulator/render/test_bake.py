@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from simulator.render import bake as bake_module
-from simulator.render.bake import bake, load_or_bake, starts_of, steps_of
+from simulator.render.bake import bake, load_or_bake
+from simulator.render.light_map import starts_of, steps_of
 from simulator.render.lights import lights_of
-from simulator.render.shading import LIGHT_OF_BYTE, surfaces_of
+from simulator.render.surfaces import surfaces_of
+from simulator.render.tones import LIGHT_OF_BYTE
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Floor, Instance, Material, Room, Scene
 

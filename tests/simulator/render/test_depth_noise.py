@@ -34,7 +34,7 @@ def test_threads_do_not_change_it(monkeypatch):
 
 def test_none_changes_nothing():
     depth = np.random.default_rng(0).uniform(0, 9, (240, 320)).astype(np.float32)
-    np.testing.assert_array_equal(DepthNoise.none().apply(depth, CAMERA, 3), depth)
+    np.testing.assert_array_equal(DepthNoise().apply(depth, CAMERA, 3), depth)
 
 
 @pytest.mark.parametrize("z_m", [0.5, 1.0, 2.0, 4.0])

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulator.render.raster import Rasteriser
-from simulator.render.renderer import Renderer, semantics
+from simulator.render.renderer import Renderer
 from simulator.world.raycast import NOTHING, RayCaster
 from simulator.world.scene import Floor, Instance, Material, Room, Scene
 from surveilnav.geometry import Pinhole, camera_pose, transform_points
@@ -109,7 +109,7 @@ def test_rasteriser_sees_what_rays_hit(seed):
     drawn = Rasteriser(corners)
     seen = drawn.cast(R, origin, CAMERA)
     with pytest.MonkeyPatch.context() as patch:  # alone, only what isn't hidden is brought into the camera's frame
-        patch.setattr("simulator.render.shading._threads", 1)
+        patch.setattr("simulator.render.bands._threads", 1)
         alone = drawn.cast(R, origin, CAMERA)
     for name in ("t", "triangle", "uv"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(seen, name))
@@ -147,16 +147,6 @@ def test_what_stands_closely_in_front_is_not_skipped():
     drawn = Rasteriser(np.concatenate([plane, mesh]).astype(np.float32))
     seen = drawn.cast(np.eye(3, dtype=np.float32), np.zeros(3, np.float32), CAMERA)
     np.testing.assert_allclose(seen.t, 1.9, rtol=1e-6)
-
-
-def test_labels_per_pixel():
-    T = camera_pose((0.5, 0.5, 1.2), 0.7, -0.3)
-    scene = room_scene()
-    rendered = Renderer(scene, lighting="flat").render(T, CAMERA)
-    labels = semantics(rendered, scene)
-    assert set(labels.ravel()) == {"", "bed", "couch"}
-    assert (labels[rendered.instance_ids == 2] == "bed").all()
-    assert (labels[rendered.instance_ids == 1] == "").all()
 
 
 def test_range_cuts_depth_but_not_instances():
@@ -211,7 +201,7 @@ def test_threads_do_not_change_a_picture(monkeypatch):
     renderer = Renderer(room_scene(), lighting="flat")
     pictures = []
     for cores in (1, 2, 5):
-        monkeypatch.setattr("simulator.render.shading._threads", cores)
+        monkeypatch.setattr("simulator.render.bands._threads", cores)
         rendered = renderer.render(T, CAMERA)
         pictures.append((rendered.rgb.tobytes(), rendered.depth_m.tobytes(), rendered.instance_ids.tobytes()))
     assert pictures[0] == pictures[1] == pictures[2]

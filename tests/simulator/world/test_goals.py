@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from simulator.world.goals import find_goals, judge, list_targets, sample_start
+from simulator.world.goals import find_goals, judge, sample_start
 from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Floor, Stair
@@ -55,9 +55,9 @@ def test_no_viewpoint_behind_a_wall(home) -> None:
     assert (points[:, 0] < 4.95).all(), "the far side of the wall is within a metre of the bed, but doesn't see it"
 
 
-def test_targets_and_their_errors(home, boxes, room) -> None:
+def test_targets_and_their_errors(home, boxes, room, targets_in) -> None:
     scene, nav = home
-    assert list_targets(scene, nav) == {"bed": 1, "couch": 1}
+    assert targets_in(scene, nav) == {"bed": 1, "couch": 1}
     assert find_goals(scene, nav, " Sofa ").label == "couch"
     with pytest.raises(TargetError, match=r"no 'toilet' in boxes; it has bed \(1\), couch \(1\), tv \(1\)"):
         find_goals(scene, nav, "toilet")
@@ -88,7 +88,7 @@ def test_a_start_keeps_the_rules(home, seed: int) -> None:
     assert start.floor == "0"
     assert nav.is_navigable(start.p_m, "0")
     assert 5.0 <= start.shortest_path_m <= 30.0
-    assert start.shortest_path_m == pytest.approx(nav.geodesic_distance(start.p_m, "0", goals.viewpoints))
+    assert start.shortest_path_m == pytest.approx(nav.distance_field(goals.viewpoints).at(start.p_m, "0"))
     straight = np.linalg.norm(goals.viewpoints["0"] - np.array(start.p_m[:2]), axis=1).min()
     assert start.shortest_path_m >= 1.05 * straight
     eye = np.array([*start.p_m[:2], 0.88], dtype=np.float32)

@@ -25,6 +25,11 @@ def plain(boxes, room):
     return NavigationMap.build(boxes([*room(6.0, 4.0), wall]))
 
 
+def distance_m(nav, p_world, floor, goals) -> float:
+    """Length of the shortest way to the nearest goal."""
+    return nav.distance_field(goals).at(p_world, floor)
+
+
 # ---- kernels against slow references ---------------------------------------------------------------------------
 
 
@@ -169,7 +174,7 @@ def test_areas_and_random_points(plain) -> None:
     floor = plain.floors["0"]
     assert plain.area_m2("0") == floor.floor_area_m2 == pytest.approx(6.2 * 4.2, rel=0.02)
     closed_form = (6 - 0.36) * (4 - 0.36) - (0.46 * 2.82 + math.pi * 0.18**2 / 2 + 0.1 * 0.18)
-    assert floor.free_area_m2 == pytest.approx(closed_form, rel=0.06)
+    assert float(floor.free.sum()) * floor.grid.resolution_m**2 == pytest.approx(closed_form, rel=0.06)
     rng = np.random.default_rng(0)
     points = np.array([plain.random_point(rng, "0") for _ in range(300)])
     assert all(plain.is_navigable(p, "0") for p in points)
@@ -195,7 +200,7 @@ def test_snap(plain) -> None:
 def test_distance_round_the_end_of_a_wall_in_closed_form(plain, ax: float, ay: float, bx: float, by: float) -> None:
     """A disk goes straight, or round the wall's end: a rope around the end's two corners, each of radius 0.18."""
     p_goal = plain.floors["0"].grid.centres_of(plain.floors["0"].grid.cells_of((bx, by)))
-    found = plain.geodesic_distance((ax, ay), "0", {"0": [p_goal]})
+    found = distance_m(plain, (ax, ay), "0", {"0": [p_goal]})
     exact = _rope((ax, ay), (float(p_goal[0]), float(p_goal[1])), ((2.95, 3.0), (3.05, 3.0)), 0.18)
     # Obstacles swell to whole cells and so do corners: the way may be 10 cm longer, and hardly shorter.
     assert exact - 0.05 <= found <= 1.005 * exact + 0.12
@@ -232,30 +237,30 @@ def _clear(p, q, hull) -> bool:
 def test_in_sight_the_distance_is_the_straight_line(plain, ax, ay, bx, by) -> None:
     grid = plain.floors["0"].grid
     goal = grid.centres_of(grid.cells_of((bx, by)))
-    found = plain.geodesic_distance((ax, ay), "0", {"0": [goal]})
+    found = distance_m(plain, (ax, ay), "0", {"0": [goal]})
     assert found == pytest.approx(math.dist((ax, ay), goal), abs=1e-5)
 
 
 def test_a_way_is_free_and_as_long_as_its_distance(plain) -> None:
     goals = {"0": [(5.525, 0.525), (5.525, 1.525)]}
-    way = plain.shortest_path((0.5, 0.5), "0", goals)
+    way = plain.distance_field(goals).path_from((0.5, 0.5), "0")
     points = [(w.x_m, w.y_m) for w in way]
     assert points[0] == (0.5, 0.5)
     assert points[-1] == pytest.approx((5.525, 1.525))
     length = sum(math.dist(a, b) for a, b in pairwise(points))
-    assert length == pytest.approx(plain.geodesic_distance((0.5, 0.5), "0", goals), abs=1e-4)
+    assert length == pytest.approx(distance_m(plain, (0.5, 0.5), "0", goals), abs=1e-4)
     assert all(plain.way_free(a, b, "0") == 1.0 for a, b in pairwise(points))
 
 
 def test_no_way_is_infinite(boxes, room) -> None:
     wall = ("wall", "0", (2.95, 0.0, 0.0), (3.05, 4.0, 2.5))
     nav = NavigationMap.build(boxes([*room(6.0, 4.0), wall]))
-    assert nav.geodesic_distance((1, 1), "0", {"0": [(5, 1)]}) == math.inf
-    assert nav.shortest_path((1, 1), "0", {"0": [(5, 1)]}) == []
-    assert nav.geodesic_distance((1, 1), "0", {"0": [(3, 1)]}) == math.inf, "a goal inside the wall is none"
-    assert nav.geodesic_distance((3, 1), "0", {"0": [(1, 1)]}) == math.inf, "a start inside the wall"
-    assert nav.geodesic_distance((1, 1), "0", {}) == math.inf
-    assert nav.geodesic_distance((-9, 1), "0", {"0": [(1, 1)]}) == math.inf
+    assert distance_m(nav, (1, 1), "0", {"0": [(5, 1)]}) == math.inf
+    assert nav.distance_field({"0": [(5, 1)]}).path_from((1, 1), "0") == []
+    assert distance_m(nav, (1, 1), "0", {"0": [(3, 1)]}) == math.inf, "a goal inside the wall is none"
+    assert distance_m(nav, (3, 1), "0", {"0": [(1, 1)]}) == math.inf, "a start inside the wall"
+    assert distance_m(nav, (1, 1), "0", {}) == math.inf
+    assert distance_m(nav, (-9, 1), "0", {"0": [(1, 1)]}) == math.inf
     assert nav.floors["0"].component.max() == 2
 
 
@@ -273,25 +278,25 @@ def test_stairs_join_floors_by_their_length(boxes, room) -> None:
     goal = (2.025, 1.025)
     expected = 4.0 + 1.0 + math.dist((5.025, 3.025), goal)
     long_way = 4.0
-    assert nav.geodesic_distance((1.025, 1.025), "0", {"1": [goal]}) == pytest.approx(min(expected, long_way), abs=1e-4)
+    assert distance_m(nav, (1.025, 1.025), "0", {"1": [goal]}) == pytest.approx(min(expected, long_way), abs=1e-4)
     far = (4.025, 3.025)
-    assert nav.geodesic_distance((3.025, 1.025), "0", {"1": [far]}) == pytest.approx(2.0 + 1.0 + 1.0, abs=1e-4)
-    way = nav.shortest_path((3.025, 1.025), "0", {"1": [far]})
+    assert distance_m(nav, (3.025, 1.025), "0", {"1": [far]}) == pytest.approx(2.0 + 1.0 + 1.0, abs=1e-4)
+    way = nav.distance_field({"1": [far]}).path_from((3.025, 1.025), "0")
     assert [w.floor for w in way] == ["0", "0", "1", "1"]
     # A goal upstairs may be reached from upstairs by going down and up again only if that is shorter.
-    assert nav.geodesic_distance((1.025, 2.025), "1", {"1": [far]}) == pytest.approx(math.dist((1.025, 2.025), far), abs=1e-4)  # fmt: skip  # noqa: E501
+    assert distance_m(nav, (1.025, 2.025), "1", {"1": [far]}) == pytest.approx(math.dist((1.025, 2.025), far), abs=1e-4)  # fmt: skip  # noqa: E501
 
 
 @pytest.mark.parametrize("lengths", [(1.0, 5.0), (5.0, 1.0)])
 def test_of_two_stairs_the_shorter_is_taken(boxes, room, lengths) -> None:
     stairs = tuple(Stair("0", "1", (1.025, 1.025, 0.0), (2.025, 1.025, 2.7), length) for length in lengths)
     nav = NavigationMap.build(boxes([*room(6, 4), *room(6, 4, "1", 2.7)], TWO_FLOORS, stairs))
-    assert nav.geodesic_distance((1.025, 1.025), "0", {"1": [(2.025, 1.025)]}) == pytest.approx(1.0)
+    assert distance_m(nav, (1.025, 1.025), "0", {"1": [(2.025, 1.025)]}) == pytest.approx(1.0)
 
 
 def test_floors_without_stairs_do_not_meet_and_robots_live_on_the_larger_one(boxes, room) -> None:
     nav = NavigationMap.build(boxes([*room(6, 4), *room(4, 4, "1", 2.7)], TWO_FLOORS))
-    assert nav.geodesic_distance((1, 1), "0", {"1": [(1, 1)]}) == math.inf
+    assert distance_m(nav, (1, 1), "0", {"1": [(1, 1)]}) == math.inf
     assert nav.robot_area["0"].any()
     assert not nav.robot_area["1"].any()
     with pytest.raises(BuildingError, match=r"can't get to floor '1'.*\['0'\]"):

@@ -49,7 +49,7 @@ class Hole:
 
 
 @dataclass(slots=True)
-class Storey:
+class FloorPlan:
     """Rooms and holes of a floor. Room 0 is the corridor; ``ways``: the part of it where doors may be (no stairs)."""
 
     ways: tuple[Rect, ...] = ()
@@ -137,31 +137,31 @@ def free_edges(rect: Rect, others: Sequence[Rect]) -> list[tuple[bool, float, fl
 _SMALL_WINDOWS, _NO_WINDOWS = ("bath", "toilet", "washroom"), ("storage", "laundry")
 
 
-def add_windows(storey: Storey, rng: np.random.Generator, *, ground: bool) -> None:
+def add_windows(floor: FloorPlan, rng: np.random.Generator, *, ground: bool) -> None:
     """Windows in every facade, and the closed front door at one end of the ground floor's corridor."""
     front = not ground
-    for number, space in enumerate(storey.spaces):
+    for number, space in enumerate(floor.spaces):
         if space.type in _NO_WINDOWS:
             continue
-        for along_x, at, low, high in storey.facade(number):
+        for along_x, at, low, high in floor.facade(number):
             length = high - low
             if space.type == "corridor" and not front and 1.5 <= length <= 2.5:
-                _pierce(storey, "front", number, along_x, at, (low + high) / 2, 1.0)
+                _pierce(floor, "front", number, along_x, at, (low + high) / 2, 1.0)
                 front = True
                 continue
             if space.type in _SMALL_WINDOWS:
                 if length >= 1.0:
-                    _pierce(storey, "small window", number, along_x, at, (low + high) / 2, 0.6)
+                    _pierce(floor, "small window", number, along_x, at, (low + high) / 2, 0.6)
                 continue
             width = snap(rng.uniform(1.2, 1.5)) if length >= 2.2 else 0.9
             count = int(length / 2.6) if length >= 2.6 else int(length >= 1.4)
             for i in range(count):
-                _pierce(storey, "window", number, along_x, at, low + (i + 0.5) * length / count, width)
+                _pierce(floor, "window", number, along_x, at, low + (i + 0.5) * length / count, width)
 
 
-def _pierce(storey: Storey, what: str, space: int, along_x: bool, at: float, middle: float, width: float) -> None:
+def _pierce(floor: FloorPlan, what: str, space: int, along_x: bool, at: float, middle: float, width: float) -> None:
     x, y = (middle, at) if along_x else (at, middle)
     before = (x, y - 0.1) if along_x else (x - 0.1, y)
-    inside_first = any(r.x0 < before[0] < r.x1 and r.y0 < before[1] < r.y1 for r in storey.spaces[space].rects)
+    inside_first = any(r.x0 < before[0] < r.x1 and r.y0 < before[1] < r.y1 for r in floor.spaces[space].rects)
     quarter = (0 if inside_first else 2) if along_x else (3 if inside_first else 1)
-    storey.holes.append(Hole(what, (space, OUTSIDE), round(x, 3), round(y, 3), width, quarter))
+    floor.holes.append(Hole(what, (space, OUTSIDE), round(x, 3), round(y, 3), width, quarter))

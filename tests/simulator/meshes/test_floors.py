@@ -48,7 +48,7 @@ def flight(x: float, y: float, rise: float, *, steps: int = 12, tread: float = 0
     )
 
 
-def two_storeys(hole: bool = True) -> list[Mesh]:
+def two_floors(hole: bool = True) -> list[Mesh]:
     """8 x 6 m twice, 2.6 m apart; a flight along the front wall below a hole in the upper floor."""
     upper = boxes(((0, 1.6, 2.4), (8, 6, 2.6)), ((5, 0, 2.4), (8, 1.6, 2.6)))
     if not hole:
@@ -91,7 +91,7 @@ def test_a_wide_ramp_is_a_way_and_no_floor() -> None:
 
 
 def test_stairs_join_floors() -> None:
-    scene = build(*two_storeys())
+    scene = build(*two_floors())
     assert levels(scene) == [0.0, 2.6]
     (stair,) = scene.stairs
     assert (stair.lower_floor, stair.upper_floor) == ("0", "1")
@@ -111,11 +111,11 @@ def test_stairs_join_floors() -> None:
         lambda m: m[:3],  # no flight
         lambda m: [*m[:3], flight(2.0, 0.3, 2.6, steps=6, tread=0.5)],  # risers of 0.43 m
         lambda m: [*m[:3], flight(2.0, 0.3, 2.6, width=0.25)],  # a plank
-        lambda m: two_storeys(hole=False),  # into the ceiling
+        lambda m: two_floors(hole=False),  # into the ceiling
     ],
 )
 def test_what_nobody_can_climb_is_no_stair(broken: Callable[[list[Mesh]], list[Mesh]]) -> None:
-    scene = build(*broken(two_storeys()))
+    scene = build(*broken(two_floors()))
     assert levels(scene) == [0.0, 2.6]
     assert scene.stairs == ()
     assert any("no stairs found" in note for note in scene.notes)
@@ -130,15 +130,15 @@ def test_a_split_level_counts_if_steps_lead_there() -> None:
 
 
 def test_a_model_inside_out_has_floors_too() -> None:
-    scene = build(*two_storeys())
-    flipped = [Mesh(m.vertices, m.triangles[:, ::-1].copy(), m.uvs, m.material, m.materials) for m in two_storeys()]
+    scene = build(*two_floors())
+    flipped = [Mesh(m.vertices, m.triangles[:, ::-1].copy(), m.uvs, m.material, m.materials) for m in two_floors()]
     assert levels(build(*flipped)) == levels(scene)
 
 
 def test_things_stand_on_the_floor_below_them() -> None:
     lamp = boxes(((1, 4, 2.2), (1.3, 4.3, 2.4)))
     bed = boxes(((5, 3, 2.6), (7, 5, 3.1)))
-    pieces = [Piece(f"part {i}", "", (mesh,)) for i, mesh in enumerate(two_storeys())]
+    pieces = [Piece(f"part {i}", "", (mesh,)) for i, mesh in enumerate(two_floors())]
     scene = building_of([*pieces, Piece("Lamp", None, (lamp,)), Piece("Bed.002", None, (bed,))], "test", "test")
     assert {i.name: (i.label, i.floor) for i in scene.instances[-2:]} == {"Lamp": ("", "0"), "Bed.002": ("bed", "1")}
 

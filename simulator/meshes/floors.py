@@ -21,7 +21,7 @@ _RISE_M, _BASE_M = 0.05, 0.2
 #: A floor has at least this much room for a robot's centre.
 MIN_FLOOR_M2 = 4.0
 #: What is nearer than this to a larger floor is furniture, unless steps lead there, ...
-_STOREY_M = 1.5
+_NEAR_M = 1.5
 #: ... and nearer than this it is a step in the floor that our robots don't take.
 _SPLIT_M = 0.6
 _ROOFED = 0.1
@@ -30,7 +30,7 @@ _MAX_HEIGHT_M = 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Storey:
+class FloorGround:
     """A floor and its spots: ``on`` (N,) bool of all spots."""
 
     floor: Floor
@@ -38,7 +38,7 @@ class Storey:
     on: NDArray[np.bool_]
 
 
-def find_storeys(spots: Spots) -> tuple[tuple[Storey, ...], tuple[str, ...]]:
+def find_floors(spots: Spots) -> tuple[tuple[FloorGround, ...], tuple[str, ...]]:
     """The floors from below to above, called "0", "1", ..., and notes on levels that are none."""
     chosen = spots.wide & _indoors(spots) & _flat(spots)
     clusters = _clusters(spots, chosen)
@@ -47,7 +47,7 @@ def find_storeys(spots: Spots) -> tuple[tuple[Storey, ...], tuple[str, ...]]:
     for z, area, parts in sorted(clusters, key=lambda c: -c[1]):
         if area < MIN_FLOOR_M2:
             continue
-        near = [k for k in kept if abs(k[0] - z) < _STOREY_M]
+        near = [k for k in kept if abs(k[0] - z) < _NEAR_M]
         if any(abs(k[0] - z) < _SPLIT_M or not parts & k[2] for k in near):
             notes.append(
                 f"a level of {area:.0f} m2 at {z:.2f} m isn't a floor: too near to the one at {near[0][0]:.2f} m"
@@ -55,7 +55,7 @@ def find_storeys(spots: Spots) -> tuple[tuple[Storey, ...], tuple[str, ...]]:
             continue
         kept.append((z, area, parts))
     kept.sort(key=lambda k: k[0])
-    storeys = []
+    grounds = []
     for number, (z, area, _) in enumerate(kept):
         on = np.abs(spots.z_m - z) <= _EPS_M
         clear = spots.clear_m[on & chosen]
@@ -64,13 +64,13 @@ def find_storeys(spots: Spots) -> tuple[tuple[Storey, ...], tuple[str, ...]]:
         if number + 1 < len(kept):
             height = min(height, kept[number + 1][0] - z)
         floor = Floor(str(number), "Ground floor" if number == 0 else f"Floor {number}", z, height)
-        storeys.append(Storey(floor, area, on))
+        grounds.append(FloorGround(floor, area, on))
         spread = np.percentile(spots.z_m[chosen & (np.abs(spots.z_m - z) < 3 * _EPS_M)], (5, 95))
         if spread[1] - spread[0] > 2 * _EPS_M:
             notes.append(
                 f"floor {number} isn't level ({spread[0]:.2f} to {spread[1]:.2f} m): its ends can't be driven on"
             )
-    return tuple(storeys), tuple(notes)
+    return tuple(grounds), tuple(notes)
 
 
 def _indoors(spots: Spots) -> NDArray[np.bool_]:
@@ -121,12 +121,12 @@ def _clusters(spots: Spots, chosen: NDArray[np.bool_]) -> list[tuple[float, floa
     return found
 
 
-def outlines(spots: Spots, storey: Storey) -> list[Room]:
+def outlines(spots: Spots, ground: FloorGround) -> list[Room]:
     """The outlines of a floor's connected ground, as rooms: a mesh doesn't say where rooms end."""
     grid = spots.grid
-    ground = np.zeros(grid.rows * grid.cols, np.uint8)
-    ground[spots.column[storey.on]] = 1
-    closed = cv2.morphologyEx(ground.reshape(grid.shape), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
+    cells = np.zeros(grid.rows * grid.cols, np.uint8)
+    cells[spots.column[ground.on]] = 1
+    closed = cv2.morphologyEx(cells.reshape(grid.shape), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     rooms: list[Room] = []
     for contour in sorted(contours, key=lambda c: -cv2.contourArea(c)):
@@ -134,6 +134,6 @@ def outlines(spots: Spots, storey: Storey) -> list[Room]:
         if len(simple) < 3 or cv2.contourArea(simple) * spots.cell_m2 < MIN_FLOOR_M2:
             continue
         xy = grid.centres_of(simple[:, ::-1])
-        name = storey.floor.name if not rooms else f"{storey.floor.name}, part {len(rooms) + 1}"
-        rooms.append(Room(name, storey.floor.id, tuple((float(x), float(y)) for x, y in xy)))
+        name = ground.floor.name if not rooms else f"{ground.floor.name}, part {len(rooms) + 1}"
+        rooms.append(Room(name, ground.floor.id, tuple((float(x), float(y)) for x, y in xy)))
     return rooms
