@@ -97,6 +97,7 @@ def run_episode(
     reports = surveillance and summaries and len(navigation.floors) > 1
     reported = sight.by_floor() if reports else _NO_SUMMARIES
     text = sight.backend.embed_texts([f"seems like there is a {goals.label}"])[0]
+    tau_z_m = (fusion or FusionConfig()).map.tau_z_m
     joint: JointMap | None = None
     invoked: dict[str, int] = {}
     due: list[tuple[int, tuple[str, ...]]] = []
@@ -105,7 +106,7 @@ def run_episode(
     while True:
         # active camera invocation (eq. 1)
         seen = sight.robot(state, seed)
-        active = active_cameras([seen.view.floor_z_m], sight.infos) if surveillance else []
+        active = active_cameras([seen.view.floor_z_m], sight.infos, tau_z_m) if surveillance else []
         if new := tuple(name for name in active if name not in invoked):
             invoked.update({name: sum(v.offered_bytes for v in sight.camera(name)) for name in new})
             due.append((searcher.steps + delay_steps, new))

@@ -19,7 +19,7 @@ import msgspec
 from services.fusion.config import FusionSettings
 from services.fusion.core import JointMap
 from services.fusion.core.guard import ViewError
-from services.fusion.core.objects import Happened
+from services.fusion.core.map_object import ObjectChange
 from services.fusion.core.snapshot import SnapshotError, freeze, pack, thaw, unpack
 from services.fusion.perceiver import Perceived, ViewKey
 from services.fusion.store import Entry, Store, StoredEvent, StoreError
@@ -120,13 +120,13 @@ class Keeper:
         """Has the maps take a view. ``again``: after a restart, when what is wrong with it was said before."""
         source, view = perceived.key
         refused, floor, done = perceived.fault, "", None
-        events: tuple[Happened, ...] = ()
+        events: tuple[ObjectChange, ...] = ()
         if perceived.view is not None:
             try:
                 missed = self.joint.guard.missed.get(source, 0)
                 with self.lock:
                     done = self.joint.accept(perceived.view, perceived.perception)
-                floor, events = (done.floor, done.events) if done else ("", ())
+                floor, events = (done.floor, done.changes) if done else ("", ())
                 if not again and (gap := self.joint.guard.missed.get(source, 0) - missed):
                     self._node.reject("view.missing_seq", f"{source} skipped {gap} before {perceived.header.seq}")
             except ViewError as error:
@@ -162,7 +162,7 @@ class Keeper:
         if fault in _PLACE_UNKNOWN or perceived.view is None:
             return ""
         with self.lock:
-            return self.joint.storey_at(perceived.view.floor_z_m)
+            return self.joint.floor_at(perceived.view.floor_z_m)
 
     # --- the file -------------------------------------------------------------------------------------------------
 
@@ -348,5 +348,5 @@ def _trouble(perceived: Perceived, fault: str) -> str:
     return f"view {which} of {source} was refused: {fault}"
 
 
-def _stored(number: int, k: int, floor: str, happened: Happened) -> StoredEvent:
+def _stored(number: int, k: int, floor: str, happened: ObjectChange) -> StoredEvent:
     return StoredEvent(number, k, floor, happened.object_id, happened.absorbed, happened.event)

@@ -15,7 +15,6 @@ from benchmark.studies.association.replays import (
     CHANGES,
     DETECTIONS,
     GEOMETRIES,
-    NEVER,
     RULES,
     SCORES,
     SEED,
@@ -254,7 +253,7 @@ def _change_lines(results: Results) -> list[str]:
     ]
     for name, values in CHANGES:
         for value in values:
-            shown = "never" if value == NEVER else value
+            shown = "off" if value is None else value
             lines.append(_row(f"{name} {shown}", results, "change", f"{name} {value}"))
     return lines
 

@@ -79,7 +79,7 @@ class Clearance:
 
 
 class FreeSpace:
-    """The clearances of the newest views of a storey, at most ``capacity``: for voxels that come late."""
+    """The clearances of the newest views of a floor, at most ``capacity``: for voxels that come late."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity

@@ -1,4 +1,4 @@
-"""One storey: point cloud, obstacle map and exploration map, from counts of what views saw."""
+"""One floor: point cloud, obstacle map and exploration map, from counts of what views saw."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ _BARE_FLOOR_M = 0.08  # nearer than this to the floor's altitude a point is floo
 
 
 class FloorMap:
-    """The geometry of one storey.
+    """The geometry of one floor.
 
     Every layer is a function of counts and of what is gone of the cloud: the order of views doesn't matter (a late view
     must have fewer than ``carve_memory`` newer ones before it), and cells are numbered from the world's origin, so
     neither does where the map began.
 
     Attributes:
-        floor: id of the storey.
+        floor: its id.
         z_m: altitude of the floor's surface.
         grid: frame of all layers.
         cloud: the joint point cloud.
-        revision: that of the joint map when this storey last changed.
+        revision: that of the joint map when this floor last changed.
     """
 
     def __init__(self, floor: str, z_m: float, centre_m: tuple[float, float], config: MapConfig) -> None:

@@ -59,7 +59,7 @@ class SeenView:
 
 
 class ValueMap:
-    """Keeps views of a storey, and the value layers of the targets asked for last, up to date."""
+    """Keeps views of a floor, and the value layers of the targets asked for last, up to date."""
 
     def __init__(self, config: ValueConfig) -> None:
         self._config = config

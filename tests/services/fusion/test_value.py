@@ -127,7 +127,7 @@ def test_robot_views_are_forgotten_beyond_the_limit(world, tools):
     joint.integrate(world.view(1, 1, 0, source="camera/c"), tools.seen(image=tools.unit(0)))
     for i in range(5):
         joint.integrate(world.view(3, 2, i, seq=i), tools.seen(image=tools.unit(0)))
-    assert len(joint._storeys["0"].value) == 3
+    assert len(joint._floors["0"].value) == 3
     grid, found = joint.layer("0", "value", tools.unit(0))
     row, col = grid.cells_of((4.0, 1.0))
     assert np.isfinite(found[row, col])  # the camera's view is kept
