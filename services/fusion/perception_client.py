@@ -11,68 +11,50 @@ import math
 import queue
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import msgspec
 
 from services.fusion.config import FusionSettings
+from services.fusion.records import PerceivedView, ViewKey
 from surveilnav.bus import Node, Received, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import BusError, PerceptionError, WireError
 from surveilnav.messages import FrameHeader, InferReply, InferRequest, WorkerLoad
 from surveilnav.sensing.packing import decode_frame, perception_from_wire, unpack_embedding
-from surveilnav.sensing.views import PosedView, ViewPerception
+from surveilnav.sensing.views import ViewPerception
 
-ViewKey = tuple[str, int]
 #: Refusals that have to do with the moment, not with the picture.
 _PASSING = {"busy", "too_late", "no_truth"}
 _ATTEMPTS = 3  # at a picture that perception refuses for its own sake
 _STEEP = math.radians(75)  # looking down more steeply than this shows nothing that a detector knows
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Perceived:
-    """A view that is ready for the maps.
-
-    ``view`` None: its picture is of no use (``fault`` says why) or the one that the maps hold already. ``payload``,
-    ``reply``: as they arrived; ``digest`` of pose and picture.
-    """
-
-    key: ViewKey
-    header: FrameHeader
-    view: PosedView | None = None
-    perception: ViewPerception | None = None
-    payload: bytes = b""
-    reply: bytes = b""
-    digest: bytes = b""
-    fault: str = ""
-
-
 @dataclass(slots=True)
 class _Lane:
     """The waiting pictures of one kind of source, and the finished ones (few: decoded pictures are large)."""
 
-    done: queue.Queue[Perceived]
+    done: queue.Queue[PerceivedView]
     waiting: OrderedDict[ViewKey, Received[FrameHeader]] = field(default_factory=OrderedDict)
     problem: str = ""
 
 
-class Perceiver:
+class PerceptionClient:
     """Views in by ``submit``, out by ``robots`` and ``cameras``."""
 
-    def __init__(self, node: Node, settings: FusionSettings, digests: Mapping[ViewKey, bytes]) -> None:
-        """``digests``: of the cameras' views that the maps hold, kept up to date by their keeper."""
+    def __init__(self, node: Node, settings: FusionSettings, is_held: Callable[[ViewKey, bytes], bool]) -> None:
+        """``is_held``: whether the maps hold the picture of a camera's view with this digest; asked from any thread."""
         self._node, self._settings = node, settings
         self._workers = node.table(PERCEPTION_LOAD)
         self._lock = threading.Condition()
         self._robots = _Lane(queue.Queue(maxsize=8))
         self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
-        self._digests = digests
+        self._is_held = is_held
         self._texts: OrderedDict[tuple[str, str], bytes] = OrderedDict()
         node.alive("perception")  # the first call starts watching
         for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
-            threading.Thread(target=self._work, args=(lane,), name=f"perceive-{name}", daemon=True).start()
+            threading.Thread(target=self._work, args=(lane,), name=f"perception-{name}", daemon=True).start()
 
     @property
     def problem(self) -> str:
@@ -94,11 +76,11 @@ class Perceiver:
                 for key in [k for k in lane.waiting if k[0] == source]:
                     del lane.waiting[key]
 
-    def robots(self) -> list[Perceived]:
+    def robots(self) -> list[PerceivedView]:
         """All finished views of robots."""
         return _drained(self._robots.done, 1000)
 
-    def cameras(self, most: int) -> list[Perceived]:
+    def cameras(self, most: int) -> list[PerceivedView]:
         """Up to ``most`` finished views of cameras."""
         return _drained(self._cameras.done, most)
 
@@ -137,7 +119,7 @@ class Perceiver:
             except WireError as error:
                 self._node.reject("frame", f"{frame.message.source} view {frame.message.view}: {error}")
                 header = frame.message
-                finished = Perceived((header.source, header.view), header, fault=f"unreadable: {error}")
+                finished = PerceivedView((header.source, header.view), header, fault=f"unreadable: {error}")
             except Exception as error:  # this thread is fusion's only pair of eyes on its lane
                 self._node.warn_seldom("a view could not be perceived", error=f"{type(error).__name__}: {error}")
                 self._node.stopping.wait(self._settings.retry_s)
@@ -152,13 +134,13 @@ class Perceiver:
                 except queue.Full:
                     continue
 
-    def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> Perceived | None:
+    def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
         """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""
         header, key = frame.message, (frame.message.source, frame.message.view)
         digest = hashlib.blake2b(repr((header.T_world_camera, header.camera)).encode(), digest_size=16)
         digest.update(frame.payload)
-        if key[0].startswith("camera/") and self._digests.get(key) == digest.digest():
-            return Perceived(key, header)
+        if self._is_held(key, digest.digest()):
+            return PerceivedView(key, header)
         view = decode_frame(header, frame.payload)
         reply, perception, attempts = b"", None, 0
         looks_down = view.T_world_camera[2, 2] < -math.sin(_STEEP)
@@ -178,7 +160,7 @@ class Perceiver:
                 if self._node.stopping.is_set() or key in lane.waiting:
                     return None
         lane.problem = ""
-        return Perceived(key, header, view, perception, frame.payload, reply, digest.digest())
+        return PerceivedView(key, header, view, perception, frame.payload, reply, digest.digest())
 
     def _ask(self, frame: Received[FrameHeader]) -> tuple[bytes, ViewPerception]:
         """A worker's reply, as it was sent and as it is understood."""
@@ -210,8 +192,8 @@ class Perceiver:
         return min(loads, key=lambda w: (w.queued, w.latency_ms, w.worker))
 
 
-def _drained(finished: queue.Queue[Perceived], most: int) -> list[Perceived]:
-    out: list[Perceived] = []
+def _drained(finished: queue.Queue[PerceivedView], most: int) -> list[PerceivedView]:
+    out: list[PerceivedView] = []
     while len(out) < most:
         try:
             out.append(finished.get_nowait())
