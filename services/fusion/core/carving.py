@@ -43,6 +43,7 @@ class Clearance:
 
     @property
     def stamp_ns(self) -> int:
+        """When the view was taken [ns]."""
         return self.order[0]
 
     @classmethod
