@@ -103,11 +103,11 @@ def digest_of(searches: Sequence[Search]) -> str:
 
 def play(search: Search) -> Outcome:
     """Plays one. Raises what opening its building may, and PerceptionError where its detector can't be had."""
-    from benchmark.play.episode import run_episode
+    from benchmark.play.episode import Episode
     from benchmark.play.oracle import OraclePlanner
     from benchmark.play.sight import PoseError, Sight
     from benchmark.policies import Task, Truth, policy_of
-    from services.planner.core.drive import FmmPlanner
+    from services.planner.core.motion.drive import FmmPlanner
     from simulator.simulation import SimulatedBuilding, SimulationSettings
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import Start, find_goals
@@ -132,10 +132,10 @@ def play(search: Search) -> Outcome:
         planning=settings.planning,
     )  # fmt: skip
     actions: list[str] = []
-    episode = run_episode(
+    episode = Episode(
         sight, goals, start, policy.begin(task), surveillance=settings.surveillance, fusion=settings.fusion_config(),
         delay_steps=settings.delay_steps, seed=1, on_step=lambda *step: actions.append(step[-1].action or ""),
-    )  # fmt: skip
+    ).run()  # fmt: skip
     return Outcome(
         success=episode.verdict.success, steps=episode.steps, path_mm=round(1e3 * episode.verdict.path_m),
         reason=episode.reason, actions=_written(actions),
@@ -164,11 +164,7 @@ def _differs(was: Outcome, now: Outcome) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Plays the searches that are named, else all; 0 if what gates came out as written."""
-    parser = argparse.ArgumentParser(prog="benchmark.canary", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("names", nargs="*", help="only these searches")
-    parser.add_argument("--renew", action="store_true", help="write down what all of them do now")
-    parser.add_argument("--no-pixels", action="store_true", help="leave out what doesn't gate")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser = _parser()
     args = parser.parse_args(argv)
     canary = msgspec.json.decode(FILE.read_bytes(), type=Canary) if args.renew else read()
     wanted = [
@@ -185,16 +181,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         search, now = ended.job, ended.result
         if now is not None:
             done[search.name] = now
-        gates = not needs_weights(search)
         trouble = ended.why or (search.did and now and _differs(search.did, now)) or ""
-        failed |= bool(trouble) and gates and (not args.renew or bool(ended.error))
-        how = "the same" if gates and not trouble else trouble or "doesn't gate"
-        facts = (
-            f"{'found' if now.success else now.reason} in {now.steps} steps, {now.path_mm / 1e3:.2f} m" if now else ""
-        )
-        print(
-            f"[{len(done)}/{len(wanted)} {time.monotonic() - began_s:4.0f} s] {search.name}: {facts}; {how}", flush=True
-        )
+        failed |= bool(trouble) and not needs_weights(search) and (not args.renew or bool(ended.error))
+        at = f"[{len(done)}/{len(wanted)} {time.monotonic() - began_s:4.0f} s]"
+        print(f"{at} {search.name}: {_came_to(search, now, trouble)}", flush=True)
     if args.renew and not failed and len(wanted) == len(canary.searches):
         _write([msgspec.structs.replace(s, did=None if needs_weights(s) else done[s.name]) for s in canary.searches])
     if failed:
@@ -204,6 +194,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     elif not args.names:
         print(f"digest {read().digest}, {time.monotonic() - began_s:.0f} s")
     return int(failed)
+
+
+def _came_to(search: Search, now: Outcome | None, trouble: str) -> str:
+    """For people: what a search did, and whether that is as written."""
+    gates = not needs_weights(search)
+    how = "the same" if gates and not trouble else trouble or "doesn't gate"
+    if now is None:
+        return f"; {how}"
+    return f"{'found' if now.success else now.reason} in {now.steps} steps, {now.path_mm / 1e3:.2f} m; {how}"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="benchmark.canary", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("names", nargs="*", help="only these searches")
+    parser.add_argument("--renew", action="store_true", help="write down what all of them do now")
+    parser.add_argument("--no-pixels", action="store_true", help="leave out what doesn't gate")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    return parser
 
 
 def needs_weights(search: Search) -> bool:

@@ -6,13 +6,19 @@ import json
 import os
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from cli.dataset import DEFAULT_ROOT, AsJson, Root
+
+if TYPE_CHECKING:
+    from benchmark.runner.run import Finished
+    from benchmark.tables.arms import Table
+    from benchmark.tables.make import Made
 
 app = typer.Typer(no_args_is_help=True, help="The benchmark: policies on the dataset.")
 console = Console(stderr=True, highlight=False)
@@ -40,21 +46,34 @@ def run(
 ) -> None:
     """Play episodes; kill it at any moment and start it again. Exit 0 only if every episode was played."""
     from benchmark.runner.run import run as play
-    from benchmark.runner.settings import RunSettings
+    from benchmark.runner.settings import RunSettings, run_id
     from benchmark.runner.summary import SUCCESS_RULE, summarise
-    from benchmark.tables.arms import folder_name
     from cli.progress import counting
     from surveilnav.errors import ConfigError
 
-    facts = {
-        "split": split, "policy": policy, "planner": planner, "surveillance": _on(surveillance), "perception": perception,
-        "density_m2": density, "views": views, "max_steps": max_steps, "seed": seed,
-    }  # fmt: skip
-    settings = _settings(RunSettings, facts)
-    folder = out or Path("runs/bench") / folder_name(settings)
+    settings = RunSettings(
+        split=split, policy=policy, planner=planner, surveillance=_on(surveillance), perception=perception,  # type: ignore[arg-type]
+        density_m2=density, views=views, max_steps=max_steps, seed=seed,  # type: ignore[arg-type]
+    )  # fmt: skip
+    folder = out or Path("runs/bench") / run_id(settings)
     began_s = time.monotonic()
     with counting(console, "episodes") as progress:
         finished = play(root, folder, settings, workers=workers, on_progress=lambda p: progress(p.done, p.total, ""))
+    _say_faults(finished)
+    if not finished.records:
+        raise ConfigError(f"no episode could be played; see above, or {folder}")
+    if as_json:
+        print(json.dumps(_numbers(finished, folder, time.monotonic() - began_s)))
+    else:
+        s = summarise(finished.records)
+        console.print(f"{s.episodes} of {finished.total} episodes: SR {s.sr}, SPL {s.spl}, SoftSPL {s.soft_spl}")
+        console.print("  " + ", ".join(f"{k} {v}" for k, v in s.reasons.items()))
+        console.print(f"  success: {SUCCESS_RULE}; records in {folder}")
+    sys.exit(0 if finished.complete else 1)
+
+
+def _say_faults(finished: Finished) -> None:
+    """What of a run isn't counted, and what was played again."""
     for scene, number in finished.mended:
         console.print(
             f"[yellow]the record of {scene} episode {number} could not be read, so it was forgotten and played again[/]"
@@ -64,22 +83,20 @@ def run(
     for broken in finished.broken:
         last = broken.error.strip().splitlines()[-1]
         console.print(f"[red]{broken.scene} episode {broken.episode_id} broke (not counted):[/] {last}")
-    if not finished.records:
-        raise ConfigError(f"no episode could be played; see above, or {folder}")
+
+
+def _numbers(finished: Finished, folder: Path, seconds: float) -> dict[str, Any]:
+    """A run as one object."""
+    from benchmark.runner.summary import SUCCESS_RULE, summarise
+
     s = summarise(finished.records)
-    if as_json:
-        print(json.dumps({
-            "sr": round(s.sr.mean, 2), "spl": round(s.spl.mean, 2), "soft_spl": round(s.soft_spl.mean, 2),
-            "episodes": s.episodes, "seconds": round(time.monotonic() - began_s, 1), "traffic": s.bytes,
-            "success": SUCCESS_RULE, "missing": finished.total - s.episodes, "broken": len(finished.broken),
-            "unopened": finished.unopened,
-            "episode_seconds": round(sum(r.seconds for r in finished.records), 1), "reasons": s.reasons, "out": str(folder),
-        }))  # fmt: skip
-    else:
-        console.print(f"{s.episodes} of {finished.total} episodes: SR {s.sr}, SPL {s.spl}, SoftSPL {s.soft_spl}")
-        console.print("  " + ", ".join(f"{k} {v}" for k, v in s.reasons.items()))
-        console.print(f"  success: {SUCCESS_RULE}; records in {folder}")
-    sys.exit(0 if finished.complete else 1)
+    return {
+        "sr": round(s.sr.mean, 2), "spl": round(s.spl.mean, 2), "soft_spl": round(s.soft_spl.mean, 2),
+        "episodes": s.episodes, "seconds": round(seconds, 1), "traffic": s.bytes,
+        "success": SUCCESS_RULE, "missing": finished.total - s.episodes, "broken": len(finished.broken),
+        "unopened": finished.unopened,
+        "episode_seconds": round(sum(r.seconds for r in finished.records), 1), "reasons": s.reasons, "out": str(folder),
+    }  # fmt: skip
 
 
 @app.command()
@@ -106,14 +123,7 @@ def table(
         raise ConfigError(f"there is no table {unknown[0]!r}; there are {', '.join(TABLES)}")
     if arm and not play:
         raise ConfigError("--no-play plays nothing, so --arm says nothing: leave one of them out")
-    labels = [a.label for one in name or TABLES for a in TABLES[one].arms]
-    chosen = [
-        label for text in arm or () for label in labels if text == label or (text in label and text not in labels)
-    ]
-    for text in arm or ():
-        if not any(text in label for label in chosen):
-            where = f"there are: {'; '.join(labels)}" if name else "name the table, and the arms that it has are listed"
-            raise ConfigError(f"no arm has {text!r} in its label; {where}")
+    chosen = _labels_with(arm or (), name)
 
     def wanted(a: Arm) -> bool:
         return play and (not arm or a.label in chosen)
@@ -125,20 +135,41 @@ def table(
     for one in tables:
         with counting(console, "episodes") as progress:
             made = make(one, root, out, workers=workers, on_progress=progress, wanted=wanted)
-        for episode in made.mended:
-            console.print(f"[yellow]could not be read, so it was forgotten and played again:[/] {episode}")
-        for fault in made.faults:
-            console.print(f"[red]not counted:[/] {fault}")
-        there = str(made.page) if made.page.exists() else f"{one.name}: no page, nothing was played with this program"
-        console.print(f"{there} ({made.played} of {len(one.arms)} arms are played)")
-        said.append({
-            "table": one.name, "page": str(made.page) if made.page.exists() else None, "arms": len(one.arms),
-            "played": made.played, "complete": made.complete, "not_counted": made.faults,
-            "mended": made.mended,
-        })  # fmt: skip
+        said.append(_said(one, made))
     if as_json:
         print(json.dumps({"tables": said}))
     sys.exit(0 if all(table["complete"] for table in said) else 1)
+
+
+def _labels_with(texts: Sequence[str], names: Sequence[str] | None) -> list[str]:
+    """The labels of tables' arms that are one of ``texts``, or have one in it that is no arm's. ConfigError: none has."""
+    from benchmark.tables.arms import TABLES
+    from surveilnav.errors import ConfigError
+
+    labels = [a.label for one in names or TABLES for a in TABLES[one].arms]
+    chosen = [label for text in texts for label in labels if text == label or (text in label and text not in labels)]
+    for text in texts:
+        if not any(text in label for label in chosen):
+            where = (
+                f"there are: {'; '.join(labels)}" if names else "name the table, and the arms that it has are listed"
+            )
+            raise ConfigError(f"no arm has {text!r} in its label; {where}")
+    return chosen
+
+
+def _said(table: Table, made: Made) -> dict[str, Any]:
+    """What came of a table, as one object; people are told, too."""
+    for episode in made.mended:
+        console.print(f"[yellow]could not be read, so it was forgotten and played again:[/] {episode}")
+    for fault in made.faults:
+        console.print(f"[red]not counted:[/] {fault}")
+    page = str(made.page) if made.page.exists() else None
+    there = page or f"{table.name}: no page, nothing was played with this program"
+    console.print(f"{there} ({made.played} of {len(table.arms)} arms are played)")
+    return {
+        "table": table.name, "page": page, "arms": len(table.arms), "played": made.played, "complete": made.complete,
+        "not_counted": made.faults, "mended": made.mended,
+    }  # fmt: skip
 
 
 @app.command()
@@ -157,16 +188,3 @@ def _on(value: str) -> bool:
     if value not in ("on", "off"):
         raise typer.BadParameter(f"surveillance is on or off, got {value!r}")
     return value == "on"
-
-
-def _settings(kind: Any, facts: dict[str, Any]) -> Any:
-    from typing import Literal, get_args, get_origin, get_type_hints
-
-    import msgspec
-
-    from surveilnav.errors import ConfigError
-
-    for name, hint in get_type_hints(kind).items():
-        if get_origin(hint) is Literal and name in facts and facts[name] not in get_args(hint):
-            raise ConfigError(f"{name} is one of {', '.join(get_args(hint))}, got {facts[name]!r}")
-    return msgspec.convert(facts, kind)

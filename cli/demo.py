@@ -7,44 +7,30 @@ import math
 import time
 import uuid
 from dataclasses import dataclass
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
+from cli.evidence import deciding_views, layers, objects, trajectory
 from cli.progress import bar
 from cli.recorder import Recorder
-from cli.report import (
-    DecidingView,
-    Moment,
-    RunRecord,
-    Step,
-    human_bytes,
-    run_json,
-    traffic_lines,
-    write_report,
-)
+from cli.report import Moment, RunRecord, human_bytes, run_json, traffic_lines, write_report
 from cli.report import outcome as in_words
 from cli.stack import Stack, environment
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.world.goals import Goals, Start, Verdict, find_goals, judge, sample_start
 from surveilnav.bus import Node, Refused, clock_ns
 from surveilnav.bus.router import free_port
-from surveilnav.contract import CAMERA_REQUEST, MAP_LAYER, MISSION_CANCEL, MISSION_GOAL, OBJECTS
+from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL
 from surveilnav.errors import BusError, MissionError, SurveilNavError
-from surveilnav.geometry import Grid, yaw_of
-from surveilnav.messages import CameraRequest, MissionCancel, MissionGoal, MissionStatus, ObjectRecord
-from surveilnav.sensing.packing import unpack_array
+from surveilnav.messages import MissionCancel, MissionGoal, MissionStatus
 
 ROBOT = "r1"
 _READY_S = 180.0
-_REPORT_LAYERS = ("occupancy", "explored", "frontier", "value")
-_MOST_DECIDING_VIEWS = 6
 
 
 @dataclass(frozen=True)
@@ -71,26 +57,11 @@ def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
     Raises:
         SurveilNavError: a user's mistake, or a service that ended; its text says what to do.
     """
-    began_s, started = time.monotonic(), datetime.now(timezone.utc)
-    building, goals, start = _prepare(options, console)
+    began_s, started = time.monotonic(), datetime.now(UTC)
+    prepared = _prepare(options, console)
     run_dir = options.runs / f"{started:%Y%m%d-%H%M%S}-{uuid.uuid4().hex[:4]}"
-    cameras = [camera.name for camera in building.plan.cameras] if options.surveillance else []
-    variables = environment(
-        router=f"tcp/127.0.0.1:{free_port()}", building=options.building, seed=options.seed, cameras=options.cameras,
-        area_per_camera_m2=options.area_per_camera_m2, perception=options.perception, surveillance=options.surveillance,
-        state=run_dir / "state",
-        robot_start=f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}",
-    )  # fmt: skip
     try:
-        with Stack(variables, run_dir / "logs", cameras) as stack, Node("cli", "demo", stack.bus, alive=False) as node:
-            with console.status("starting the services") as spinner:
-                stack.wait_ready(node, _READY_S, spinner.update)
-            recorder = Recorder(node, f"demo-{uuid.uuid4().hex[:8]}", ROBOT)
-            backend, why = recorder.perception()
-            console.print(f"perception: [bold]{backend}[/] ({escape(why)})")
-            status = _search(node, stack, recorder, options, goals.label, console)
-            verdict = _judge(recorder, goals, start)
-            record = _record(options, building, recorder, node, status, verdict, start, started)
+        record = _play(options, *prepared, run_dir, started, console)
     except KeyboardInterrupt:
         console.print(f"interrupted; logs are in {run_dir / 'logs'}")
         raise
@@ -123,6 +94,33 @@ def _prepare(options: DemoOptions, console: Console) -> tuple[SimulatedBuilding,
     return building, goals, start
 
 
+def _play(
+    options: DemoOptions, building: SimulatedBuilding, goals: Goals, start: Start, run_dir: Path, started: datetime,
+    console: Console,
+) -> RunRecord:  # fmt: skip
+    """The search itself: from the start of the services to what the report needs of them."""
+    cameras = [camera.name for camera in building.plan.cameras] if options.surveillance else []
+    variables = _variables(options, start, run_dir)
+    with Stack(variables, run_dir / "logs", cameras) as stack, Node("cli", "demo", stack.bus, alive=False) as node:
+        with console.status("starting the services") as spinner:
+            stack.wait_ready(node, _READY_S, spinner.update)
+        recorder = Recorder(node, f"demo-{uuid.uuid4().hex[:8]}", ROBOT)
+        backend, why = recorder.perception()
+        console.print(f"perception: [bold]{backend}[/] ({escape(why)})")
+        status = _search(node, stack, recorder, options, goals.label, console)
+        verdict = _judge(recorder, goals, start)
+        return _record(options, building, recorder, node, status, verdict, start, started)
+
+
+def _variables(options: DemoOptions, start: Start, run_dir: Path) -> dict[str, str]:
+    return environment(
+        router=f"tcp/127.0.0.1:{free_port()}", building=options.building, seed=options.seed, cameras=options.cameras,
+        area_per_camera_m2=options.area_per_camera_m2, perception=options.perception, surveillance=options.surveillance,
+        state=run_dir / "state",
+        robot_start=f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}",
+    )  # fmt: skip
+
+
 def _search(
     node: Node, stack: Stack, recorder: Recorder, options: DemoOptions, target: str, console: Console
 ) -> MissionStatus:
@@ -133,10 +131,10 @@ def _search(
     with console.status("searching") as spinner:
 
         def show(status: MissionStatus) -> None:
+            """A line of progress."""
             left = f", {status.distance_remaining_m:.1f} m to go" if status.distance_remaining_m is not None else ""
-            text = (
-                f"{status.phase}: step {status.step}/{status.max_steps}, {status.path_m:.1f} m{left}  {status.message}"
-            )
+            walked = f"step {status.step}/{status.max_steps}, {status.path_m:.1f} m{left}"
+            text = f"{status.phase}: {walked}  {status.message}"
             spinner.update(escape(text))
             if not console.is_terminal and (status.step % 10 == 0 or status.state != "active"):
                 console.print("  " + text, markup=False)
@@ -188,7 +186,7 @@ def _record(
     verdict: Verdict, start: Start, started: datetime,
 ) -> RunRecord:  # fmt: skip
     floors = [revision.floor for revision in recorder.revisions()]
-    objects = [o for floor in floors for o in _objects(node, floor)]
+    known = [o for floor in floors for o in objects(node, floor)]
     backend, why = recorder.perception()
     return RunRecord(
         building=building.scene.name, seed=options.seed, target=status.target, perception=backend, perception_why=why,
@@ -199,90 +197,13 @@ def _record(
             "shortest_path_m": verdict.shortest_path_m, "distance_to_viewpoint_m": verdict.distance_to_viewpoint_m,
             "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
         },
-        trajectory=_trajectory(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
-        layers={floor: _layers(node, floor, status.target) for floor in floors},
-        cameras=recorder.camera_infos(), invoked=recorder.invoked_cameras(), objects=objects,
-        deciding_views=_deciding_views(node, recorder, objects, status),
+        trajectory=trajectory(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
+        layers={floor: layers(node, floor, status.target) for floor in floors},
+        cameras=recorder.camera_infos(), invoked=recorder.invoked_cameras(), objects=known,
+        deciding_views=deciding_views(node, recorder, known, status),
         traffic=traffic_lines(recorder.traffic()), timeline=[Moment(*entry) for entry in recorder.timeline],
         notes=[*building.scene.notes, *start.notes],
     )  # fmt: skip
-
-
-def _trajectory(recorder: Recorder) -> list[Step]:
-    steps = []
-    for seq in sorted(recorder.observations):
-        header = recorder.observations[seq][0]
-        T = header.T_world_base.matrix()
-        steps.append(Step(T[0, 3], T[1, 3], yaw_of(T), header.floor, seq, header.last_action or ""))
-    return steps
-
-
-def _layers(node: Node, floor: str, target: str) -> dict[str, tuple[Grid, Any]]:
-    layers = {}
-    for layer in _REPORT_LAYERS:
-        parameters = {"target": target} if layer == "value" else None
-        try:
-            answer = node.ask(MAP_LAYER, floor=floor, layer=layer, parameters=parameters)
-        except BusError as error:
-            node.log.warning("the report lacks a layer", layer=layer, error=str(error))
-            continue
-        header = answer.message
-        layers[layer] = (header.grid, unpack_array(answer.payload, header.dtype, header.shape))
-    return layers
-
-
-def _objects(node: Node, floor: str) -> list[ObjectRecord]:
-    try:
-        return list(node.ask(OBJECTS, floor=floor).message.objects)
-    except BusError as error:
-        node.log.warning("the report lacks the objects", error=str(error))
-        return []
-
-
-def _deciding_views(
-    node: Node, recorder: Recorder, objects: list[ObjectRecord], status: MissionStatus
-) -> list[DecidingView]:
-    """The views in which the object that was found was seen best, robot's and cameras'."""
-    chosen = next((o for o in objects if o.id == status.object_id), None)
-    if chosen is None:
-        return []
-    events = [e for e in chosen.history if e.box_px is not None]
-    best: dict[tuple[str, int], Any] = {}
-    for event in sorted(events, key=lambda e: e.score):
-        best[event.source, event.view if event.source.startswith("camera/") else event.seq] = event
-    views: list[DecidingView] = []
-    for event in sorted(best.values(), key=lambda e: -e.score):
-        if len(views) == _MOST_DECIDING_VIEWS:
-            break
-        picture = _picture(node, recorder, event)
-        if picture is not None:
-            jpeg, scale = picture
-            box = tuple(v * scale for v in event.box_px)
-            caption = (
-                f"{event.source}, view {event.view}"
-                if event.source.startswith("camera/")
-                else f"robot, step {event.seq}"
-            )
-            views.append(DecidingView(caption, jpeg, [(*box, event.label, event.score)], event.source, event.view))
-    return views
-
-
-def _picture(node: Node, recorder: Recorder, event: Any) -> tuple[bytes, float] | None:
-    """(JPEG, scale of its pixels against the view's) of the view of an event."""
-    kind, _, name = event.source.partition("/")
-    if kind == "robot":
-        seen = recorder.observations.get(event.seq)
-        return (seen[1], 1.0) if seen else None
-    info = next((i for i in recorder.camera_infos() if i.camera == name), None)
-    if info is None:
-        return None
-    request = CameraRequest(stamp_ns=clock_ns(), action="thumbnail", views=[event.view])
-    try:
-        jpeg = node.ask(CAMERA_REQUEST, request, floor=info.floor, camera=name).payload
-    except BusError:
-        return None
-    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    return None if picture is None else (jpeg, picture.shape[1] / info.intrinsics.width_px)
 
 
 def _say(outcome: dict[str, Any], record: RunRecord, console: Console) -> None:

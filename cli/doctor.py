@@ -28,6 +28,7 @@ class Finding:
     remedy: str = ""
 
     def as_dict(self) -> dict[str, Any]:
+        """As ``--json`` says it."""
         return asdict(self)
 
 

@@ -181,27 +181,29 @@ def main() -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that whatever was started is stopped
     try:
         app(standalone_mode=True)
-    except ValidationError as error:
-        from surveilnav.bus.main import explain
-
-        print(explain(error), file=sys.stderr)
-        sys.exit(1)
-    except SettingsError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(1)
-    except SurveilNavError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(1)
-    except OSError as error:
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        if error.filename is None and not full:  # not about a file that the user named: a bug wants its traceback
-            raise
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"error: {where}{error.strerror}{'; make room and run again' if full else ''}", file=sys.stderr)
-        sys.exit(1)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
+    except (ValidationError, SettingsError, SurveilNavError, OSError) as error:
+        if (mistake := _mistake(error)) is None:
+            raise
+        print(mistake, file=sys.stderr)
+        sys.exit(1)
+
+
+def _mistake(error: Exception) -> str | None:
+    """What a user or the machine did wrong, in a line; None: a bug, which wants its traceback."""
+    if isinstance(error, ValidationError):
+        from surveilnav.bus.main import explain
+
+        return explain(error)
+    if not isinstance(error, OSError):
+        return f"error: {error}"
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    if error.filename is None and not full:  # not about a file that the user named
+        return None
+    where = f"{error.filename}: " if error.filename else ""
+    return f"error: {where}{error.strerror}{'; make room and run again' if full else ''}"
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ def bar(console: Console) -> Iterator[Callable[[float, str], None]]:
         said: set[str] = set()
 
         def say(fraction: float, what: str) -> None:
+            """A line for each kind of work."""
             if what not in said:
                 said.add(what)
                 console.print(f"  {what} ...")
@@ -59,6 +60,7 @@ def counting(console: Console, things: str) -> Iterator[Callable[[int, int, str]
     first: int | None = None
 
     def say(done: int, of: int, which: str) -> None:
+        """A line every ``_SAY_EVERY_S``, and the last one."""
         nonlocal said_s, first
         first = done if first is None else first
         now_s = time.monotonic()

@@ -17,9 +17,15 @@ from surveilnav.contract import (
     ROBOT_STATUS,
     TRAFFIC,
 )
-from surveilnav.messages import CameraInfo, MissionStatus, Observation, Plan, Revision, TrafficReport
-
-TERMINAL = ("done", "failed", "cancelled")
+from surveilnav.messages import (
+    FINISHED_STATES,
+    CameraInfo,
+    MissionStatus,
+    Observation,
+    Plan,
+    Revision,
+    TrafficReport,
+)
 
 
 @dataclass
@@ -75,7 +81,7 @@ class Recorder:
                 if now != shown:
                     shown = now
                     on_change(status)
-                if status.state in TERMINAL:
+                if status.state in FINISHED_STATES:
                     self._settle(wait_for_stop=status.found)
                     return status
             check()
@@ -92,12 +98,15 @@ class Recorder:
         return bool(self.observations) and self.observations[max(self.observations)][0].last_action == "stop"
 
     def traffic(self) -> list[TrafficReport]:
+        """What every node counted, as it last said."""
         return [row.message for row in self._traffic.rows()]
 
     def revisions(self) -> list[Revision]:
+        """The newest state of each floor's maps."""
         return [row.message for row in self._revisions.rows()]
 
     def camera_infos(self) -> list[CameraInfo]:
+        """The cameras that announced themselves."""
         return [row.message for row in self._infos.rows()]
 
     def perception(self) -> tuple[str, str]:
@@ -106,4 +115,5 @@ class Recorder:
         return (rows[0].message.backend, rows[0].message.why) if rows else ("unknown", "no worker said what it runs")
 
     def invoked_cameras(self) -> list[str]:
+        """Names of the cameras of which the maps ever held a view."""
         return sorted(name for name, held in self.cameras_used.items() if held)

@@ -10,8 +10,8 @@ import httpx
 from rich.console import Console
 from rich.markup import escape
 
-from cli.recorder import TERMINAL
 from surveilnav.errors import SurveilNavError
+from surveilnav.messages import FINISHED_STATES
 
 _LOST_S = 20.0
 
@@ -40,20 +40,8 @@ def follow_mission(url: str, target: str, robot: str, max_steps: int, console: C
     """Submits a mission and shows its progress to the end; the mission's last state."""
     body: dict[str, Any] = {"target": target, "max_steps": max_steps} | ({"robot": robot} if robot else {})
     mission: dict[str, Any] = call(url, "POST", "/api/v1/missions", body)
-    shown, heard_s = "", time.monotonic()
     try:
-        while True:
-            mission = call(url, "GET", f"/api/v1/missions/{mission['id']}")
-            line = f"{mission['phase']}  step {mission['step']}/{mission['max_steps']}  {mission.get('message', '')}"
-            if line != shown:
-                shown = line
-                console.print(line, markup=False)
-            if mission["state"] in TERMINAL:
-                break
-            heard_s = heard_s if mission.get("stale") else time.monotonic()
-            if time.monotonic() - heard_s > _LOST_S:
-                raise SurveilNavError("the planner hasn't been heard of for 20 s: see `surveilnav status` and its log")
-            time.sleep(0.5)
+        mission = _followed(url, mission["id"], console)
     except KeyboardInterrupt:
         call(url, "POST", f"/api/v1/missions/{mission['id']}/cancel")
         console.print("cancelled: the robot stops")
@@ -63,6 +51,23 @@ def follow_mission(url: str, target: str, robot: str, max_steps: int, console: C
         f"[{colour}]{mission['state']}[/] {escape(str(mission.get('error', '')))} {escape(str(mission.get('message', '')))}"
     )
     return mission
+
+
+def _followed(url: str, id: str, console: Console) -> dict[str, Any]:
+    """The finished mission; until then a line for each change."""
+    shown, heard_s = "", time.monotonic()
+    while True:
+        mission: dict[str, Any] = call(url, "GET", f"/api/v1/missions/{id}")
+        line = f"{mission['phase']}  step {mission['step']}/{mission['max_steps']}  {mission.get('message', '')}"
+        if line != shown:
+            shown = line
+            console.print(line, markup=False)
+        if mission["state"] in FINISHED_STATES:
+            return mission
+        heard_s = heard_s if mission.get("stale") else time.monotonic()
+        if time.monotonic() - heard_s > _LOST_S:
+            raise SurveilNavError("the planner hasn't been heard of for 20 s: see `surveilnav status` and its log")
+        time.sleep(0.5)
 
 
 def system_status(url: str, console: Console, as_json: bool) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -12,11 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
+from services.gateway.core.resources import NEEDED
 from surveilnav.bus import BusSettings, Node
 from surveilnav.errors import SurveilNavError
-
-#: Kinds that must be on the bus before a mission can begin.
-CORE_KINDS = ("robot", "perception", "fusion", "planner")
 
 
 @dataclass
@@ -34,6 +31,7 @@ class Stack:
 
     @property
     def bus(self) -> BusSettings:
+        """How a client comes onto the stack's bus."""
         return BusSettings(
             router=self.environment["SURVEILNAV_BUS__ROUTER"], building=self.environment["SURVEILNAV_BUS__BUILDING"]
         )
@@ -69,11 +67,6 @@ class Stack:
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
 
-    def kill(self, name: str) -> None:
-        """SIGKILL, as a power cut would: for tests."""
-        self.processes[name].send_signal(signal.SIGKILL)
-        self.processes[name].wait()
-
     def wait_ready(self, node: Node, timeout_s: float, progress: Callable[[str], None] = lambda text: None) -> None:
         """Waits until every service is on the bus.
 
@@ -81,7 +74,7 @@ class Stack:
             SurveilNavError: a process ended, or not all came in time; with the end of its log.
         """
         deadline_s = time.monotonic() + timeout_s
-        while missing := self.missing(node):
+        while missing := self._missing(node):
             self.check()
             if time.monotonic() > deadline_s:
                 raise SurveilNavError(
@@ -91,9 +84,9 @@ class Stack:
             progress(f"waiting for {', '.join(missing)}")
             time.sleep(0.1)
 
-    def missing(self, node: Node) -> list[str]:
+    def _missing(self, node: Node) -> list[str]:
         """What isn't on the bus yet."""
-        kinds = [*CORE_KINDS, *(["gateway"] if self.gateway else [])]
+        kinds = [*(kind for kind, _ in NEEDED), *(["gateway"] if self.gateway else [])]
         missing = [kind for kind in kinds if not node.alive(kind)]
         present = node.alive("camera")
         return missing + [f"camera {c}" for c in self.cameras if c not in present]

@@ -9,14 +9,14 @@ sums are right: never by bending the rule of cameras.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.splits import VAL_HOMES, VAL_SEEDS, Models, SceneSpec
+from benchmark.studies.rows import Rows
 from surveilnav.errors import SurveilNavError
 
 
@@ -65,6 +65,7 @@ def _picked(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Prints the buildings that together have what the paper's dataset has."""
     parser = argparse.ArgumentParser(prog="python -m benchmark.dataset.choose", description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/choose.jsonl"))
     parser.add_argument("--each", type=int, default=24, help="candidates of each kind")
@@ -75,16 +76,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--cameras", type=int, default=206)
     options = parser.parse_args(argv)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
-    known = {m["building"]: Measured(**m) for m in kept}
+    rows = Rows(options.out, ("building",))
+    known = {m["building"]: Measured(**m) for m in rows.load()}
     numbers = range(options.first, options.first + options.each)
     names = [f"{kind}_{n}" for n in numbers for kind in ("office", "flats")]
     for name in (*VAL_HOMES, *names):
         if name not in known:
             known[name] = measure(name, 0, options.models)
-            with options.out.open("a") as file:
-                m = known[name]
-                file.write(json.dumps({"building": name, "floors": m.floors, "cameras": m.cameras}) + "\n")
+            rows.append(asdict(known[name]))
             print(known[name], file=sys.stderr, flush=True)
     homes = [known[h] for h in VAL_HOMES for _ in VAL_SEEDS]
     rest = (

@@ -33,28 +33,8 @@ def make(
             built were changed, a scene can't be built, or floors, cameras or episodes don't come out as the split says.
     """
     for split in splits:
-        own = files_of(split.name, (spec.scene for spec in split.scenes))
-        if strays := sorted(files_in(root, split.name) - own):
-            more = f" and {len(strays) - 3} more" if len(strays) > 3 else ""
-            raise ConfigError(
-                f"{root} has files that are none of {split.name}: {', '.join(strays[:3])}{more}; delete them, or take another "
-                "--root"
-            )
-    changed: set[tuple[str, str]] = set()
-    if (root / "dataset.json").exists() and not anew:
-        try:
-            manifest = read_manifest(root)
-        except ConfigError as error:
-            raise ConfigError(f"{error} (`surveilnav dataset build --anew`, or another --root)") from error
-        # what was changed mustn't get a new hash in the manifest
-        changed = {
-            s for split in splits if split.name in manifest.splits for s in damaged_scenes(root, manifest, split.name)
-        }
-        for other in sorted(set(manifest.splits) - {split.name for split in splits}):
-            if (root / other).exists():  # else somebody has no more use for it
-                for name, what in damage(root, manifest, other):
-                    how = f"build {other} as well" if other in SPLITS else "build it with its --building again"
-                    raise ConfigError(f"{root / name} {what}: {how}, or delete the split's folder {root / other}")
+        _refuse_strays(root, split)
+    changed = set() if anew else _changed(root, splits)
     jobs = [
         (root, split.name, spec, n)
         for split in splits
@@ -64,6 +44,49 @@ def make(
     for _, name, spec, _ in jobs:  # whatever stops this build, the next one sees what is still to be built
         (root / name / f"{name}.json.gz").unlink(missing_ok=True)
         (root / name / "scenes" / f"{spec.scene}.json").unlink(missing_ok=True)
+    _build(jobs, workers, on_progress)
+    for split in splits:
+        _check_counts(root, split)
+        _write_index(root, split.name)
+    return write_manifest(root)
+
+
+_Job = tuple[Path, str, SceneSpec, int]
+
+
+def _refuse_strays(root: Path, split: SplitSpec) -> None:
+    """Raises ConfigError where a split's folder has files of scenes that it hasn't."""
+    own = files_of(split.name, (spec.scene for spec in split.scenes))
+    if strays := sorted(files_in(root, split.name) - own):
+        more = f" and {len(strays) - 3} more" if len(strays) > 3 else ""
+        raise ConfigError(
+            f"{root} has files that are none of {split.name}: {', '.join(strays[:3])}{more}; delete them, or take another "
+            "--root"
+        )
+
+
+def _changed(root: Path, splits: Sequence[SplitSpec]) -> set[tuple[str, str]]:
+    """Splits' scenes whose files aren't what the manifest says: they mustn't get a new hash in it.
+
+    Raises ConfigError where that is so of a split that isn't built now.
+    """
+    if not (root / "dataset.json").exists():
+        return set()
+    try:
+        manifest = read_manifest(root)
+    except ConfigError as error:
+        raise ConfigError(f"{error} (`surveilnav dataset build --anew`, or another --root)") from error
+    names = {split.name for split in splits}
+    for other in sorted(set(manifest.splits) - names):
+        if (root / other).exists():  # else somebody has no more use for it
+            for name, what in damage(root, manifest, other):
+                how = f"build {other} as well" if other in SPLITS else "build it with its --building again"
+                raise ConfigError(f"{root / name} {what}: {how}, or delete the split's folder {root / other}")
+    return {s for name in names & set(manifest.splits) for s in damaged_scenes(root, manifest, name)}
+
+
+def _build(jobs: Sequence[_Job], workers: int, on_progress: Callable[[int, int, str], None]) -> None:
+    """Raises ConfigError when all others are built, of the scenes that can't be."""
     failed: dict[str, str] = {}
     done = 0
     for ended in in_workers(_work, jobs, workers):
@@ -74,10 +97,6 @@ def make(
             on_progress(done, len(jobs), scene)
     if failed:
         raise ConfigError("; ".join(f"{scene}: {error}" for scene, error in sorted(failed.items())))
-    for split in splits:
-        _check_counts(root, split)
-        _write_index(root, split.name)
-    return write_manifest(root)
 
 
 def counts(root: Path, split: str) -> SplitCounts:
@@ -128,7 +147,7 @@ def _check_counts(root: Path, split: SplitSpec) -> None:
         )
 
 
-def _work(job: tuple[Path, str, SceneSpec, int]) -> None:
+def _work(job: _Job) -> None:
     try:
         build_scene(*job)
     except OSError as error:  # a full disk

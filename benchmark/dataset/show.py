@@ -68,23 +68,8 @@ def _floor(
     covered = np.zeros(floor.grid.shape, dtype=np.bool_)
     for camera in cameras:
         covered |= seen_floor(building, floor, camera.position_m)
-    image = np.full((*floor.grid.shape, 3), 255, np.uint8)
-    image[floor.supported] = 222
-    image[floor.supported & floor.indoor] = 240
-    image[covered & floor.supported] = (200, 235, 205)
-    image[floor.obstacle] = 130
-    image = np.repeat(np.repeat(image, _SCALE, axis=0), _SCALE, axis=1)
-    goals = {int(goal.object_id) for found in data.content.goals_by_category.values() for goal in found}
-    for instance in building.scene.instances:
-        if instance.floor == floor.id and instance.id in goals:
-            low, high = _pixel(floor.grid, instance.p_min[:2]), _pixel(floor.grid, instance.p_max[:2])
-            cv2.rectangle(image, low, high, _COLORS[instance.label], 2)
-    for episode in data.content.episodes:
-        start = start_of(episode, building.scene)
-        if start.floor == floor.id:
-            tip = (start.p_m[0] + 0.35 * math.cos(start.yaw_rad), start.p_m[1] + 0.35 * math.sin(start.yaw_rad))
-            color = _COLORS[data.label_of(episode)]
-            cv2.arrowedLine(image, _pixel(floor.grid, start.p_m[:2]), _pixel(floor.grid, tip), color, 1, cv2.LINE_AA)
+    image = _ground(floor, covered)
+    _draw_searches(image, building, data, floor)
     for camera in cameras:
         at = _pixel(floor.grid, camera.position_m[:2])
         cv2.circle(image, at, 7, (0, 110, 255), -1, cv2.LINE_AA)
@@ -104,14 +89,46 @@ def _floor(
     area_m2, seen_m2 = float(indoors.sum()) * cell_m2, float((covered & indoors).sum()) * cell_m2
     share = seen_m2 / max(area_m2, cell_m2)
     title = f"{data.record.scene} floor {floor.id}: {floor.floor_area_m2:.0f} m2, {len(cameras)} cameras see {100 * share:.0f} %"
+    return _labelled(image[::-1], title), area_m2, seen_m2
+
+
+def _ground(floor: FloorNavigation, covered: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """What is floor, indoors, in a camera's sight, and in the way."""
+    image = np.full((*floor.grid.shape, 3), 255, np.uint8)
+    image[floor.supported] = 222
+    image[floor.supported & floor.indoor] = 240
+    image[covered & floor.supported] = (200, 235, 205)
+    image[floor.obstacle] = 130
+    return np.repeat(np.repeat(image, _SCALE, axis=0), _SCALE, axis=1)
+
+
+def _draw_searches(
+    image: NDArray[np.uint8], building: SimulatedBuilding, data: SceneData, floor: FloorNavigation
+) -> None:
+    """Boxes of the goals, arrows where episodes start."""
+    goals = {int(goal.object_id) for found in data.content.goals_by_category.values() for goal in found}
+    for instance in building.scene.instances:
+        if instance.floor == floor.id and instance.id in goals:
+            low, high = _pixel(floor.grid, instance.p_min[:2]), _pixel(floor.grid, instance.p_max[:2])
+            cv2.rectangle(image, low, high, _COLORS[instance.label], 2)
+    for episode in data.content.episodes:
+        start = start_of(episode, building.scene)
+        if start.floor == floor.id:
+            tip = (start.p_m[0] + 0.35 * math.cos(start.yaw_rad), start.p_m[1] + 0.35 * math.sin(start.yaw_rad))
+            color = _COLORS[data.label_of(episode)]
+            cv2.arrowedLine(image, _pixel(floor.grid, start.p_m[:2]), _pixel(floor.grid, tip), color, 1, cv2.LINE_AA)
+
+
+def _labelled(image: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
+    """With a title above and a legend below."""
     short = max(0, _LEGEND_PX - image.shape[1])
-    image = np.ascontiguousarray(np.pad(image[::-1], ((22, 24), (4, 8 + short), (0, 0)), constant_values=255))
+    image = np.ascontiguousarray(np.pad(image, ((22, 24), (4, 8 + short), (0, 0)), constant_values=255))
     cv2.putText(image, title, (6, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
     x, below = 6, image.shape[0] - 8
     for word, color in (*_COLORS.items(), ("green: in a camera's sight", (40, 40, 40))):
         cv2.putText(image, word, (x, below), cv2.FONT_HERSHEY_SIMPLEX, 0.45, color, 1, cv2.LINE_AA)
         x += cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0] + 14
-    return np.asarray(image, dtype=np.uint8), area_m2, seen_m2
+    return np.asarray(image, dtype=np.uint8)
 
 
 def seen_floor(

@@ -10,7 +10,7 @@ from itertools import groupby
 
 import numpy as np
 
-from benchmark.play.sight import Sight
+from benchmark.play.sight import Sight, Sighted
 from benchmark.policies.policy import Searcher
 from services.fusion.core import FusionConfig, JointMap, active_cameras
 from services.planner.core import Decision, MapView, RobotView
@@ -23,7 +23,7 @@ _NO_SUMMARIES: Mapping[str, Mapping[str, float]] = {}
 
 
 @dataclass(slots=True)
-class Episode:
+class EpisodeResult:
     """What came of one search. ``reason`` names the failure, empty for a success.
 
     ``seen``: an object of the target's class lies in the joint maps where a goal is, confirmed or not.
@@ -67,78 +67,113 @@ class FusedCameras:
         return copy.deepcopy(self._kept[names])
 
 
-def run_episode(
-    sight: Sight,
-    goals: Goals,
-    start: Start,
-    searcher: Searcher,
-    *,
-    surveillance: bool = True,
-    summaries: bool = True,
-    fusion: FusionConfig | None = None,
-    fused: FusedCameras | None = None,
-    delay_steps: int = 0,
-    seed: int = 0,
-    on_step: Callable[[int, PosedView, JointMap, MapView, Decision], None] | None = None,
-) -> Episode:
-    """Searches for ``goals.label`` from ``start``.
+class Episode:
+    """A search for ``goals.label`` from ``start``, step by step: sense, fuse, decide, act."""
 
-    Args:
-        summaries: whether the cameras of all floors report what they last saw.
-        fused: made with the same sight and fusion settings; spares fusing the first floor's cameras.
-        delay_steps: so many actions after its invocation a camera's views arrive.
-        seed: the luck of this episode's perception.
-        on_step: ``on_step(step, view, joint, maps, decision)`` may look on.
-    """
-    began_s = time.perf_counter()
-    navigation = sight.building.navigation
-    state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
-    stairs = tuple(robot.stairs_of(navigation))
-    reports = surveillance and summaries and len(navigation.floors) > 1
-    reported = sight.by_floor() if reports else _NO_SUMMARIES
-    text = sight.backend.embed_texts([f"seems like there is a {goals.label}"])[0]
-    tau_z_m = (fusion or FusionConfig()).map.tau_z_m
-    joint: JointMap | None = None
-    invoked: dict[str, int] = {}
-    due: list[tuple[int, tuple[str, ...]]] = []
-    robot_bytes = 0
-    trajectory, floors = [(state.x_m, state.y_m, state.yaw_rad)], [state.floor]
-    while True:
-        # active camera invocation (eq. 1)
-        seen = sight.robot(state, seed)
-        active = active_cameras([seen.view.floor_z_m], sight.infos, tau_z_m) if surveillance else []
-        if new := tuple(name for name in active if name not in invoked):
-            invoked.update({name: sum(v.offered_bytes for v in sight.camera(name)) for name in new})
-            due.append((searcher.steps + delay_steps, new))
-        arrived = tuple(name for at, names in due if at <= searcher.steps for name in names)
-        due = [(at, names) for at, names in due if at > searcher.steps]
-        if joint is None and fused is not None:
-            joint = fused.maps_of(arrived)
+    def __init__(
+        self,
+        sight: Sight,
+        goals: Goals,
+        start: Start,
+        searcher: Searcher,
+        *,
+        surveillance: bool = True,
+        summaries: bool = True,
+        fusion: FusionConfig | None = None,
+        fused: FusedCameras | None = None,
+        delay_steps: int = 0,
+        seed: int = 0,
+        on_step: Callable[[int, PosedView, JointMap, MapView, Decision], None] | None = None,
+    ) -> None:
+        """An episode that can be run once.
+
+        Args:
+            summaries: whether the cameras of all floors report what they last saw.
+            fused: made with the same sight and fusion settings; spares fusing the first floor's cameras.
+            delay_steps: so many actions after its invocation a camera's views arrive.
+            seed: the luck of this episode's perception.
+            on_step: ``on_step(step, view, joint, maps, decision)`` may look on.
+        """
+        self._began_s = time.perf_counter()
+        self._sight, self._goals, self._start, self._searcher = sight, goals, start, searcher
+        self._surveillance, self._fusion, self._fused = surveillance, fusion, fused
+        self._delay_steps, self._seed, self._on_step = delay_steps, seed, on_step
+        self._tau_z_m = (fusion or FusionConfig()).map.tau_z_m
+        self._navigation = sight.building.navigation
+        self._state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
+        self._stairs = tuple(robot.stairs_of(self._navigation))
+        self._reports = surveillance and summaries and len(self._navigation.floors) > 1
+        self._reported = sight.by_floor() if self._reports else _NO_SUMMARIES
+        self._text = sight.backend.embed_texts([f"seems like there is a {goals.label}"])[0]
+        self._joint: JointMap | None = None
+        self._invoked: dict[str, int] = {}
+        self._due: list[tuple[int, tuple[str, ...]]] = []
+        self._robot_bytes = 0
+        self._trajectory: list[tuple[float, float, float]] = []
+        self._floors: list[str] = []
+        self._note_place()
+
+    def run(self) -> EpisodeResult:
+        """Plays it to its end."""
+        while True:
+            seen, arrived = self.sense()
+            joint, maps = self.fuse(seen, arrived)
+            decision = self.decide(maps)
+            if self._on_step is not None:
+                self._on_step(self._state.seq, seen.view, joint, maps, decision)
+            self.act(decision)
+            if decision.finished or decision.action is None:
+                return self._result(joint, decision)
+
+    def sense(self) -> tuple[Sighted, tuple[str, ...]]:
+        """What the robot sees, and the cameras whose views arrive now: those of its floor are invoked (eq. 1)."""
+        seen = self._sight.robot(self._state, self._seed)
+        self._robot_bytes += seen.offered_bytes
+        active = active_cameras([seen.view.floor_z_m], self._sight.infos, self._tau_z_m) if self._surveillance else []
+        now = self._searcher.steps
+        if new := tuple(name for name in active if name not in self._invoked):
+            self._invoked |= {name: sum(v.offered_bytes for v in self._sight.camera(name)) for name in new}
+            self._due.append((now + self._delay_steps, new))
+        arrived = tuple(name for at, names in self._due if at <= now for name in names)
+        self._due = [(at, names) for at, names in self._due if at > now]
+        return seen, arrived
+
+    def fuse(self, seen: Sighted, arrived: tuple[str, ...]) -> tuple[JointMap, MapView]:
+        """The joint maps with the cameras' views and the robot's, and what the planner is shown of them."""
+        if self._joint is None and self._fused is not None:
+            self._joint = self._fused.maps_of(arrived)
         else:
-            joint = joint or JointMap(fusion)
-            _integrate(joint, sight, arrived)
-        # joint maps
-        placed = joint.integrate(seen.view, seen.perception)
-        robot_bytes += seen.offered_bytes
-        # waypoint and action
-        maps = map_view(joint, placed.floor, text)
-        decision = searcher.act(maps, robot_state_view(state, stairs), reported)
-        if on_step is not None:
-            on_step(state.seq, seen.view, joint, maps, decision)
-        # a refused stair leaves the robot where it is: the mission sees that at its next step
-        if decision.action and not robot.refusal(state, decision.action, navigation, decision.to_floor):
-            state = robot.act(state, decision.action, navigation, decision.to_floor)
-            trajectory.append((state.x_m, state.y_m, state.yaw_rad))
-            floors.append(state.floor)
-        if decision.finished or decision.action is None:
-            break
-    verdict = judge(goals, state, shortest_path_m=start.shortest_path_m)
-    was_seen = _was_seen(joint, goals)
-    return Episode(
-        verdict, decision.found, searcher.steps, decision.error, reason_of(verdict, decision, was_seen, goals, floors),
-        decision.message, time.perf_counter() - began_s, robot_bytes, invoked, was_seen, trajectory, floors,
-        {info.camera: sight.summary(info.camera)[1] for info in sight.infos} if reports else {},
-    )  # fmt: skip
+            self._joint = self._joint or JointMap(self._fusion)
+            _integrate(self._joint, self._sight, arrived)
+        placed = self._joint.integrate(seen.view, seen.perception)
+        return self._joint, map_view(self._joint, placed.floor, self._text)
+
+    def decide(self, maps: MapView) -> Decision:
+        """The searcher's waypoint and action."""
+        return self._searcher.act(maps, robot_state_view(self._state, self._stairs), self._reported)
+
+    def act(self, decision: Decision) -> None:
+        """Carries it out. A refused stair leaves the robot where it is: the mission sees that at its next step."""
+        action, to_floor = decision.action, decision.to_floor
+        if action and not robot.refusal(self._state, action, self._navigation, to_floor):
+            self._state = robot.act(self._state, action, self._navigation, to_floor)
+            self._note_place()
+
+    def _note_place(self) -> None:
+        self._trajectory.append((self._state.x_m, self._state.y_m, self._state.yaw_rad))
+        self._floors.append(self._state.floor)
+
+    def _result(self, joint: JointMap, decision: Decision) -> EpisodeResult:
+        verdict = judge(self._goals, self._state, shortest_path_m=self._start.shortest_path_m)
+        seen = _was_seen(joint, self._goals)
+        cameras = [info.camera for info in self._sight.infos] if self._reports else []
+        return EpisodeResult(
+            verdict=verdict, found=decision.found, steps=self._searcher.steps, error=decision.error,
+            reason=reason_of(verdict, decision, seen, self._goals, self._floors), message=decision.message,
+            seconds=time.perf_counter() - self._began_s, robot_bytes=self._robot_bytes, camera_bytes=self._invoked, seen=seen,
+            trajectory=self._trajectory, trajectory_floors=self._floors,
+            summary_bytes={name: self._sight.summary(name)[1] for name in cameras},
+        )  # fmt: skip
 
 
 def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
@@ -159,6 +194,7 @@ def map_view(joint: JointMap, floor: str, text: np.ndarray) -> MapView:
 
 
 def robot_state_view(state: robot.RobotState, stairs: tuple[Stair, ...] = ()) -> RobotView:
+    """The planner's view of a robot."""
     return RobotView(
         state.seq, state.x_m, state.y_m, state.yaw_rad, state.pitch_rad, state.floor, state.collided, state.last_action,
         state.path_m, stairs,

@@ -11,10 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from services.planner.core.drive import HEADINGS, Route
-from services.planner.core.settings import PlannerConfig
+from services.planner.core.config import PlannerConfig
+from services.planner.core.motion.drive import HEADINGS, Route
+from services.planner.core.motion.terrain import Terrain
 from services.planner.core.state import RobotView
-from services.planner.core.terrain import Terrain
 from simulator.world.navigation import DistanceField, NavigationMap
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,13 @@ from benchmark.policies.mission import Mission
 from benchmark.policies.policy import Policy
 from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
-from services.planner.core.choose import head_for, held_frontier, open_frontiers
-from services.planner.core.frontiers import Frontier, rank
-from services.planner.core.now import Now
-from services.planner.core.terrain import coarse_arrival_m
+from services.planner.core.context import FrontierChoice, StepContext
+from services.planner.core.goals.frontier_choice import held_frontier
+from services.planner.core.goals.frontiers import Frontier, rank
+from services.planner.core.motion.terrain import coarse_travel_time_m
 
 #: No object is promising before it is confirmed: suspected ones come after the frontiers.
-CONFIG = PlannerConfig(verification="paper", objects_first=True, promising_chance=2.0)
+CONFIG = PlannerConfig(verification="paper", objects_first=True, promising_chance=None)
 
 _NEAR_THE_BEST = 0.95
 #: The nearest frontier is left for one that is nearer by this.
@@ -36,19 +36,20 @@ _MARGIN_M = 1.0
 _MAX_TOUR = 6
 
 
-def choose(now: Now, *, hard: bool) -> Frontier | None:
+def choose(context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
     """See ``FrontierRule``."""
-    found = open_frontiers(now, hard=hard)
+    found, config = frontiers(), context.config
     if not found:
         return None
-    ranked, exploit = rank(found, now.maps, now.state.target, now.config)
+    ranked, exploit = rank(found, context.maps, context.state.target, config)
     if exploit:
-        good = good_ones(ranked, now.config)
-        return head_for(now, good, first_of_tour(good, _ways(now, good)), f"first of a tour over {len(good)} by value")
-    nearest, held = min(ranked, key=lambda f: f.way_m), held_frontier(now, ranked, 1.5 * now.config.same_place_m)
+        good = good_ones(ranked, config)
+        first = first_of_tour(good, _ways(context, good))
+        return FrontierChoice(good, first, f"first of a tour over {len(good)} by value")
+    nearest, held = min(ranked, key=lambda f: f.way_m), held_frontier(context, ranked, 1.5 * config.same_place_m)
     if held is not None and held.way_m <= nearest.way_m + _MARGIN_M:
         nearest = held
-    return head_for(now, ranked, nearest, "nearest")
+    return FrontierChoice(ranked, nearest, "nearest")
 
 
 def good_ones(frontiers: Sequence[Frontier], config: PlannerConfig) -> list[Frontier]:
@@ -69,13 +70,13 @@ def first_of_tour(frontiers: Sequence[Frontier], way_m: NDArray[np.float64]) -> 
     return frontiers[min(itertools.permutations(range(len(frontiers))), key=length_m)[0]]
 
 
-def _ways(now: Now, frontiers: Sequence[Frontier]) -> NDArray[np.float64]:
+def _ways(context: StepContext, frontiers: Sequence[Frontier]) -> NDArray[np.float64]:
     """Driving distance [m] between frontiers (n, n); straight lines where the map shows no way, or between two only,
     for which it makes no difference."""
     ways = np.array([[math.dist((a.x_m, a.y_m), (b.x_m, b.y_m)) for b in frontiers] for a in frontiers])
     for i, a in enumerate(frontiers if len(frontiers) > 2 else ()):
-        arrival = coarse_arrival_m(now.terrain, a.x_m, a.y_m)
-        driven = np.array([arrival[now.terrain.cell(b.x_m, b.y_m)] for b in frontiers])
+        time_m = coarse_travel_time_m(context.terrain, a.x_m, a.y_m)
+        driven = np.array([time_m[context.terrain.cell(b.x_m, b.y_m)] for b in frontiers])
         ways[i] = np.where(np.isfinite(driven), driven, ways[i])
     return ways
 

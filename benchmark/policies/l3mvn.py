@@ -11,7 +11,7 @@ random goal where there is no frontier (floors and second looks are everybody's)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from benchmark.policies.cooccurrence import Cooccurrence, of_train
@@ -19,9 +19,9 @@ from benchmark.policies.mission import Mission, first_sight
 from benchmark.policies.policy import Policy
 from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
-from services.planner.core.choose import head_for, held_frontier, open_frontiers
-from services.planner.core.frontiers import Frontier
-from services.planner.core.now import Now
+from services.planner.core.context import FrontierChoice, StepContext
+from services.planner.core.goals.frontier_choice import held_frontier
+from services.planner.core.goals.frontiers import Frontier
 from surveilnav.messages import ObjectRecord
 
 CONFIG = PlannerConfig(verification="paper", objects_first=True)
@@ -38,16 +38,16 @@ class Rule:
     def __init__(self, known: Cooccurrence) -> None:
         self._known, self._chosen_at = known, -_EVERY_STEPS
 
-    def __call__(self, now: Now, *, hard: bool) -> Frontier | None:
+    def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
         """See ``FrontierRule``."""
-        found = open_frontiers(now, hard=hard)
+        found, state = frontiers(), context.state
         if not found:
             return None
-        held = held_frontier(now, found, 1.5 * now.config.same_place_m)
-        if held is None or now.state.step - self._chosen_at >= _EVERY_STEPS:
-            found = scored(found, now.maps.objects, now.state.target, self._known)
-            held, self._chosen_at = likeliest(found), now.state.step
-        return head_for(now, found, held, "by what is near")
+        held = held_frontier(context, found, 1.5 * context.config.same_place_m)
+        if held is None or state.step - self._chosen_at >= _EVERY_STEPS:
+            found = scored(found, context.maps.objects, state.target, self._known)
+            held, self._chosen_at = likeliest(found), state.step
+        return FrontierChoice(found, held, "by what is near")
 
 
 def scored(

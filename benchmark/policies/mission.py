@@ -7,14 +7,13 @@ being stuck are ours for all of them. A paper that says nothing of these gets th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from benchmark.policies.policy import Task
 from services.fusion.core import FusionConfig
 from services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
-from services.planner.core.choose import choose_frontier
-from services.planner.core.now import FrontierRule
+from services.planner.core.context import FrontierRule
+from services.planner.core.goals.frontier_choice import best_frontier
 from services.planner.core.state import FloorChange
 
 #: A single detection of at least this score is believed by those who go to the first one. (VLFM asks .8 of YOLOv7;
@@ -34,10 +33,10 @@ class Mission:
     """
 
     def __init__(
-        self, task: Task, config: PlannerConfig, rule: FrontierRule = choose_frontier, *, summaries: bool = False
+        self, task: Task, config: PlannerConfig, rule: FrontierRule = best_frontier, *, summaries: bool = False
     ) -> None:
         self._task, self._rule, self._summaries = task, rule, summaries
-        self._config = replace(config, **({**_STAYS, **task.planning} if task.goal_on_floor else task.planning))
+        self._config = config.changed(**({**_STAYS, **task.planning} if task.goal_on_floor else task.planning))
         self._state = MissionState(task.target, max_steps=task.max_steps)
 
     @property

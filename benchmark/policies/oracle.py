@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from benchmark.policies.policy import Policy, Task, Truth
 from services.fusion.core import FusionConfig
 from services.planner.core import Decision, MapView, PlannerConfig, RobotView
-from services.planner.core.drive import HEADINGS
+from services.planner.core.motion.drive import HEADINGS
 from simulator.world.goals import SUCCESS_M
 from simulator.world.navigation import Waypoint
 

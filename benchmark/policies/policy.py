@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from services.fusion.core import FusionConfig
 from services.planner.core import Decision, MapView, RobotView
-from services.planner.core.drive import LocalPlanner
+from services.planner.core.motion.drive import LocalPlanner
 from simulator.world.goals import Goals
 from simulator.world.navigation import NavigationMap
 

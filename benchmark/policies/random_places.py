@@ -8,6 +8,7 @@ They never finish with a floor, so they stay on the one where they began.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,9 +16,8 @@ from benchmark.policies.mission import Mission
 from benchmark.policies.policy import Policy
 from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
-from services.planner.core.choose import head_for
-from services.planner.core.frontiers import Frontier
-from services.planner.core.now import Now
+from services.planner.core.context import FrontierChoice, StepContext
+from services.planner.core.goals.frontiers import Frontier
 
 _WALK_M = 1.0
 
@@ -28,26 +28,26 @@ class Rule:
     def __init__(self, seed: int, within_m: float) -> None:
         self._rng, self._within_m = np.random.default_rng(seed), within_m
 
-    def __call__(self, now: Now, *, hard: bool) -> Frontier | None:
+    def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
         """See ``FrontierRule``: places stand in for frontiers."""
-        held = now.state.commitment
+        held, time_m = context.state.waypoint, context.travel_time_m
         if held is not None and held.kind == "frontier":
-            place = Frontier(held.x_m, held.y_m, 1, float(now.arrival[now.terrain.cell(held.x_m, held.y_m)]))
+            place = Frontier(held.x_m, held.y_m, 1, float(time_m[context.terrain.cell(held.x_m, held.y_m)]))
         else:
-            place = self._draw(now)
-        return head_for(now, [place], place, "at random")
+            place = self._draw(context)
+        return FrontierChoice([place], place, "at random")
 
-    def _draw(self, now: Now) -> Frontier:
-        terrain, robot, config = now.terrain, now.robot, now.config
-        places = np.isfinite(now.arrival) & terrain.known & (terrain.speed > config.tight_speed)
+    def _draw(self, context: StepContext) -> Frontier:
+        terrain, robot, config, time_m = context.terrain, context.robot, context.config, context.travel_time_m
+        places = np.isfinite(time_m) & terrain.known & (terrain.speed > config.tight_speed)
         places &= ~terrain.disc(robot.x_m, robot.y_m, config.reached_m)
         if math.isfinite(self._within_m):
             places &= terrain.disc(robot.x_m, robot.y_m, self._within_m)
         cells = np.argwhere(places)
         if not len(cells):
-            cells = np.argwhere(np.isfinite(now.arrival))
+            cells = np.argwhere(np.isfinite(time_m))
         row, col = (int(v) for v in cells[self._rng.integers(len(cells))])
-        return Frontier(*terrain.place(row, col), 1, float(now.arrival[row, col]))
+        return Frontier(*terrain.place(row, col), 1, float(time_m[row, col]))
 
 
 RANDOM_WALK = Policy(

@@ -13,12 +13,11 @@ from benchmark.policies.policy import Policy
 from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
 
-#: A confirmed target before all else, any candidate before exploring; values always decide unless they are all the same,
-#: and only they do.
+#: A confirmed target before all else, any candidate before exploring, then the frontier of the highest value; what was
+#: rejected stays so.
 AS_WRITTEN = PlannerConfig(
-    verification="paper", confirmed_chance=1e6, objects_first=True, exploit_min_std=1e-6, exploit_min_ratio=1.0,
-    explore_m=1e6, value_gain=1e6, frontier_wide_m=1e-6, switch_ratio=1.0, promising_chance=0.0,
-    settle_chance=2.0,
+    verification="paper", confirmed_first=True, objects_first=True, promising_chance=0.0, exploit="always",
+    frontier_score="value", switch_ratio=1.0, last_resort_chance=None,
 )  # fmt: skip
 
 OURS = Policy(

@@ -11,7 +11,7 @@ mustn't come again (a place without progress is given up).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,9 +20,9 @@ from benchmark.policies.mission import Mission, first_sight
 from benchmark.policies.policy import Policy
 from services.fusion.core import FusionConfig, MapConfig, ValueConfig
 from services.planner.core import MapView, PlannerConfig
-from services.planner.core.choose import head_for, held_frontier, open_frontiers
-from services.planner.core.frontiers import Frontier, values_near
-from services.planner.core.now import Now
+from services.planner.core.context import FrontierChoice, StepContext
+from services.planner.core.goals.frontier_choice import held_frontier
+from services.planner.core.goals.frontiers import Frontier, values_near
 
 CONFIG = PlannerConfig(verification="paper", objects_first=True, value_radius_m=0.5, standoff_m=0.85, stop_m=0.9)
 FUSION = first_sight(FusionConfig(map=MapConfig(frontier_hole_m2=1.5), value=ValueConfig(fusion="confidence")))
@@ -37,14 +37,14 @@ class Rule:
     def __init__(self) -> None:
         self._last_value = 0.0
 
-    def __call__(self, now: Now, *, hard: bool) -> Frontier | None:
+    def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
         """See ``FrontierRule``."""
-        found = [valued(frontier, now.maps, now.config) for frontier in open_frontiers(now, hard=hard)]
+        found = [valued(frontier, context.maps, context.config) for frontier in frontiers()]
         if not found:
             return None
-        chosen = best(found, held_frontier(now, found, _SAME_M), self._last_value)
+        chosen = best(found, held_frontier(context, found, _SAME_M), self._last_value)
         self._last_value = chosen.value
-        return head_for(now, found, chosen, "by value")
+        return FrontierChoice(found, chosen, "by value")
 
 
 def valued(frontier: Frontier, maps: MapView, config: PlannerConfig) -> Frontier:

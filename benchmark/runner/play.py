@@ -13,14 +13,15 @@ from typing import Any
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.format import HabitatEpisode
 from benchmark.dataset.load import SceneData, load_scene, start_of
-from benchmark.play.episode import Episode, FusedCameras, run_episode
+from benchmark.play.episode import Episode, EpisodeResult, FusedCameras
 from benchmark.play.oracle import OraclePlanner
 from benchmark.play.sight import PoseError, Sight
 from benchmark.policies import Task, Truth, policy_of
 from benchmark.runner.basis import Basis
-from benchmark.runner.records import Broken, EpisodeRecord, Records
+from benchmark.runner.records import Broken, Records
+from benchmark.runner.row import EpisodeRecord
 from benchmark.runner.settings import RunSettings
-from services.planner.core.drive import FmmPlanner
+from services.planner.core.motion.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import Goals
@@ -55,6 +56,7 @@ class ScenePlayer:
 
     @property
     def episodes(self) -> list[HabitatEpisode]:
+        """All searches of the scene."""
         return self._data.content.episodes
 
     def play(self, episode: HabitatEpisode) -> EpisodeRecord:
@@ -66,15 +68,15 @@ class ScenePlayer:
         goals = self._goals[label]
         driver = OraclePlanner(building.navigation) if s.planner == "sp" else FmmPlanner()
         truth = Truth(goals, building.navigation) if self._policy.needs_truth else None
-        outcome = run_episode(
+        outcome = Episode(
             self._sight, goals, start_of(episode, building.scene),
             # Habitat's rule, and the dataset's: a search begins on a floor with a goal
             self._policy.begin(Task(label, seed, s.max_steps, driver, truth, goal_on_floor=True, planning=s.planning)),
             surveillance=s.surveillance, fusion=self._fusion, fused=self._fused, delay_steps=s.delay_steps, seed=seed,
-        )  # fmt: skip
+        ).run()  # fmt: skip
         return self._record(episode, outcome)
 
-    def _record(self, episode: HabitatEpisode, outcome: Episode) -> EpisodeRecord:
+    def _record(self, episode: HabitatEpisode, outcome: EpisodeResult) -> EpisodeRecord:
         verdict = outcome.verdict
         tiers = {"jpeg+depth": sum(outcome.camera_bytes.values()), "summaries": sum(outcome.summary_bytes.values())}
         return EpisodeRecord(
@@ -82,9 +84,8 @@ class ScenePlayer:
             success=verdict.success, spl=verdict.spl, soft_spl=verdict.soft_spl, steps=outcome.steps,
             path_m=verdict.path_m, shortest_path_m=verdict.shortest_path_m,
             distance_m=verdict.distance_to_viewpoint_m if verdict.distance_to_viewpoint_m < 1e6 else None,
-            reason=outcome.reason, message=outcome.message, seen=outcome.seen, floors=list(outcome.floors),
-            invoked=sorted(outcome.camera_bytes), bytes=tiers if self._settings.surveillance else {},
-            path=[(round(1e3 * x), round(1e3 * y)) for x, y, _ in outcome.trajectory], seconds=outcome.seconds,
+            reason=outcome.reason, seen=outcome.seen, bytes=tiers if self._settings.surveillance else {},
+            seconds=outcome.seconds,
         )  # fmt: skip
 
 

@@ -1,62 +1,33 @@
-"""The records of a run: one SQLite file, one row per episode, whole or not there whenever one looks."""
+"""The records of a run: a folder with its settings and a table, one row a search.
+
+``settings.json`` says what the run is: version, dataset, program, settings. ``searches.csv`` is the table: while a run is
+being played it grows row by row and survives a kill at any moment; when all is played its rows are put in the dataset's
+order, and the folder can be published as it is. ``broken.jsonl`` names searches that the program failed on.
+"""
 
 from __future__ import annotations
 
-import json
-import sqlite3
-import zlib
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
+from benchmark import journal
 from benchmark.runner.basis import Basis
+from benchmark.runner.row import HEADER, EpisodeRecord, key_of_row, record_of_row, row_of
 from benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
 
-VERSION = 3
-_FILE = "episodes.sqlite"
-_EPISODES = (
-    "(scene TEXT, episode_id TEXT, success INTEGER, spl REAL, reason TEXT, record BLOB NOT NULL, "
-    "PRIMARY KEY (scene, episode_id))"
-)
-_BROKEN = "(scene TEXT, episode_id TEXT, error TEXT, PRIMARY KEY (scene, episode_id))"
-_BUSY_S = 60.0
-
-
-class EpisodeRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One episode. ``bytes``: by tier, what the cameras offered; empty without surveillance. ``path``: x, y [m] after
-    every action, in mm. ``seconds``: wall time, the only field that another run may have different."""
-
-    scene: str
-    episode_id: str
-    category: str
-    success: bool
-    spl: float
-    soft_spl: float
-    steps: int
-    path_m: float
-    shortest_path_m: float
-    distance_m: float | None
-    reason: str
-    message: str
-    seen: bool
-    floors: list[str]
-    invoked: list[str]
-    bytes: dict[str, int]
-    path: list[tuple[int, int]]
-    seconds: float
-
-    @property
-    def key(self) -> tuple[str, str]:
-        return self.scene, self.episode_id
+VERSION = 4
+SETTINGS_FILE, SEARCHES_FILE, BROKEN_FILE = "settings.json", "searches.csv", "broken.jsonl"
+_MOVE_AWAY = "move it away and run again: the searches are then played anew"
 
 
 class Broken(msgspec.Struct, frozen=True, kw_only=True):
-    """An episode that the program failed on: never counted, always named, tried again by the next run."""
+    """A search that the program failed on: never counted, always named, tried again by the next run."""
 
     scene: str
     episode_id: str
@@ -67,96 +38,75 @@ class Records:
     """A run's folder. Safe for several processes at once.
 
     Raises (all methods):
-        ConfigError: the file is damaged, of another run, or the disk is full; the message says what to do.
+        ConfigError: a file is damaged, of another run, or the disk is full; the message says what to do.
     """
 
     def __init__(self, folder: Path, settings: RunSettings, basis: Basis) -> None:
-        """Settings and basis are kept, so runs can't be mixed; a folder without an episode takes any."""
-        self.path = folder / _FILE
+        """Settings and basis are kept, so runs can't be mixed; a folder without a search takes any."""
+        self.folder, self.path = folder, folder / SEARCHES_FILE
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(f"{folder} can't be made a folder for a run: {error.strerror}") from error
-        facts = _facts(settings, basis)
-        with _open(self.path, writing=True) as db:
-            db.execute("CREATE TABLE IF NOT EXISTS run (facts TEXT NOT NULL)")
-            db.execute(f"CREATE TABLE IF NOT EXISTS episodes {_EPISODES}")
-            db.execute(f"CREATE TABLE IF NOT EXISTS broken {_BROKEN}")
-            row = db.execute("SELECT facts FROM run").fetchone()
-            if row is None:
-                db.execute("INSERT INTO run VALUES (?)", [json.dumps(facts)])
-            elif (there := _read_facts(row[0], self.path)) == facts:
+        with _using(folder), journal.held(self.path):
+            there = read_facts(folder)
+            if not self.path.exists():
+                journal.rewrite(self.path, [HEADER])
+            if there is not None and _are(there, settings, basis):
                 return
-            elif db.execute("SELECT COUNT(*) FROM episodes").fetchone() == (0,):
-                db.execute("UPDATE run SET facts = ?", [json.dumps(facts)])
-                db.execute("DELETE FROM broken")
-            else:
+            if _rows(folder):
+                difference = _difference(there, settings, basis)
                 raise ConfigError(
-                    f"{folder} holds another run ({_difference(there, facts)}): take another --out, "
-                    "or delete that folder to play it anew"
+                    f"{folder} holds another run ({difference}): take another --out, or delete that folder to play it anew"
                 )
+            (folder / BROKEN_FILE).unlink(missing_ok=True)
+            write_facts(folder, facts_of(settings, basis))
 
     def add(self, record: EpisodeRecord) -> None:
-        """Keeps an episode; when this returns, a kill can't lose it."""
-        with _open(self.path, writing=True) as db:
-            db.execute(
-                "INSERT OR REPLACE INTO episodes VALUES (?, ?, ?, ?, ?, ?)", [*_columns(record), _packed(record)]
-            )
-            db.execute("DELETE FROM broken WHERE scene = ? AND episode_id = ?", record.key)
+        """Keeps a search; when this returns, a kill can't lose it."""
+        with _using(self.folder):
+            journal.append(self.path, row_of(record))
 
     def add_broken(self, broken: Broken) -> None:
-        with _open(self.path, writing=True) as db:
-            db.execute(
-                "INSERT OR REPLACE INTO broken VALUES (?, ?, ?)", [broken.scene, broken.episode_id, broken.error]
-            )
+        """Names a search that the program failed on."""
+        with _using(self.folder):
+            journal.append(self.folder / BROKEN_FILE, msgspec.json.encode(broken).decode())
 
     def mend(self) -> list[tuple[str, str]]:
-        """Forgets episodes whose row can't be read or contradicts itself, so that they are played anew; which these were."""
+        """Forgets searches whose row can't be read, so that they are played anew; which these were."""
         sound, damaged = [], []
-        with _open(self.path, writing=True) as db:
-            for row in _rows(db):
+        with _using(self.folder), journal.held(self.path):
+            for row in _rows(self.folder):
                 try:
-                    _record_of(row)
+                    record_of_row(row)
                     sound.append(row)
-                except _UNREADABLE:
-                    damaged.append((str(row[0]), str(row[1])))
-            if damaged or db.execute("PRAGMA integrity_check(1)").fetchone() != ("ok",):
-                # made anew, because a row whose key was damaged is found under neither the old key nor the new one
-                for table, columns in (("episodes", _EPISODES), ("broken", _BROKEN)):
-                    db.execute(f"DROP TABLE {table}")
-                    db.execute(f"CREATE TABLE {table} {columns}")
-                db.executemany("INSERT OR REPLACE INTO episodes VALUES (?, ?, ?, ?, ?, ?)", sound)
+                except ValueError:
+                    damaged.append(key_of_row(row))
+            if damaged:
+                journal.rewrite(self.path, [HEADER, *sound])
         return sorted(damaged)
+
+    def settle(self) -> None:
+        """Puts the rows in the dataset's order, each search once, so that the same run makes the same file."""
+        with _using(self.folder), journal.held(self.path):
+            settled = [row_of(r) for r in read(self.folder)]
+            if settled != _rows(self.folder):
+                journal.rewrite(self.path, [HEADER, *settled])
+            if not _broken(self.folder):
+                (self.folder / BROKEN_FILE).unlink(missing_ok=True)
 
     def done(self) -> set[tuple[str, str]]:
         """The keys of what is there."""
-        with _open(self.path) as db:
-            return set(db.execute("SELECT scene, episode_id FROM episodes"))
+        with _using(self.folder):
+            return {key_of_row(row) for row in _rows(self.folder)}
 
     def all(self) -> list[EpisodeRecord]:
-        """All episodes, in the dataset's order."""
-        return read(self.path.parent)
+        """All searches, in the dataset's order."""
+        return read(self.folder)
 
     def broken(self) -> list[Broken]:
-        return _broken(self.path)
-
-
-def _facts(settings: RunSettings, basis: Basis) -> dict[str, Any]:
-    """What makes a run this run."""
-    return {"version": VERSION, **basis._asdict(), "settings": msgspec.to_builtins(settings)}
-
-
-def _read_facts(text: str, path: Path) -> dict[str, Any]:
-    try:
-        return msgspec.json.decode(text, type=dict[str, Any])
-    except (msgspec.DecodeError, TypeError) as error:
-        raise ConfigError(f"{path} doesn't say of which run it is ({error}): {_MOVE_AWAY}") from error
-
-
-def _broken(path: Path) -> list[Broken]:
-    with _open(path) as db:
-        rows = db.execute("SELECT scene, episode_id, error FROM broken ORDER BY scene, episode_id").fetchall()
-    return [Broken(scene=s, episode_id=e, error=error) for s, e, error in rows]
+        """What the program failed on and hasn't played since."""
+        return _broken(self.folder)
 
 
 class Kept(NamedTuple):
@@ -170,108 +120,118 @@ def kept(folder: Path, settings: RunSettings, basis: Basis) -> Kept | None:
     """What was played of this very run, without touching the folder; None: nothing, or it is another run's.
 
     Raises:
-        ConfigError: the file is damaged.
+        ConfigError: a file is damaged.
     """
-    path = folder / _FILE
-    if not path.exists():
+    there = read_facts(folder)
+    if there is None or not (folder / SEARCHES_FILE).exists() or not _are(there, settings, basis):
         return None
-    with _open(path) as db:
-        made = db.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'run'").fetchone() != (0,)
-        row = db.execute("SELECT facts FROM run").fetchone() if made else None
-    if row is None or _read_facts(row[0], path) != _facts(settings, basis):
-        return None
-    return Kept(read(folder), _broken(path))
+    return Kept(read(folder), _broken(folder))
 
 
 def read(folder: Path) -> list[EpisodeRecord]:
-    """All episodes in a run's folder, whatever program and dataset they were played with, in the dataset's order.
+    """All searches in a run's folder, whatever program and dataset they were played with, in the dataset's order.
 
     Raises:
-        ConfigError: there is no such file, it is damaged, or of another version.
+        ConfigError: there is no such run, it is damaged, or of another version.
     """
-    path = folder / _FILE
-    if not path.exists():
-        raise ConfigError(f"{folder} holds no run: expected a file {_FILE}")
-    with _open(path) as db:
-        facts = db.execute("SELECT facts FROM run").fetchone()
-        rows = _rows(db)
-    version = _read_facts(facts[0], path).get("version") if facts else VERSION
-    if version != VERSION:
+    path = folder / SEARCHES_FILE
+    facts = read_facts(folder)
+    if facts is None or not path.exists():
+        raise ConfigError(f"{folder} holds no run: expected the files {SETTINGS_FILE} and {SEARCHES_FILE}")
+    if (version := facts.get("version")) != VERSION:
         raise ConfigError(f"{path} is of version {version}, expected {VERSION}: read it with the program that wrote it")
     try:
-        records = [_record_of(row) for row in rows]
-    except _UNREADABLE as error:
+        with _using(folder):
+            by_key = {record.key: record for record in map(record_of_row, _rows(folder))}  # of equals the last
+    except ValueError as error:
         raise ConfigError(
-            f"{path} holds a record that can't be read ({error}): a run into this folder plays that episode anew"
+            f"{path} holds a row that can't be read ({error}): a run into this folder plays that search anew"
         ) from error
-    return sorted(records, key=lambda r: (r.scene, int(r.episode_id)))
+    return [by_key[key] for key in sorted(by_key, key=lambda key: (key[0], int(key[1])))]
 
 
-@contextmanager
-def _open(path: Path, *, writing: bool = False) -> Iterator[sqlite3.Connection]:
-    """One transaction; of those that write, one at a time."""
+# --- which run it is ----------------------------------------------------------------------------------------------
+
+
+def facts_of(settings: RunSettings, basis: Basis) -> dict[str, Any]:
+    """What makes a run this run, as ``settings.json`` says it."""
+    return {"version": VERSION, **basis._asdict(), "settings": msgspec.to_builtins(settings)}
+
+
+def read_facts(folder: Path) -> dict[str, Any] | None:
+    """What ``settings.json`` says; None: there is none. ConfigError: it can't be read."""
+    path = folder / SETTINGS_FILE
     try:
-        # Python's own transactions leave out what makes and drops tables
-        db = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)
-        db.text_factory = lambda text: text.decode(errors="replace")  # what was damaged is told by what it says
-        try:
-            with db:
-                db.execute("BEGIN IMMEDIATE" if writing else "BEGIN")
-                yield db
-        finally:
-            db.close()
-    except sqlite3.OperationalError as error:
-        raise ConfigError(f"{path} can't be used: {error}; is the disk full or read-only?") from error
-    except sqlite3.DatabaseError as error:
-        raise ConfigError(f"{path} is damaged: {error}; {_MOVE_AWAY}") from error
+        return msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+    except FileNotFoundError:
+        return None
+    except (OSError, msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} doesn't say of which run it is ({error}): {_MOVE_AWAY}") from error
 
 
-def _packed(record: EpisodeRecord) -> bytes:
-    """Deflated JSON, of the path its start and the moves: a sixth of the bytes, so that runs can be published whole."""
-    moves = [(x - x0, y - y0) for (x0, y0), (x, y) in pairwise([(0, 0), *record.path])]
-    return zlib.compress(msgspec.json.encode(msgspec.structs.replace(record, path=moves)), 9)
+def write_facts(folder: Path, facts: dict[str, Any]) -> None:
+    """Writes ``settings.json``. OSError: as the disk does."""
+    text = msgspec.json.format(msgspec.json.encode(facts), indent=1).decode()
+    # lists on one line
+    journal.rewrite(folder / SETTINGS_FILE, [re.sub(r"\[\s+([^\[\]{}]*?)\s+\]", lambda m: f"[{m[1]}]", text)])
 
 
-def _unpacked(blob: bytes) -> EpisodeRecord:
-    record = msgspec.json.decode(zlib.decompress(blob), type=EpisodeRecord)
-    x, y = (accumulate(values) for values in zip(*record.path, strict=True)) if record.path else ((), ())
-    return msgspec.structs.replace(record, path=list(zip(x, y, strict=True)))
+def _are(facts: dict[str, Any], settings: RunSettings, basis: Basis) -> bool:
+    """Whether facts are those of this run; a setting that they don't say yet has its default."""
+    try:
+        said = msgspec.convert(facts.get("settings"), RunSettings)
+    except msgspec.ValidationError:
+        return False
+    return facts | {"settings": said} == facts_of(settings, basis) | {"settings": settings}
 
 
-def _columns(record: EpisodeRecord) -> tuple[str, str, bool, float, str]:
-    """What is kept beside a record, for those who ask the file in SQL."""
-    return *record.key, record.success, record.spl, record.reason
-
-
-def _rows(db: sqlite3.Connection) -> list[tuple[Any, ...]]:
-    """Of the episodes, from the table itself: an index may be damaged."""
-    return db.execute("SELECT * FROM episodes NOT INDEXED").fetchall()
-
-
-def _record_of(row: tuple[Any, ...]) -> EpisodeRecord:
-    """Raises one of ``_UNREADABLE``: it can't be read, or isn't what is kept beside it."""
-    *beside, blob = row
-    record = _unpacked(blob)
-    if tuple(beside) != _columns(record):
-        raise ValueError(f"kept as {beside}, it says {_columns(record)}")
-    return record
-
-
-#: What is raised of bytes that weren't written here; ValueError is also that of msgspec and of UTF-8.
-_UNREADABLE = (ValueError, zlib.error, TypeError)
-
-_MOVE_AWAY = "move it away and run again: the episodes are then played anew"
-
-
-def _difference(kept: dict[str, Any], asked: dict[str, Any]) -> str:
+def _difference(there: dict[str, Any] | None, settings: RunSettings, basis: Basis) -> str:
     """What a person would want to know of two runs' facts."""
+    kept, asked = there or {}, facts_of(settings, basis)
     if kept.get("version") != asked["version"]:
         return f"its records are of version {kept.get('version')}"
     if kept.get("dataset") != asked["dataset"]:
         return "on another dataset"
     if kept.get("program") != asked["program"]:
-        return "by another version of the program"
+        return "by a program that searches otherwise"
     was, now = kept.get("settings"), asked["settings"]
     if not isinstance(was, dict):
         return "of which the settings aren't said"
-    return ", ".join(f"{k} {was.get(k)!r}, asked {v!r}" for k, v in now.items() if was.get(k) != v)
+    if unknown := sorted(was.keys() - now.keys()):
+        return f"it has a setting {unknown[0]!r} that there isn't: see benchmark.runner.rename"
+    return ", ".join(f"{k} {was[k]!r}, asked {v!r}" for k, v in now.items() if k in was and was[k] != v)
+
+
+# --- files --------------------------------------------------------------------------------------------------------
+
+
+def _rows(folder: Path) -> Sequence[str]:
+    """The table without its header. ConfigError: it has none. OSError."""
+    path = folder / SEARCHES_FILE
+    header, *rows = journal.lines(path) or [""]
+    if header != HEADER:
+        raise ConfigError(f"{path} is damaged: its first line is {header[:40]!r}, expected {HEADER!r}; {_MOVE_AWAY}")
+    return rows
+
+
+def _broken(folder: Path) -> list[Broken]:
+    path = folder / BROKEN_FILE
+    if not path.exists():
+        return []
+    try:
+        with _using(folder):
+            done = {key_of_row(row) for row in _rows(folder)}
+            named = [msgspec.json.decode(line, type=Broken) for line in journal.lines(path)]
+    except msgspec.DecodeError as error:
+        raise ConfigError(f"{path} is damaged: {error}; {_MOVE_AWAY}") from error
+    latest = {(b.scene, b.episode_id): b for b in named}
+    return [latest[key] for key in sorted(latest.keys() - done)]
+
+
+@contextmanager
+def _using(folder: Path) -> Iterator[None]:
+    """Says for people what the disk refuses."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"{folder} can't be used: {error}; is the disk full or read-only?") from error

@@ -7,11 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmark.canary import digest
 from benchmark.dataset.load import load_scene, scenes_of
 from benchmark.play.workers import in_workers
-from benchmark.runner.basis import Basis, basis_of, program_hash
+from benchmark.runner.basis import Basis, basis_of
 from benchmark.runner.play import parent_lives, play_scene
-from benchmark.runner.records import Broken, EpisodeRecord, Records
+from benchmark.runner.records import Broken, Records
+from benchmark.runner.row import EpisodeRecord
 from benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
 
@@ -39,6 +41,7 @@ class Finished:
 
     @property
     def complete(self) -> bool:
+        """Whether nothing is missing."""
         return len(self.records) == self.total
 
 
@@ -74,12 +77,13 @@ def run(
         if ended is not None and ended.error:
             unopened[ended.job[4]] = ended.why
         on_progress(Progress(len(records.done()), total))
+    records.settle()
     return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), total, mended)
 
 
 def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> None:
     root, out, basis, settings, scene, ids = job
     parent = os.getppid()
-    if program_hash() != basis.program:  # a worker reads the program anew for every scene
-        raise ConfigError("the program was changed since this run began: begin it anew, with another --out")
+    if digest() != basis.program:  # a worker reads the program anew for every scene
+        raise ConfigError("what the program does was changed since this run began: begin it anew, with another --out")
     play_scene(root, out, basis, settings, scene, ids, lambda: parent_lives(parent))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any, Literal
+import hashlib
+from collections.abc import Sequence
+from typing import Any, Literal, get_args
 
 import msgspec
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
+from benchmark.play.sight import Views
 from benchmark.policies import policy_of
 from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
@@ -15,7 +17,7 @@ from simulator.truth.choose import BACKENDS
 from surveilnav.errors import ConfigError
 from surveilnav.perception.weights import WEIGHTS
 
-_PLANNING = TypeAdapter(PlannerConfig)
+Planner = Literal["fmm", "sp"]
 
 
 class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -35,11 +37,11 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     split: str = "val_mini"
     policy: str = "surveilnav"
-    planner: Literal["fmm", "sp"] = "fmm"
+    planner: Planner = "fmm"
     surveillance: bool = True
     perception: str = "simulated"
     density_m2: int = 100
-    views: Literal["panoramic", "half"] = "panoramic"
+    views: Views = "panoramic"
     max_steps: int = 500
     seed: int = 0
     resolution_divisor: int = 2
@@ -52,11 +54,13 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     planning: dict[str, Any] = {}
 
     def check(self) -> None:
-        """ConfigError: a name that doesn't exist; the message lists what does."""
+        """ConfigError: a name or value that can't be; the message lists what can."""
         policy_of(self.policy)
-        real = tuple(b for b in BACKENDS if b != "auto")  # a table must say what looked
-        if self.perception not in real:
-            raise ConfigError(f"perception is one of {', '.join(real)}, got {self.perception!r}")
+        _expect("planner", self.planner, get_args(Planner))
+        _expect("views", self.views, get_args(Views))
+        _expect("perception", self.perception, [b for b in BACKENDS if b != "auto"])  # a table must say what looked
+        for detector in self.detectors:
+            _expect("each of detectors", detector, list(WEIGHTS))
         if not 1 <= self.max_steps <= 5000:
             raise ConfigError(f"an episode has 1 to 5000 steps, got {self.max_steps}")
         if not 1 <= self.resolution_divisor <= 8:
@@ -67,15 +71,10 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
                 f"{self.camera_error_deg} degrees"
             )
         self.fusion_config()
-        known = {f.name for f in fields(PlannerConfig)}
-        if unknown := sorted(set(self.planning) - known):
-            raise ConfigError(f"the planner has no setting {unknown[0]!r}; it has {', '.join(sorted(known))}")
         try:
-            _PLANNING.validate_python(self.planning)
+            PlannerConfig(**self.planning)
         except ValidationError as error:
             raise ConfigError(f"these settings of the planner can't be: {error}") from error
-        if unknown := sorted(set(self.detectors) - set(WEIGHTS)):
-            raise ConfigError(f"detectors are of {', '.join(WEIGHTS)}, got {unknown[0]!r}")
 
     def fusion_config(self) -> FusionConfig:
         """The policy's joint maps with what is to be changed. ConfigError: a setting that doesn't exist or can't be."""
@@ -83,3 +82,20 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             return policy_of(self.policy).fusion.changed(self.fusion)
         except ValidationError as error:
             raise ConfigError(f"these settings of the joint maps can't be: {error}") from error
+
+
+def run_id(settings: RunSettings) -> str:
+    """A run's name: its split, and a hash of what differs from the defaults. Runs with the same settings share it.
+
+    Of the settings' names and values alone: whoever renames one gives published runs their new names by
+    ``benchmark.runner.rename``.
+    """
+    default = msgspec.to_builtins(RunSettings())
+    said = {k: v for k, v in msgspec.to_builtins(settings).items() if v != default[k] and k != "split"}
+    text = msgspec.json.encode(said, order="sorted")
+    return f"{settings.split.replace('/', '_')}-{hashlib.sha256(text).hexdigest()[:8]}"
+
+
+def _expect(name: str, value: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise ConfigError(f"{name} is one of {', '.join(known)}, got {value!r}")

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.runner.records import EpisodeRecord
+from benchmark.runner.row import EpisodeRecord
 from simulator.world.goals import SUCCESS_M
 
 RESAMPLES = 10_000

@@ -117,6 +117,7 @@ class Tally:
         self.mask_recall: list[float] = []
 
     def add(self, view: RenderedView, found: Sequence[Detected]) -> None:
+        """Counts a view and what was found in it."""
         self.views += 1
         everything = visible_things(view.truth, view.depth_m, 30)
         found = [d for d in found if d.score >= self.min_score and d.label in TARGETS]
@@ -149,6 +150,7 @@ class Tally:
         self.mask_recall.append(both / max(1.0, float(mask.sum())))
 
     def lines(self) -> list[str]:
+        """The counts, for people."""
         out = [f"{self.views} views, score >= {self.min_score:g}", "class          objects  recall  precision  false"]
         for label in (*TARGETS, "all"):
             n, h, f = ((sum(c.values()) if label == "all" else c[label]) for c in (self.objects, self.hits, self.false))
@@ -175,6 +177,7 @@ class Tally:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
+    """Prints what the detectors find."""
     parser = argparse.ArgumentParser(prog="benchmark.studies.detectors", description=__doc__.partition("\n")[0])
     parser.add_argument("--buildings", nargs="+", required=True)
     parser.add_argument("--seeds", nargs="+", type=int, default=[2])

@@ -21,12 +21,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.studies.homes import append, load
+from benchmark.studies.rows import Rows
 from surveilnav.categories import TARGETS
 from surveilnav.errors import SurveilNavError, TargetError
 
 if TYPE_CHECKING:
-    from benchmark.play.episode import Episode
+    from benchmark.play.episode import EpisodeResult
     from services.planner.core.state import FloorChange
     from simulator.simulation import SimulatedBuilding
     from simulator.world.goals import Goals, Start
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 HOMES = ("2_bedroom_basement", "3_bedroom_attic", "3_bedroom_mezzanine")
 ARMS = ("with", "without")
+KEY = ("building", "seed", "target", "start", "summaries")
 
 
 def elsewhere(navigation: NavigationMap, goals: Goals) -> Iterator[str]:
@@ -59,42 +60,47 @@ def start_on(navigation: NavigationMap, goals: Goals, floor: str, seed: int) -> 
 
 def run_home(home: str, seed: int, targets: Sequence[str], perception: str, max_steps: int, out: Path) -> None:
     """Plays what is missing of one home, and writes the table after every search."""
-    from benchmark.play.episode import run_episode
+    from benchmark.play.episode import Episode
     from benchmark.play.sight import Sight
     from benchmark.policies.mission import Mission
     from benchmark.policies.policy import Task
     from services.planner.core import PlannerConfig
-    from services.planner.core.drive import FmmPlanner
+    from services.planner.core.motion.drive import FmmPlanner
     from simulator.simulation import SimulatedBuilding, SimulationSettings
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import find_goals
 
     building = SimulatedBuilding(SimulationSettings(building=home, seed=seed))
     building.prepare()
-    backend = choose_backend(perception)
-    sight = Sight(building, backend)
+    sight, rows = Sight(building, choose_backend(perception)), rows_in(out)
     for target in targets:
         try:
             goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
         except TargetError:
             continue
-        for floor in elsewhere(building.navigation, goals):
+        for floor, arm in itertools.product(elsewhere(building.navigation, goals), ARMS):
+            facts = {"building": home, "seed": seed, "target": target, "start": floor, "summaries": arm}
+            if rows.key_of(facts) in rows.done():
+                continue
             start = start_on(building.navigation, goals, floor, seed)
-            for arm in ARMS:
-                facts = {"building": home, "seed": seed, "target": target, "start": floor, "summaries": arm}
-                if any(key_of(r) == key_of(facts) for r in load(out)):
-                    continue
-                mission = Mission(Task(target, seed, max_steps, FmmPlanner()), PlannerConfig(), summaries=True)
-                episode = run_episode(sight, goals, start, mission, summaries=arm == "with")
-                append(out, facts | record_of(episode, mission.changes, sight.by_floor(), target, backend.name))
-                cv2.imwrite(
-                    str(out / f"{home}-{target}-{floor}-{arm}.png".replace(" ", "_")), picture(building, episode)
-                )
-                (out / "README.md").write_text(table(load(out)))
+            mission = Mission(Task(target, seed, max_steps, FmmPlanner()), PlannerConfig(), summaries=True)
+            episode = Episode(sight, goals, start, mission, summaries=arm == "with").run()
+            facts["picture"] = keep_picture(out, "-".join((home, target, floor)), arm, picture(building, episode))
+            rows.append(facts | record_of(episode, mission.changes, sight.by_floor(), target, sight.backend.name))
+            (out / "README.md").write_text(table(rows.load()))
+
+
+def rows_in(out: Path) -> Rows:
+    """The searches of a table's folder."""
+    return Rows(out / "episodes.jsonl", KEY)
 
 
 def record_of(
-    episode: Episode, changes: Sequence[FloorChange], seen: dict[str, dict[str, float]], target: str, perception: str
+    episode: EpisodeResult,
+    changes: Sequence[FloorChange],
+    seen: dict[str, dict[str, float]],
+    target: str,
+    perception: str,
 ) -> dict[str, Any]:
     """What the table needs of a search."""
     verdict = episode.verdict
@@ -109,14 +115,10 @@ def record_of(
     }  # fmt: skip
 
 
-def key_of(record: dict[str, Any]) -> tuple[Any, ...]:
-    return tuple(record[name] for name in ("building", "seed", "target", "start", "summaries"))
-
-
 # --- showing it ---------------------------------------------------------------------------------------------------
 
 
-def picture(building: SimulatedBuilding, episode: Episode) -> NDArray[np.uint8]:
+def picture(building: SimulatedBuilding, episode: EpisodeResult) -> NDArray[np.uint8]:
     """BGR, the floors that the robot was on side by side: where it can stand light, its way red, from green to blue."""
     sides = []
     where = list(zip(episode.trajectory, episode.trajectory_floors, strict=True))
@@ -139,6 +141,18 @@ def picture(building: SimulatedBuilding, episode: Episode) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(joined, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
+def keep_picture(out: Path, search: str, arm: str, image: NDArray[np.uint8]) -> str:
+    """Writes a search's picture, or finds that the other arm's is the same; its file's name."""
+    _, png = cv2.imencode(".png", image)
+    names = [f"{search}-{a}.png".replace(" ", "_") for a in ARMS]
+    for name in names:
+        if (out / name).exists() and (out / name).read_bytes() == png.tobytes():
+            return name
+    own = names[ARMS.index(arm)]
+    (out / own).write_bytes(png.tobytes())
+    return own
+
+
 def _plan_of(floor: FloorNavigation, area: NDArray[np.bool_]) -> NDArray[np.uint8]:
     image = np.full((*floor.grid.shape, 3), 255, np.uint8)
     image[floor.supported] = 225
@@ -155,8 +169,8 @@ def _pixel(grid: Grid, place: tuple[float, float]) -> tuple[int, int]:
 def table(records: Sequence[dict[str, Any]]) -> str:
     """docs/results/floors/README.md."""
     pairs: dict[tuple[Any, ...], dict[str, dict[str, Any]]] = {}
-    for r in sorted(records, key=key_of):
-        pairs.setdefault(key_of(r)[:-1], {})[r["summaries"]] = r
+    for r in sorted(records, key=_key_of):
+        pairs.setdefault(_key_of(r)[:-1], {})[r["summaries"]] = r
     lines = [
         "# The target is on another floor", "",
         "Made by `python -m benchmark.studies.floors`. Every example home with stairs, every target that the start's floor "
@@ -172,15 +186,21 @@ def table(records: Sequence[dict[str, Any]]) -> str:
         "|---|---|---|---|---|---|---|---|---|---|---|",
         *(_search(pair) for pair in pairs.values()), "", "## Pictures", "",
     ]  # fmt: skip
-    for r in sorted(records, key=key_of):
-        name = f"{r['building']}-{r['target']}-{r['start']}-{r['summaries']}".replace(" ", "_")
-        lines += [
-            f"{r['target']} in {r['building']}, {r['summaries']} summaries: {_story(r)}",
-            "",
-            f"![]({name}.png)",
-            "",
-        ]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_pictures(sorted(records, key=_key_of))])
+
+
+def _pictures(records: Sequence[dict[str, Any]]) -> list[str]:
+    """What happened in every search, and its way; one picture for those that went the same way."""
+    lines = []
+    for picture, same in itertools.groupby(records, key=lambda r: r["picture"]):
+        for r in same:
+            lines += [f"{r['target']} in {r['building']}, {r['summaries']} summaries: {_story(r)}", ""]
+        lines += [f"![]({picture})", ""]
+    return lines
+
+
+def _key_of(record: dict[str, Any]) -> tuple[Any, ...]:
+    return tuple(record[name] for name in KEY)
 
 
 def _arm(arm: str, rows: Sequence[dict[str, Any]]) -> str:
@@ -218,6 +238,7 @@ def _story(record: dict[str, Any]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Plays what is missing, home by home."""
     parser = argparse.ArgumentParser(prog="python -m benchmark.studies.floors", description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("docs/results/floors"))
     parser.add_argument("--homes", nargs="*", default=list(HOMES))
@@ -229,7 +250,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     for home in options.homes:
         run_home(home, options.seed, options.targets, options.perception, options.max_steps, options.out)
-        print(json.dumps({"home": home, "searches": len(load(options.out))}), file=sys.stderr, flush=True)
+        print(json.dumps({"home": home, "searches": len(rows_in(options.out).load())}), file=sys.stderr, flush=True)
     return 0
 
 

@@ -16,13 +16,18 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from benchmark.play.workers import in_workers
+from benchmark.studies.rows import Rows
 from surveilnav.categories import TARGETS
 from surveilnav.errors import ConfigError, SurveilNavError, TargetError
 
+if TYPE_CHECKING:
+    from benchmark.play.sight import Sight
+
 ARMS = ("on", "off")
+KEY = ("building", "seed", "target", "surveillance")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,16 +44,11 @@ class Job:
     max_steps: int
 
 
-def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> int:
+def run_job(job: Job, done: frozenset[tuple[Any, ...]], out: Path) -> int:
     """Runs what is missing of a job; returns how many episodes it ran."""
-    from benchmark.play.episode import run_episode
     from benchmark.play.sight import Sight
-    from benchmark.policies import policy_of
-    from benchmark.policies.policy import Task
-    from services.planner.core.drive import FmmPlanner
     from simulator.simulation import SimulatedBuilding, SimulationSettings
     from simulator.truth.choose import choose_backend
-    from simulator.world.goals import find_goals, sample_start
 
     missing = [(t, a) for t in job.targets for a in job.arms if (job.building, job.seed, t, a) not in done]
     if not missing:
@@ -60,64 +60,49 @@ def run_job(job: Job, done: frozenset[tuple[str, int, str, str]], out: Path) -> 
         )
     )
     building.prepare()
-    sight, ours = Sight(building, backend), policy_of("surveilnav")
+    sight = Sight(building, backend)
     parent = os.getppid()
     for target, arm in missing:
         if os.getppid() != parent:
             return len(missing)  # whoever started this was killed: don't go on unseen
         facts: dict[str, Any] = {"building": job.building, "seed": job.seed, "target": target, "surveillance": arm}
-        try:
-            goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
-            start = sample_start(building.scene, building.navigation, goals, seed=job.seed, caster=building.caster)
-        except TargetError as error:
-            append(out, facts | {"skipped": str(error)})
-            continue
-        searcher = ours.begin(Task(target, job.seed, job.max_steps, FmmPlanner()))
-        episode = run_episode(sight, goals, start, searcher, surveillance=arm == "on", fusion=ours.fusion)
-        verdict = episode.verdict
-        append(
-            out,
-            facts
-            | {
-                "perception": backend.name, "success": verdict.success, "found": episode.found, "reason": episode.reason,
-                "message": episode.message, "steps": episode.steps, "spl": round(verdict.spl, 4),
-                "soft_spl": round(verdict.soft_spl, 4), "path_m": round(verdict.path_m, 2),
-                "shortest_path_m": round(verdict.shortest_path_m, 2),
-                "distance_m": round(verdict.distance_to_viewpoint_m, 2) if verdict.distance_to_viewpoint_m < 1e6 else None,
-                "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
-                "cameras": len(sight.infos), "invoked": sorted(episode.camera_bytes), "robot_bytes": episode.robot_bytes,
-                "camera_bytes": sum(episode.camera_bytes.values()), "start_notes": list(start.notes),
-                "seconds": round(episode.seconds, 1),
-            },
-        )  # fmt: skip
+        rows_in(out).append(facts | _searched(sight, job, target, arm))
     return len(missing)
 
 
-def append(out: Path, record: dict[str, Any], name: str = "episodes.jsonl") -> None:
-    """One line, written whole: a kill leaves at most a broken last line, which ``load`` ignores."""
-    descriptor = os.open(out / name, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+def _searched(sight: Sight, job: Job, target: str, arm: str) -> dict[str, Any]:
+    """What came of one search, or why it can't be."""
+    from benchmark.play.episode import Episode
+    from benchmark.policies import policy_of
+    from benchmark.policies.policy import Task
+    from services.planner.core.motion.drive import FmmPlanner
+    from simulator.world.goals import find_goals, sample_start
+
+    building, ours = sight.building, policy_of("surveilnav")
     try:
-        end = os.lseek(descriptor, 0, os.SEEK_END)
-        torn = end > 0 and os.pread(descriptor, 1, end - 1) != b"\n"
-        os.write(descriptor, (b"\n" if torn else b"") + json.dumps(record).encode() + b"\n")
-    finally:
-        os.close(descriptor)
+        goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
+        start = sample_start(building.scene, building.navigation, goals, seed=job.seed, caster=building.caster)
+    except TargetError as error:
+        return {"skipped": str(error)}
+    searcher = ours.begin(Task(target, job.seed, job.max_steps, FmmPlanner()))
+    episode = Episode(sight, goals, start, searcher, surveillance=arm == "on", fusion=ours.fusion).run()
+    verdict = episode.verdict
+    return {
+        "perception": sight.backend.name, "success": verdict.success, "found": episode.found, "reason": episode.reason,
+        "message": episode.message, "steps": episode.steps, "spl": round(verdict.spl, 4),
+        "soft_spl": round(verdict.soft_spl, 4), "path_m": round(verdict.path_m, 2),
+        "shortest_path_m": round(verdict.shortest_path_m, 2),
+        "distance_m": round(verdict.distance_to_viewpoint_m, 2) if verdict.distance_to_viewpoint_m < 1e6 else None,
+        "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
+        "cameras": len(sight.infos), "invoked": sorted(episode.camera_bytes), "robot_bytes": episode.robot_bytes,
+        "camera_bytes": sum(episode.camera_bytes.values()), "start_notes": list(start.notes),
+        "seconds": round(episode.seconds, 1),
+    }  # fmt: skip
 
 
-def load(out: Path, name: str = "episodes.jsonl") -> list[dict[str, Any]]:
-    """All records so far."""
-    path = out / name
-    records = []
-    for line in path.read_text().splitlines() if path.exists() else []:
-        try:
-            records.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-    return records
-
-
-def key_of(record: dict[str, Any]) -> tuple[str, int, str, str]:
-    return record["building"], record["seed"], record["target"], record["surveillance"]
+def rows_in(out: Path) -> Rows:
+    """The searches of a table's folder."""
+    return Rows(out / "episodes.jsonl", KEY)
 
 
 # --- the table ----------------------------------------------------------------------------------------------------
@@ -125,9 +110,34 @@ def key_of(record: dict[str, Any]) -> tuple[str, int, str, str]:
 
 def table(records: Sequence[dict[str, Any]], command: str) -> str:
     """docs/results/homes/README.md."""
-    played = sorted((r for r in records if "skipped" not in r), key=key_of)
+    played = sorted((r for r in records if "skipped" not in r), key=_key_of)
     arms = {arm: [r for r in played if r["surveillance"] == arm] for arm in ARMS}
-    lines = [
+    lines = _about(played, command)
+    lines += [_summary(f"surveillance {arm}", rows) for arm, rows in arms.items() if rows]
+    for title, field in (("target", "target"), ("home", "building")):
+        names = TARGETS if field == "target" else sorted({r["building"] for r in played})
+        lines += ["", f"## By {title}", "", f"| {title} | on: success | on: SPL | off: success | off: SPL |"]
+        lines += ["|---|---|---|---|---|"]
+        lines += [_by(name, [[r for r in arms[arm] if r[field] == name] for arm in ARMS]) for name in names]
+    lines += ["", "## Failures by reason", "", "| reason | on | off |", "|---|---|---|"]
+    for reason in sorted({r["reason"] for r in played if r["reason"]}):
+        counts = (str(sum(r["reason"] == reason for r in arms[a])) for a in ARMS)
+        lines.append(f"| {reason} | " + " | ".join(counts) + " |")
+    lines += ["", "## Every episode", "", "| " + " | ".join(_COLUMNS) + " |", "|" + "---|" * len(_COLUMNS)]
+    lines += [_episode(rows) for rows in _paired(played)]
+    skipped = sorted({(r["building"], r["seed"], r["skipped"]) for r in records if "skipped" in r})
+    if skipped:
+        lines += ["", "## Not played", ""] + [f"- {b}, seed {s}: {why}" for b, s, why in skipped]
+    return "\n".join(lines) + "\n"
+
+
+_COLUMNS = (
+    "home", "seed", "target", "cameras", "success on / off", "steps", "path [m]", "shortest [m]", "MB", "why it failed",
+)  # fmt: skip
+
+
+def _about(played: Sequence[dict[str, Any]], command: str) -> list[str]:
+    return [
         "# Nine example homes, with and without surveillance",
         "",
         f"Made by `{command}`; seeds {', '.join(str(s) for s in sorted({r['seed'] for r in played}))}. "
@@ -140,41 +150,10 @@ def table(records: Sequence[dict[str, Any]], command: str) -> str:
         "| | episodes | success | at 0.2 m | at 1 m | SPL | steps (mean) | path (mean) | robot MB | camera MB |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    lines += [_summary(f"surveillance {arm}", rows) for arm, rows in arms.items() if rows]
-    for title, field in (("target", "target"), ("home", "building")):
-        lines += [
-            "",
-            f"## By {title}",
-            "",
-            f"| {title} | on: success | on: SPL | off: success | off: SPL |",
-            "|---|---|---|---|---|",
-        ]
-        names = TARGETS if field == "target" else sorted({r["building"] for r in played})
-        lines += [_by(name, [[r for r in arms[arm] if r[field] == name] for arm in ARMS]) for name in names]
-    lines += ["", "## Failures by reason", "", "| reason | on | off |", "|---|---|---|"]
-    for reason in sorted({r["reason"] for r in played if r["reason"]}):
-        lines.append(
-            f"| {reason} | " + " | ".join(str(sum(r["reason"] == reason for r in arms[a])) for a in ARMS) + " |"
-        )
-    lines += ["", "## Every episode", ""]
-    columns = (
-        "home",
-        "seed",
-        "target",
-        "cameras",
-        "success on / off",
-        "steps",
-        "path [m]",
-        "shortest [m]",
-        "MB",
-        "why it failed",
-    )
-    lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-    lines += [_episode(rows) for rows in _paired(played)]
-    skipped = sorted({(r["building"], r["seed"], r["skipped"]) for r in records if "skipped" in r})
-    if skipped:
-        lines += ["", "## Not played", ""] + [f"- {b}, seed {s}: {why}" for b, s, why in skipped]
-    return "\n".join(lines) + "\n"
+
+
+def _key_of(record: dict[str, Any]) -> tuple[Any, ...]:
+    return tuple(record[name] for name in KEY)
 
 
 def _summary(name: str, rows: Sequence[dict[str, Any]]) -> str:
@@ -248,11 +227,41 @@ def claim(options: argparse.Namespace) -> str:
 # --- running ------------------------------------------------------------------------------------------------------
 
 
-def _work(arguments: tuple[Job, frozenset[tuple[str, int, str, str]], Path]) -> None:
+def _work(arguments: tuple[Job, frozenset[tuple[Any, ...]], Path]) -> None:
     run_job(*arguments)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Plays what is missing and writes the table; 1 if a home couldn't be played."""
+    options = _parser().parse_args(argv)
+    options.out.mkdir(parents=True, exist_ok=True)
+    command = claim(options)
+    page, rows = options.out / "README.md", rows_in(options.out)
+    if options.table:
+        page.write_text(table(rows.load(), command))
+        return 0
+    jobs = [
+        Job(b, s, tuple(options.targets), tuple(options.surveillance), options.perception, options.cameras,
+            options.area_per_camera, options.max_steps)
+        for s in options.seeds for b in options.buildings
+    ]  # fmt: skip
+    total = len(jobs) * len(options.targets) * len(options.surveillance)
+    done = rows.done()
+    began_s, before, failed = time.monotonic(), len(rows.load()), 0
+    for ended in in_workers(_work, [(job, done, options.out) for job in jobs], options.workers, 30.0):
+        if ended is not None and ended.error:
+            failed += 1
+            job = ended.job[0]
+            print(f"{job.building} seed {job.seed} could not be played: {ended.error}", file=sys.stderr)
+        records = rows.load()
+        page.write_text(table(records, command))
+        new = len(records) - before
+        left_s = (time.monotonic() - began_s) / max(1, new) * (total - len(records))
+        print(f"{len(records)}/{total} episodes, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
+    return 1 if failed else 0
+
+
+def _parser() -> argparse.ArgumentParser:
     from simulator.sources import EXAMPLE_HOMES
 
     parser = argparse.ArgumentParser(prog="python -m benchmark.studies.homes", description=__doc__.splitlines()[0])
@@ -267,33 +276,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--max-steps", type=int, default=500)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--table", action="store_true", help="only write the table of what there is")
-    options = parser.parse_args(argv)
-    options.out.mkdir(parents=True, exist_ok=True)
-    command = claim(options)
-    page = options.out / "README.md"
-    if options.table:
-        page.write_text(table(load(options.out), command))
-        return 0
-    jobs = [
-        Job(b, s, tuple(options.targets), tuple(options.surveillance), options.perception, options.cameras,
-            options.area_per_camera, options.max_steps)
-        for s in options.seeds for b in options.buildings
-    ]  # fmt: skip
-    total = len(jobs) * len(options.targets) * len(options.surveillance)
-    began_s, before = time.monotonic(), len(load(options.out))
-    done = frozenset(key_of(r) for r in load(options.out))
-    failed = 0
-    for ended in in_workers(_work, [(job, done, options.out) for job in jobs], options.workers, 30.0):
-        if ended is not None and ended.error:
-            failed += 1
-            job = ended.job[0]
-            print(f"{job.building} seed {job.seed} could not be played: {ended.error}", file=sys.stderr)
-        records = load(options.out)
-        page.write_text(table(records, command))
-        new = len(records) - before
-        left_s = (time.monotonic() - began_s) / max(1, new) * (total - len(records))
-        print(f"{len(records)}/{total} episodes, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
-    return 1 if failed else 0
+    return parser
 
 
 if __name__ == "__main__":

@@ -134,6 +134,7 @@ class Witness:
         return perception
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        """See ``Backend``."""
         return self._inner.embed_texts(texts)
 
 

@@ -31,6 +31,7 @@ class Arm:
 
     @property
     def runs(self) -> tuple[RunSettings, ...]:
+        """One for each seed."""
         first = self.settings.seed
         return tuple(msgspec.structs.replace(self.settings, seed=first + n) for n in range(self.seeds))
 
@@ -46,24 +47,6 @@ class Table:
     arms: tuple[Arm, ...]
     over_bytes: bool = False
     factors: tuple[str, ...] = ()
-
-
-def folder_name(settings: RunSettings) -> str:
-    """A run's folder: arms of several tables with the same settings share one."""
-    default = msgspec.to_builtins(RunSettings())
-    said = {k: v for k, v in msgspec.to_builtins(settings).items() if v != default[k] and k != "split"}
-    words = [f"{k}={v}" for k, v in sorted(_flat(said).items())]
-    return "-".join([settings.split, *words]).replace("/", "_")
-
-
-def _flat(said: dict[str, Any], above: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in said.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{above}{key}.")
-        else:
-            flat[above + key] = value
-    return flat
 
 
 def _run(split: str = "val_mini", **settings: Any) -> RunSettings:

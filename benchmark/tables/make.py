@@ -15,8 +15,8 @@ from benchmark.dataset.load import scenes_of
 from benchmark.runner.basis import Basis, basis_of
 from benchmark.runner.records import Records, kept
 from benchmark.runner.run import Finished, Progress, run
-from benchmark.runner.settings import RunSettings
-from benchmark.tables.arms import Arm, Table, folder_name
+from benchmark.runner.settings import RunSettings, run_id
+from benchmark.tables.arms import Arm, Table
 from benchmark.tables.page import Line, page, plot
 from simulator.truth.choose import choose_backend
 from surveilnav.stored import replacing
@@ -43,7 +43,7 @@ def make(
     wanted: Callable[[Arm], bool] = lambda arm: True,
     on_progress: Callable[[int, int, str], None] = lambda done, total, arm: None,
 ) -> Made:
-    """Writes ``<out>/<table>.md`` and ``.png``, anew after every arm; runs are kept in ``<out>/runs``.
+    """Writes ``<out>/<table>.md`` and ``.png``, anew after every arm; runs are kept in ``<out>/records``.
 
     Arms that aren't ``wanted`` aren't played; the page shows what is there of them. A page without a line isn't written.
 
@@ -54,12 +54,7 @@ def make(
     basis, models, total = basis_of(root, split), models_of(root, split), episodes_of(root, split)
     runs = _runs(table.arms)
     playing = {name: arm for arm in table.arms if wanted(arm) for name in _runs([arm])}
-    mended = [  # opens them all: a folder that can't be used is said before hours are spent on another
-        f"{arm.label}: {scene} episode {number}"
-        for name, arm in playing.items()
-        if _folder(out, name).exists()
-        for scene, number in Records(_folder(out, name), runs[name], basis).mend()
-    ]
+    mended = _mend(playing, runs, out, basis)  # a folder that can't be used is said before hours are spent on another
     found = {
         name: Finished(there.records, there.broken, {}, total)
         for name, settings in runs.items()
@@ -76,6 +71,16 @@ def make(
     complete = {name for name, finished in found.items() if finished.complete}
     played = sum(complete.issuperset(_runs([arm])) for arm in table.arms)
     return Made(path, faults, complete.issuperset(playing), played, mended)
+
+
+def _mend(playing: Mapping[str, Arm], runs: Mapping[str, RunSettings], out: Path, basis: Basis) -> list[str]:
+    """Opens the folders of all runs that are to be played; what couldn't be read in them is named and forgotten."""
+    return [
+        f"{arm.label}: {scene} episode {number}"
+        for name, arm in playing.items()
+        if _folder(out, name).exists()
+        for scene, number in Records(_folder(out, name), runs[name], basis).mend()
+    ]
 
 
 def expect_own_runs(
@@ -107,11 +112,11 @@ def _have_backend(name: str, detectors: tuple[str, ...]) -> None:
 
 def _runs(arms: Iterable[Arm]) -> dict[str, RunSettings]:
     """The runs of arms by their folder's name, each once."""
-    return {folder_name(settings): settings for arm in arms for settings in arm.runs}
+    return {run_id(settings): settings for arm in arms for settings in arm.runs}
 
 
 def _folder(out: Path, name: str) -> Path:
-    return out / "runs" / name
+    return out / "records" / name
 
 
 def _write(

@@ -8,7 +8,7 @@ from typing import IO, Any
 
 from benchmark.play.episode import REASONS
 from benchmark.runner.basis import Basis
-from benchmark.runner.records import EpisodeRecord
+from benchmark.runner.row import EpisodeRecord
 from benchmark.runner.summary import SUCCESS_RULE, WITHIN_M, Interval, Summary, paired, pairs_of, summarise
 from benchmark.tables.arms import Arm, Table
 

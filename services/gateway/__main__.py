@@ -7,13 +7,13 @@ import socket
 import sys
 
 import uvicorn
-from pydantic import ValidationError
 
 from services.gateway.app import create_app
 from services.gateway.config import GatewaySettings
-from services.gateway.service import Backend
-from surveilnav.bus import BusSettings, Node, logs
-from surveilnav.errors import BusError, ConfigError, SurveilNavError
+from services.gateway.service import Gateway
+from surveilnav.bus import BusSettings, Node
+from surveilnav.bus.main import run_service
+from surveilnav.errors import BusError
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -38,7 +38,7 @@ def serve(settings: GatewaySettings, bus: BusSettings) -> None:
     with listen(settings.host, settings.port) as sock, Node("gateway", settings.node_id, bus) as node:
         host, port = sock.getsockname()[:2]
         server = uvicorn.Server(
-            uvicorn.Config(create_app(Backend(node)), log_config=None, access_log=False, lifespan="off")
+            uvicorn.Config(create_app(Gateway(node)), log_config=None, access_log=False, lifespan="off")
         )
         # uvicorn raises the signal again after it has shut down; the session must still be closed then.
         for number in (signal.SIGTERM, signal.SIGINT):
@@ -48,21 +48,10 @@ def serve(settings: GatewaySettings, bus: BusSettings) -> None:
         node.log.info("stopped")
 
 
-def main() -> int:
-    try:
-        try:
-            settings, bus = GatewaySettings(), BusSettings()
-        except ValidationError as error:
-            raise ConfigError(
-                "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-            ) from error
-        logs.configure(bus.log_format, bus.log_level)
-        serve(settings, bus)
-    except SurveilNavError as error:
-        print(f"gateway: {error}", file=sys.stderr)
-        return 1
-    return 0
+def main() -> None:
+    """Reads the settings and serves."""
+    serve(GatewaySettings(), BusSettings())
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_service(main))

@@ -1,6 +1,6 @@
 """Settings of the planner service: environment variables ``SURVEILNAV_PLANNER__<FIELD>``, those of the core by ``__``.
 
-``SURVEILNAV_PLANNER__CORE__STRATEGY=greedy`` changes one number of ``services.planner.core.settings``.
+``SURVEILNAV_PLANNER__CORE__STRATEGY=greedy`` changes one number of ``services.planner.core.config``.
 """
 
 from __future__ import annotations

@@ -16,9 +16,8 @@ from services.planner.summaries import Summaries
 from services.planner.world import CancelError, LostError, World, yaw_of_status
 from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
-from surveilnav.messages import MissionGoal, MissionStatus, Plan, Revision, RobotStatus, Stair
+from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus, Stair
 
-FINISHED = ("done", "failed", "cancelled")
 #: So often in a row a robot may refuse a stair; the core gives the stair up long before.
 _MAX_REFUSALS = 5
 
@@ -77,7 +76,7 @@ class Mission:
 
     @property
     def finished(self) -> bool:
-        return self.status.state in FINISHED
+        return self.status.state in FINISHED_STATES
 
     def save(self) -> None:
         """Writes the mission to the store. Raises StoreError."""

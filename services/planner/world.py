@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
-import numpy as np
 from numpy.typing import NDArray
 
 from services.planner.config import PlannerSettings
@@ -16,10 +15,9 @@ from services.planner.core import MapView
 from surveilnav.bus import Node, Refused, Table, Unanswered, clock_ns
 from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS, ROBOT_COMMAND, ROBOT_STATUS
 from surveilnav.errors import WireError
-from surveilnav.geometry import Grid
 from surveilnav.messages import Command, CommandReply, LayerHeader, Revision, RobotStatus, Stair
 from surveilnav.messages.robot import ActionName
-from surveilnav.sensing.packing import unpack_array
+from surveilnav.sensing.layers import unpack_layer
 
 _LAYERS = ("occupancy", "explored", "frontier", "value")
 _POLL_S = 0.004
@@ -174,11 +172,7 @@ class World:
             parameters={"target": self.target} if layer == "value" else None,
         )  # fmt: skip
         header: LayerHeader = received.message
-        expected = "float32" if layer == "value" else "uint8"
-        if header.dtype != expected or tuple(header.shape) != _shape(header.grid):
-            got = f"{header.dtype} {tuple(header.shape)}"
-            raise WireError(f"expected layer {layer} as {expected} {_shape(header.grid)}, got {got}")
-        return header, unpack_array(received.payload, np.dtype(expected), header.shape)
+        return header, unpack_layer(layer, header, received.payload)
 
     def _who_is_missing(self, revision: Revision | None, otherwise: str) -> tuple[str, str]:
         """Whom a late map is owed to: the failure's name, and a word for people."""
@@ -225,7 +219,3 @@ def _is_stair(stair: Stair) -> bool:
     places = all(math.isfinite(v) and abs(v) < _FARTHEST_M for v in (*stair.at_m, *stair.to_m))
     floors = bool(stair.floor) and bool(stair.to_floor) and stair.floor != stair.to_floor
     return places and floors and 0.0 < stair.length_m < _FARTHEST_M
-
-
-def _shape(grid: Grid) -> tuple[int, int]:
-    return grid.rows, grid.cols

@@ -16,7 +16,7 @@ import skfmm
 
 from services.fusion.core import JointMap
 from services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView, step
-from services.planner.core.terrain import arrival_m, build_terrain
+from services.planner.core.motion.terrain import build_terrain, travel_time_m
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
 
@@ -74,7 +74,7 @@ def test_field(benchmark, side_cells, by):
         return skfmm.travel_time(phi, np.where(open_, terrain.speed, 1.0), dx=0.05, order=1)
 
     benchmark.group = f"field, {side_cells} cells"
-    benchmark(scikit if by == "scikit-fmm" else lambda: arrival_m(terrain.speed, goals, 0.05))
+    benchmark(scikit if by == "scikit-fmm" else lambda: travel_time_m(terrain.speed, goals, 0.05))
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import json
-import sqlite3
 import subprocess
 import sys
 import time
@@ -60,11 +59,8 @@ def test_a_setting_that_doesnt_exist_is_named_with_those_that_do(root, tmp_path,
 
 def kept(run):
     """The episodes that a run's folder holds, as their records say but for the time they took."""
-    if not (run / "episodes.sqlite").exists():
+    if not (run / "settings.json").exists():
         return []
-    with sqlite3.connect(run / "episodes.sqlite") as db:
-        if not db.execute("SELECT name FROM sqlite_master WHERE name = 'episodes'").fetchone():
-            return []
     return [msgspec.structs.replace(record, seconds=0.0) for record in read(run)]
 
 

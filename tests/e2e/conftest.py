@@ -49,6 +49,12 @@ class System:
             time.sleep(0.05)
         return status
 
+    def kill(self, service: str) -> None:
+        """SIGKILL, as a power cut would."""
+        process = self.stack.processes[service]
+        process.kill()
+        process.wait()
+
     def traffic(self, kind: str, id: str) -> TrafficReport:
         return self.node.ask(TRAFFIC, node=f"{kind}-{id}").message
 

@@ -14,9 +14,7 @@ import zenoh
 from surveilnav.bus import clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_CANCEL, MISSION_STATUS, ROBOT_STATUS, STREAMS
-from surveilnav.messages import MissionCancel
-
-TERMINAL = ("done", "failed", "cancelled")
+from surveilnav.messages import FINISHED_STATES, MissionCancel
 
 
 def frame_bytes(report) -> int:
@@ -51,7 +49,7 @@ def test_only_cameras_of_the_robots_floor_send_frames(system):
 def test_without_surveillance_no_camera_sends_a_frame(system):
     s = system(cameras=1, surveillance=False)
     s.search("tv", max_steps=30)
-    s.wait(lambda m: m.step >= 10 or m.state in TERMINAL, 90)
+    s.wait(lambda m: m.step >= 10 or m.state in FINISHED_STATES, 90)
     assert frame_bytes(s.traffic("camera", s.building.plan.cameras[0].name)) == 0
 
 
@@ -60,13 +58,13 @@ def test_a_mission_survives_the_death_of_perception(system):
     s = system(cameras=1)
     s.search("tv")
     s.wait(lambda m: m.step >= 5, 90)
-    s.stack.kill("perception")
+    s.kill("perception")
     held = s.wait(lambda m: "perception" in m.message.lower(), 60)
     assert held.state in ("active", "confirming")
     time.sleep(2.0)
     assert s.status().step == held.step, "the robot holds still while nobody sees"
     s.stack.start_service("perception")
-    ended = s.wait(lambda m: m.state in TERMINAL, 180)
+    ended = s.wait(lambda m: m.state in FINISHED_STATES, 180)
     assert (ended.state, ended.found) == ("done", True), ended
     assert ended.step > held.step
 
@@ -90,7 +88,7 @@ def test_garbage_on_every_key_stops_nothing(system):
                 if "query" in stream.kind:
                     for _ in s.node.session.get(key, payload=payload, encoding=encoding, timeout=2.0):
                         pass
-    ended = s.wait(lambda m: m.state in TERMINAL, 120)
+    ended = s.wait(lambda m: m.state in FINISHED_STATES, 120)
     assert (ended.state, ended.found) == ("done", True), ended
     s.stack.check()
     assert s.traffic("fusion", "fusion").rejected
@@ -109,7 +107,7 @@ def test_goals_that_cannot_be_met_are_refused_and_cancel_stops_the_robot(system)
     second = s.submit("bed", mission="m2")
     assert (second.accepted, second.error) == (False, "no_free_robot")
     s.node.ask(MISSION_CANCEL, MissionCancel(stamp_ns=clock_ns(), mission="m1"), mission="m1")
-    assert s.wait(lambda m: m.state in TERMINAL, 20).state == "cancelled"
+    assert s.wait(lambda m: m.state in FINISHED_STATES, 20).state == "cancelled"
     time.sleep(1.0)
     before = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
     time.sleep(1.0)
@@ -148,7 +146,7 @@ def test_over_the_stairs_to_the_only_floor_that_has_the_target(system):
     assert floors == {"0"}, "this test needs a target that is on one floor only"
     s.search("refrigerator", max_steps=400)
     s.wait(lambda m: "cameras of floor 0 saw 'refrigerator'" in m.message, 180)
-    ended = s.wait(lambda m: m.state in TERMINAL, 300)
+    ended = s.wait(lambda m: m.state in FINISHED_STATES, 300)
     assert (ended.state, ended.found, ended.floor) == ("done", True, "0"), ended
     robot = s.node.ask(ROBOT_STATUS, robot="r1").message
     assert robot.floor == "0"
@@ -166,18 +164,18 @@ def test_a_mission_survives_the_death_of_its_planner(system):
     s.search("tv")
     steps = []
     for _ in range(3):
-        steps.append(s.wait(lambda m: m.step >= (steps[-1] if steps else 0) + 4 or m.state in TERMINAL, 90).step)
-        s.stack.kill("planner")
+        steps.append(s.wait(lambda m: m.step >= (steps[-1] if steps else 0) + 4 or m.state in FINISHED_STATES, 90).step)
+        s.kill("planner")
         s.stack.start_service("planner")
         until_s = time.monotonic() + 30
         while not s.node.ask_all(MISSION_STATUS):
             assert time.monotonic() < until_s, "the planner didn't come back with its mission"
             time.sleep(0.2)
-    ended = s.wait(lambda m: m.state in TERMINAL, 180)
+    ended = s.wait(lambda m: m.state in FINISHED_STATES, 180)
     assert (ended.state, ended.found) == ("done", True), ended
     seq = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
     assert seq == ended.step, "as many actions as were decided: none twice, none lost"
-    s.stack.kill("planner")
+    s.kill("planner")
     s.stack.start_service("planner")
     until_s = time.monotonic() + 30
     while s.node.ask_all(MISSION_STATUS) == []:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmark.canary import digest
 from benchmark.studies.association.replays import (
     BESIDE_M,
     CHANGES,
@@ -20,7 +21,6 @@ from benchmark.studies.association.replays import (
     SEED,
     SEEN_DETECTIONS,
     TAUS,
-    code_hash,
     variants,
 )  # fmt: skip
 from benchmark.studies.recordings import TOURS
@@ -30,19 +30,20 @@ FALSE_COST = 2
 
 
 class Results:
-    """The records of a tour and of the code as it is, by variant."""
+    """The records of a tour and of the program as it is, by variant."""
 
     def __init__(self, tour: str, records: Iterable[dict[str, Any]]) -> None:
         self.tour = tour
         wanted = {(v.group, v.name): v.fingerprint for v in variants(tour)}
         self.of: dict[tuple[str, str], dict[str, dict[str, Any]]] = defaultdict(dict)
         for r in records:
-            known = wanted.get((r["group"], r["name"])) == r["fingerprint"] and r["code"] == code_hash()
+            known = wanted.get((r["group"], r["name"])) == r["fingerprint"] and r["program"] == digest()
             if known and r["tour"] == tour:
                 self.of[r["group"], r["name"]][r["home"]] = r
 
     @property
     def homes(self) -> list[str]:
+        """Those with a replay, sorted."""
         return sorted({home for by_home in self.of.values() for home in by_home})
 
     def tally(
@@ -70,6 +71,7 @@ class Tally:
 
     @property
     def errors_of_things(self) -> list[int]:
+        """Duplicates, wrong merges and misses of each thing."""
         return [max(0, row[2] - 1) + row[5] + row[6] + (not row[7]) for row in self.things]
 
     def interval(self) -> tuple[float, float]:
@@ -91,6 +93,7 @@ class Tally:
 
     @property
     def label_accuracy(self) -> float:
+        """Of the objects that show a thing of these classes, the share that bears its class."""
         counts = [(label == what, kept) for label, what, kept, _ in self.served() if what in self.labels]
         return sum(n for right, n in counts if right) / max(1, sum(n for _, n in counts))
 

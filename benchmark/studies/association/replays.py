@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmark.studies.recordings import TOURS, Recording, SeenView, Thing
-from services.fusion.core import FusionConfig, ObjectConfig, in_order, objects
+from services.fusion.core import FusionConfig, ObjectConfig, in_order
 from services.fusion.core.config import (
     AssociationConfig,
     ConfirmationConfig,
@@ -103,17 +101,6 @@ def _detections(seen: SeenView) -> tuple[Any, ...]:
 def _object_config(association: Mapping[str, Any], **parts: Any) -> ObjectConfig:
     """The default with these settings of association, and these parts instead."""
     return ObjectConfig(association=AssociationConfig(**association), **parts)
-
-
-def code_hash() -> str:
-    """Of the sources that a replay depends on, however they are laid out."""
-    core = Path(objects.__file__).parent
-    names = (
-        "association", "box_table", "clustering", "confidences", "evidence", "evidence_confirmation", "map_object", "objects",
-        "paper_confirmation", "shape", "sightings", "sizes", "visibility",
-    )  # fmt: skip
-    trees = [ast.dump(ast.parse((core / f"{name}.py").read_text())) for name in names]
-    return hashlib.sha256("".join(trees).encode()).hexdigest()[:12]
 
 
 # --- scores -------------------------------------------------------------------------------------------------------
@@ -252,6 +239,7 @@ class Variant:
 
     @property
     def fingerprint(self) -> str:
+        """Of its settings."""
         return hashlib.sha256(self.config.model_dump_json().encode()).hexdigest()[:12]
 
 

@@ -4,7 +4,8 @@
 
 Records six homes once (a robot's tour and all camera views, a real detector asked once), then replays the same
 detections through the object map in many configurations. Both are resumable and kept in ``--recordings``: a recording
-is a file, a replay a line of ``replays.jsonl``; lines of other configurations, recordings or code are done again.
+is a file, a replay a line of ``replays.jsonl``; lines of other configurations, recordings or
+programs (``benchmark.canary.digest``) are done again.
 ``--table`` writes the page from what there is.
 """
 
@@ -21,16 +22,15 @@ from typing import Any
 
 import numpy as np
 
+from benchmark.canary import digest
 from benchmark.play.workers import in_workers
-from benchmark.studies import homes
 from benchmark.studies.association.page import Results, page, plot
-from benchmark.studies.association.replays import SEED, Player, code_hash, good_detections, score, variants
+from benchmark.studies.association.replays import SEED, Player, good_detections, score, variants
 from benchmark.studies.recordings import TOURS, Recording, load, record, save
+from benchmark.studies.rows import Rows
 from services.fusion.core import ObjectConfig
 from simulator.sources import TRAIN_HOMES
 from surveilnav.errors import SurveilNavError
-
-RECORDS = "replays.jsonl"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +44,7 @@ class Job:
 
     @property
     def path(self) -> Path:
+        """Where its recording is kept."""
         return self.folder / f"{self.home}-s{SEED}-{self.tour}-{self.perception}.recording"
 
 
@@ -74,12 +75,16 @@ def recording_of(job: Job) -> Recording:
     return load(job.path) or made  # as kept, so that the first replay is like all others
 
 
+def rows_in(folder: Path) -> Rows:
+    """The replays that are kept in a folder."""
+    return Rows(folder / "replays.jsonl", ("group", "name", "fingerprint"))
+
+
 def replay_all(job: Job) -> int:
     """Plays what is missing of a home; returns how many replays it made."""
-    stamp = {"home": job.home, "tour": job.tour, "perception": job.perception, "code": code_hash()}
-    done = {
-        (r["group"], r["name"], r["fingerprint"]) for r in homes.load(job.folder, RECORDS) if stamp.items() <= r.items()
-    }
+    stamp = {"home": job.home, "tour": job.tour, "perception": job.perception, "program": digest()}
+    rows = rows_in(job.folder)
+    done = rows.done(**stamp)
     missing = [v for v in variants(job.tour) if (v.group, v.name, v.fingerprint) not in done]
     if not missing:
         return 0
@@ -96,7 +101,7 @@ def replay_all(job: Job) -> int:
             "locate_ms": round(player.locate_ms, 3), "objects": len(result.objects), "shape_bytes": result.shape_bytes,
             "views": len(result.cpu_ms),
         }  # fmt: skip
-        homes.append(job.folder, facts | cost | score(recording.things, good, result.objects), RECORDS)
+        rows.append(facts | cost | score(recording.things, good, result.objects))
         if i % 20 == 19:
             left_s = (time.monotonic() - began_s) / (i + 1) * (len(missing) - i - 1)
             _say(f"{job.home}: {i + 1}/{len(missing)} replays, about {left_s / 60:.1f} min left")
@@ -113,17 +118,8 @@ def _ends(values: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmark.studies.association", description=__doc__.splitlines()[0]
-    )
-    parser.add_argument("--out", type=Path, default=Path("docs/results/association"), help="where the page goes")
-    parser.add_argument("--recordings", type=Path, default=Path("runs/association"), help="views and replays, kept")
-    parser.add_argument("--homes", nargs="*", default=list(TRAIN_HOMES))
-    parser.add_argument("--perception", default="onnx-coco", choices=["onnx-coco", "oracle", "simulated"])
-    parser.add_argument("--tours", nargs="*", default=list(TOURS), choices=list(TOURS))
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--table", action="store_true", help="only write the page of what there is")
-    options = parser.parse_args(argv)
+    """Plays what is missing and writes page and plot; 1 if a home couldn't be played."""
+    options = _parser().parse_args(argv)
     for folder in (options.out, options.recordings):
         folder.mkdir(parents=True, exist_ok=True)
     failed = []
@@ -136,16 +132,37 @@ def main(argv: Sequence[str] | None = None) -> int:
         _say(error)
     records = [
         r
-        for r in homes.load(options.recordings, RECORDS)
+        for r in rows_in(options.recordings).load()
         if r["perception"] == options.perception and r["home"] in options.homes and r["tour"] in options.tours
     ]
-    defaults: dict[str, Any] = {"perception": "onnx-coco", "tours": list(TOURS), "homes": list(TRAIN_HOMES)}
-    given = [(name, getattr(options, name), default) for name, default in defaults.items()]
-    more = [f"--{n} {' '.join(v) if isinstance(v, list) else v}" for n, v, default in given if v != default]
     results = {tour: Results(tour, records) for tour in options.tours}
-    (options.out / "README.md").write_text(page(results, " ".join(["python -m benchmark.studies.association", *more])))
+    (options.out / "README.md").write_text(page(results, _command(options)))
     plot(results[options.tours[0]], options.out / "association.png")
     return 1 if failed else 0
+
+
+_DEFAULTS: dict[str, Any] = {"perception": "onnx-coco", "tours": list(TOURS), "homes": list(TRAIN_HOMES)}
+
+
+def _command(options: argparse.Namespace) -> str:
+    """What makes this page."""
+    given = [(name, getattr(options, name), default) for name, default in _DEFAULTS.items()]
+    more = [f"--{n} {' '.join(v) if isinstance(v, list) else v}" for n, v, default in given if v != default]
+    return " ".join(["python -m benchmark.studies.association", *more])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmark.studies.association", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--out", type=Path, default=Path("docs/results/association"), help="where the page goes")
+    parser.add_argument("--recordings", type=Path, default=Path("runs/association"), help="views and replays, kept")
+    parser.add_argument("--homes", nargs="*", default=_DEFAULTS["homes"])
+    parser.add_argument("--perception", default=_DEFAULTS["perception"], choices=["onnx-coco", "oracle", "simulated"])
+    parser.add_argument("--tours", nargs="*", default=_DEFAULTS["tours"], choices=list(TOURS))
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--table", action="store_true", help="only write the page of what there is")
+    return parser
 
 
 if __name__ == "__main__":

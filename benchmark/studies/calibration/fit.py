@@ -13,7 +13,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from scipy.stats import rankdata
 
 from benchmark.studies.calibration.views import MIN_SIZE_RAD, Rows
-from simulator.truth.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, clearness
+from simulator.truth.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, showing
 from surveilnav.categories import COCO
 
 MIN_SCORE = 0.25
@@ -385,8 +385,11 @@ def _shown(rows: dict[str, Rows], n_views: int) -> tuple[list[str], Floats, Floa
     seen = [rows[kind] for kind in ("thing", "other") if kind in rows]
     labels = sorted({label for r in seen for label in r.classes})
     shown, camera = np.zeros((n_views, len(labels))), np.zeros(n_views)
+    column = {label: i for i, label in enumerate(labels)}
     for r in seen:
         camera[r.view] = r.x[:, FEATURES.index("camera")]
-        named = r.labels != ""
-        np.maximum.at(shown, (r.view[named], np.searchsorted(labels, r.labels[named])), clearness(r.x[named]))
+        named = np.flatnonzero(r.labels != "")
+        for there in np.split(named, np.flatnonzero(np.diff(r.view[named])) + 1):  # rows of a view are side by side
+            for label, clear in showing(r.labels[there].tolist(), r.x[there]).items():
+                shown[r.view[there[0]], column[label]] = clear
     return labels, shown, camera

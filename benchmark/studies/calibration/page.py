@@ -55,6 +55,7 @@ class Side:
 
     @classmethod
     def real(cls, buildings: Sequence[Looks]) -> Side:
+        """What the detector found."""
         looks = [look for building in buildings for look in building.looks]
         presence = np.array([look.presence for look in looks], np.float32)
         return cls(rows_of(buildings), presence, np.array([look.is_camera for look in looks]), _names(buildings))

@@ -38,35 +38,39 @@ def plots(real: Side, sims: Sequence[Side], out: Path) -> None:
     figure.savefig(out / "reliability.png", dpi=75)
 
     figure, ((a, b, c), (d, e, f)) = pyplot.subplots(2, 3, figsize=(16, 8.5))
-    for axis, kind in ((a, "thing"), (b, "other")):
-        _luck(axis, kind, real, sims)
-    bins = np.linspace(MIN_SCORE, 1.0, 16)
-    for axis, title, of_scores in (
-        (c, "scores of right names", Side.right_scores), (d, "scores of false targets", Side.false_scores),
-    ):  # fmt: skip
-        axis.hist(of_scores(real), bins, density=True, alpha=0.5, label="real")
-        axis.hist(
-            np.concatenate([of_scores(s) for s in sims]), bins, density=True, histtype="step", lw=2, label="simulated"
-        )
-        axis.set_title(title)
-        axis.legend()
-    at = np.arange(len(TARGETS))
-    for shift, camera in ((-0.3, False), (0.1, True)):
-        seen = real.is_camera == camera
-        n = max(1, int(seen.sum()))
-        kind = "camera" if camera else "robot"
-        e.bar(at + shift, [real.false(seen)[t] / n for t in TARGETS], 0.18, label=f"real, {kind}")
-        rates = [[s.false(seen)[t] / n for t in TARGETS] for s in sims]
-        e.bar(at + shift + 0.18, np.mean(rates, axis=0), 0.18, label=f"simulated, {kind}", alpha=0.6)
-    e.set_xticks(at, TARGETS, rotation=20)
-    e.set_title("false targets a view")
-    e.legend(fontsize=8)
+    _luck(a, "thing", real, sims)
+    _luck(b, "other", real, sims)
+    _scores(c, "scores of right names", Side.right_scores, real, sims)
+    _scores(d, "scores of false targets", Side.false_scores, real, sims)
+    _false_rates(e, real, sims)
     for side, name in ((real, "real"), (sims[0], "simulated")):
         f.plot(np.sort(side.values().ravel()), np.linspace(0, 1, side.values().size), label=name)
     f.set_title("value of a view for a target: cumulative")
     f.legend()
     figure.tight_layout()
     figure.savefig(out / "behaviour.png", dpi=75)
+
+
+def _scores(axis: Any, title: str, of: Callable[[Side], Floats], real: Side, sims: Sequence[Side]) -> None:
+    bins = np.linspace(MIN_SCORE, 1.0, 16)
+    axis.hist(of(real), bins, density=True, alpha=0.5, label="real")
+    axis.hist(np.concatenate([of(s) for s in sims]), bins, density=True, histtype="step", lw=2, label="simulated")
+    axis.set_title(title)
+    axis.legend()
+
+
+def _false_rates(axis: Any, real: Side, sims: Sequence[Side]) -> None:
+    at = np.arange(len(TARGETS))
+    for shift, camera in ((-0.3, False), (0.1, True)):
+        seen = real.is_camera == camera
+        n = max(1, int(seen.sum()))
+        kind = "camera" if camera else "robot"
+        axis.bar(at + shift, [real.false(seen)[t] / n for t in TARGETS], 0.18, label=f"real, {kind}")
+        rates = [[s.false(seen)[t] / n for t in TARGETS] for s in sims]
+        axis.bar(at + shift + 0.18, np.mean(rates, axis=0), 0.18, label=f"simulated, {kind}", alpha=0.6)
+    axis.set_xticks(at, TARGETS, rotation=20)
+    axis.set_title("false targets a view")
+    axis.legend(fontsize=8)
 
 
 def _reliability(

@@ -89,21 +89,13 @@ def fitted(buildings: Sequence[views.Looks], args: argparse.Namespace) -> ErrorM
 
 
 def presence_of(buildings: Sequence[views.Looks]) -> np.ndarray:
+    """(views, 80) of all views."""
     return np.array([look.presence for building in buildings for look in building.looks], np.float32)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="benchmark.studies.calibration.run", description=(__doc__ or "").partition("\n")[0]
-    )
-    parser.add_argument("--buildings", nargs="+", default=list(TRAIN))
-    parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every building")
-    parser.add_argument("--models", choices=("all", "train", "val"), default="train")
-    parser.add_argument("--seed", type=int, default=11)
-    parser.add_argument("--split", choices=tuple(SPLITS), help="fit nothing: compare the model in use on these scenes")
-    parser.add_argument("--out", type=Path, help=f"{OUT}, with --split the folder of its name therein")
-    parser.add_argument("--dry", action="store_true", help="don't replace the committed model")
-    args = parser.parse_args(argv)
+    """Measures what isn't measured yet, fits unless --split, and writes the page; 2: it can't be."""
+    args = _parser().parse_args(argv)
     scenes = [SceneSpec(name, args.seed, args.models) for name in args.buildings]
     if args.split:
         scenes = list({s.building: s for s in SPLITS[args.split].scenes}.values())  # looks go by building: each once
@@ -115,20 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SurveilNavError as error:
         print(f"calibration: {error}", file=sys.stderr)
         return 2
-    unseen = {}
-    if args.split:
-        model = error_model.error_model()
-        unseen = dict.fromkeys((building.name for building in buildings), model)
-        about = (
-            f"Made by `python -m benchmark.studies.calibration --split {args.split} --views {args.views}`. The model in use, "
-            f"fitted to the buildings of the source, is compared with the detector on the scenes of `{args.split}`."
-        )
-    else:
-        for fold in range(FOLDS):
-            model = fitted([building for i, building in enumerate(buildings) if i % FOLDS != fold], args)
-            unseen.update({building.name: model for building in buildings[fold::FOLDS]})
-        model = fitted(buildings, args)
-        about = "Every building is compared with a model of other buildings. The committed model is fitted to all."
+    model, unseen, about = _in_use(buildings, args) if args.split else _left_out(buildings, args)
     real, sims = Side.real(buildings), [Side.simulated(buildings, unseen, seed) for seed in range(4)]
     out = args.out or (OUT / args.split if args.split else OUT)
     out.mkdir(parents=True, exist_ok=True)
@@ -140,6 +119,43 @@ def main(argv: Sequence[str] | None = None) -> int:
         text = msgspec.json.format(msgspec.json.encode(model), indent=1).decode()
         MODEL.write_text(_ROW.sub(lambda row: re.sub(r"\s+", " ", row[0]), text) + "\n", encoding="utf-8")
     return 0
+
+
+_Compared = tuple[ErrorModel, dict[str, ErrorModel], str]
+
+
+def _in_use(buildings: Sequence[views.Looks], args: argparse.Namespace) -> _Compared:
+    """The model in use, that of each building, and a word for the page."""
+    model = error_model.error_model()
+    about = (
+        f"Made by `python -m benchmark.studies.calibration --split {args.split} --views {args.views}`. The model in use, "
+        f"fitted to the buildings of the source, is compared with the detector on the scenes of `{args.split}`."
+    )
+    return model, dict.fromkeys((building.name for building in buildings), model), about
+
+
+def _left_out(buildings: Sequence[views.Looks], args: argparse.Namespace) -> _Compared:
+    """A model of all buildings, for each building one of others, and a word for the page."""
+    unseen = {}
+    for fold in range(FOLDS):
+        model = fitted([building for i, building in enumerate(buildings) if i % FOLDS != fold], args)
+        unseen.update({building.name: model for building in buildings[fold::FOLDS]})
+    about = "Every building is compared with a model of other buildings. The committed model is fitted to all."
+    return fitted(buildings, args), unseen, about
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="benchmark.studies.calibration.run", description=(__doc__ or "").partition("\n")[0]
+    )
+    parser.add_argument("--buildings", nargs="+", default=list(TRAIN))
+    parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every building")
+    parser.add_argument("--models", choices=("all", "train", "val"), default="train")
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--split", choices=tuple(SPLITS), help="fit nothing: compare the model in use on these scenes")
+    parser.add_argument("--out", type=Path, help=f"{OUT}, with --split the folder of its name therein")
+    parser.add_argument("--dry", action="store_true", help="don't replace the committed model")
+    return parser
 
 
 if __name__ == "__main__":

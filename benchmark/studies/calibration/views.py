@@ -58,10 +58,12 @@ class Look(msgspec.Struct, frozen=True):
 
     @property
     def is_camera(self) -> bool:
+        """Not a robot's."""
         return self.source.startswith("camera/")
 
     @property
     def key(self) -> tuple[object, ...]:
+        """What tells it from other views of its building."""
         return self.source, self.view, self.seq
 
     def truth(self, labels: dict[int, str]) -> tuple[TrueInstances, NDArray[np.float32]]:
@@ -131,6 +133,7 @@ def _found(d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], s
 
 
 def save(looks: Looks, path: Path) -> None:
+    """Writes the views of a building to a file, whole or not at all."""
     building = _Home(looks.name, looks.labels)
     write_parts(path, _FORMAT, [msgspec.msgpack.encode(part) for part in (building, *looks.looks)])
 
@@ -181,10 +184,12 @@ class Rows:
 
     @property
     def found(self) -> NDArray[np.bool_]:
+        """(N,) whether it was called anything."""
         return np.asarray(self.name != "")
 
     @property
     def right(self) -> NDArray[np.bool_]:
+        """(N,) whether it was called by its own name."""
         return np.asarray(self.name == self.labels)
 
     @property
@@ -194,6 +199,7 @@ class Rows:
 
     @property
     def sight(self) -> NDArray[np.str_]:
+        """(N,) one of ``SIGHTS`` each."""
         return np.array(sights(self.x), dtype=np.str_)
 
     def where(self, keep: NDArray) -> Rows:

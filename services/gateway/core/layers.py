@@ -17,10 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.errors import WireError
 from surveilnav.geometry import Grid
-from surveilnav.messages import LayerHeader
-from surveilnav.sensing.packing import unpack_array
 
 #: Layers that have a picture, and their colour (red, green, blue); the value layer has a scale.
 COLOURS: dict[str, tuple[int, int, int] | None] = {
@@ -43,33 +40,21 @@ class Picture:
     high: float | None = None
 
 
-def unpack_layer(header: LayerHeader, payload: bytes) -> NDArray:
-    """The cells (rows, cols) of a layer as it came from the bus.
-
-    Raises:
-        WireError: header and payload don't fit each other, or it isn't a layer on a grid.
-    """
-    if header.layer not in COLOURS:
-        raise WireError(f"the layer {header.layer!r} isn't a picture; pictures: {', '.join(COLOURS)}")
-    expected = "float32" if header.layer == "value" else "uint8"
-    if header.dtype != expected or header.shape != header.grid.shape:
-        raise WireError(
-            f"expected {header.layer} as {expected} of shape {header.grid.shape}, got {header.dtype} {header.shape}"
-        )
-    return unpack_array(payload, header.dtype, header.shape)
-
-
 def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS) -> Picture:
     """The picture of ``cells`` (rows, cols): uint8 0/1, or float with NaN where unknown for ``value``."""
     grid, cells = _coarser(grid, cells, max_pixels)
-    low = high = None
     colour = COLOURS[layer]
     if colour is not None:
-        rgba = np.zeros((*cells.shape, 4), np.uint8)
-        rgba[cells != 0] = (*colour, 255)
-    else:
-        rgba, low, high = colour_values(cells)
+        return Picture(encode_png(colour_cells(cells, colour)), grid)
+    rgba, low, high = colour_values(cells)
     return Picture(encode_png(rgba), grid, low, high)
+
+
+def colour_cells(cells: NDArray, colour: tuple[int, int, int]) -> NDArray[np.uint8]:
+    """RGBA (rows, cols, 4): ``colour`` (red, green, blue) where a cell isn't 0, else transparent."""
+    rgba = np.zeros((*cells.shape, 4), np.uint8)
+    rgba[cells != 0] = (*colour, 255)
+    return rgba
 
 
 def colour_values(

@@ -58,14 +58,17 @@ class Traffic:
 
     @property
     def offered_bytes(self) -> int:
+        """Sum over the nodes."""
         return sum(n.offered_bytes for n in self.nodes)
 
     @property
     def delivered_bytes(self) -> int:
+        """Sum over the nodes."""
         return sum(n.delivered_bytes for n in self.nodes)
 
     @property
     def wire_sent_bytes(self) -> int | None:
+        """Sum over the nodes whose kernel tells; None if none does."""
         known = [n.wire_sent_bytes for n in self.nodes if n.wire_sent_bytes is not None]
         return sum(known) if known else None
 
@@ -123,6 +126,7 @@ def _source(
     kind: str, id: str, by_node: dict[str, list[tuple[str, str, int, int]]], wire: dict[str, int | None]
 ) -> SourceTraffic:
     def offered(node: str) -> int:
+        """Bytes that a node put under these keys."""
         return sum(n for _, direction, n, _ in by_node[node] if direction == "offered")
 
     by_name = f"{kind}/{id}"

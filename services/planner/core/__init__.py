@@ -1,6 +1,12 @@
-"""Pure planning: ``step(state, maps, robot, config)`` gives the next action of a mission. No bus, no clock."""
+"""Pure planning: ``step(state, maps, robot, config)`` gives the next action of a mission. No bus, no clock.
 
-from services.planner.core.settings import PlannerConfig
+goals/    what the robot may go to: objects, frontiers, floors (questions)
+motion/   how it gets there: terrain, fast marching, driving, looking, stopping
+stages/   in which order waypoints are tried, one file each
+memory    everything that changes what a mission remembers
+"""
+
+from services.planner.core.config import PlannerConfig
 from services.planner.core.state import Decision, FloorMemory, MapView, MissionState, RobotView
 from services.planner.core.step import step
 

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate, ObjectRecord, Stair
 
+WaypointKind = Literal["target", "candidate", "frontier", "stairs", "second_look"]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapView:
     """The joint maps of one floor at one revision.
 
     Attributes:
-        floor: the storey's id; ``floor_z_m``: its altitude [m].
+        floor: the floor's id; ``floor_z_m``: its altitude [m].
         grid: frame of all layers; each layer is (rows, cols).
         occupancy, explored, frontier: uint8, 0 or 1.
         value: float32, NaN where unknown: relevance to the mission's target.
@@ -58,14 +60,15 @@ class RobotView:
 
 
 @dataclass(frozen=True, slots=True)
-class Commitment:
+class CurrentWaypoint:
     """The waypoint that the robot is on its way to, and how that goes.
 
     ``best_m`` is the shortest remaining way so far (None: not yet known), reached at ``best_step``: no progress for
-    long ends it. ``detours``: how often it turned out to be longer.
+    long ends it. ``detours``: how often it turned out to be longer. ``last_resort``: it was chosen although hardly anything
+    speaks for it.
     """
 
-    kind: Literal["target", "candidate", "frontier", "stairs", "sweep"]
+    kind: WaypointKind
     x_m: float
     y_m: float
     since_step: int
@@ -77,7 +80,7 @@ class Commitment:
 
 
 @dataclass(frozen=True, slots=True)
-class Dormant:
+class BlacklistEntry:
     """A place that was tried in vain: left alone until ``until_step``; after ``times`` = 2 for good (a confirmed target: 4)."""
 
     x_m: float
@@ -87,7 +90,7 @@ class Dormant:
 
 
 @dataclass(frozen=True, slots=True)
-class Errand:
+class FloorGoal:
     """The floor that the robot is on its way to, why, and its chance per metre of finding the target."""
 
     to_floor: str
@@ -113,29 +116,28 @@ class FloorMemory:
         scan_left: turns left of the first look around; None before it is decided whether there is one.
         visited: where the robot stood [m, world]. ``collisions``: where its centre can't go;
             ``bumps``: (x, y, yaw) of the headings that ended there.
-        dormant: frontiers and objects given up for a while. ``put_off``: frontiers left for the end, because only
-            tight gaps lead there. ``dropped``: objects judged not to be the
-            target, by id: (x, y, why).
-        inspected: objects that the robot turned to within ``inspect_m``; ``looks``: extra looks spent, by object.
+        blacklist: frontiers and objects given up for a while or for good. ``put_off``: frontiers left for the end, because
+            only tight gaps lead there. ``dropped``: objects judged not to be the target, by id: (x, y, why).
+        inspected: turns spent on looking at an object within ``inspect_m``; ``looks``: extra looks spent, by object.
         wavered: how often an object ceased to be promising while the robot was on its way to it.
-        settled_for: the object to be accepted on weaker evidence because nothing else is left.
+        last_resort: the object to be accepted on weaker evidence because nothing else is left.
         scans: where the robot looked all around.
         stairs_failed: how often a stair of this floor couldn't be reached or taken, by its name.
         visits: how often the robot came here. ``exhausted``: nothing was left to explore or to look at.
-        reserve: chance of the likeliest object here that could still be settled for; 0: none.
+        reserve: chance of the likeliest object here that could still be accepted as a last resort; 0: none.
     """
 
     scan_left: int | None = None
     visited: list[tuple[float, float]] = field(default_factory=list)
     collisions: list[tuple[float, float]] = field(default_factory=list)
     bumps: list[tuple[float, float, float]] = field(default_factory=list)
-    dormant: list[Dormant] = field(default_factory=list)
+    blacklist: list[BlacklistEntry] = field(default_factory=list)
     put_off: list[tuple[float, float]] = field(default_factory=list)
     dropped: dict[int, tuple[float, float, str]] = field(default_factory=dict)
     inspected: dict[int, int] = field(default_factory=dict)
     looks: dict[int, int] = field(default_factory=dict)
     wavered: dict[int, int] = field(default_factory=dict)
-    settled_for: int | None = None
+    last_resort: int | None = None
     scans: list[tuple[float, float]] = field(default_factory=list)
     stairs_failed: dict[str, int] = field(default_factory=dict)
     visits: int = 0
@@ -146,14 +148,16 @@ class FloorMemory:
         """A copy whose containers are its own."""
         return replace(
             self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps),
-            dormant=list(self.dormant), put_off=list(self.put_off), dropped=dict(self.dropped), inspected=dict(self.inspected),
-            looks=dict(self.looks), wavered=dict(self.wavered), scans=list(self.scans), stairs_failed=dict(self.stairs_failed),
+            blacklist=list(self.blacklist), put_off=list(self.put_off), dropped=dict(self.dropped),
+            inspected=dict(self.inspected), looks=dict(self.looks), wavered=dict(self.wavered), scans=list(self.scans),
+            stairs_failed=dict(self.stairs_failed),
         )  # fmt: skip
 
 
 @dataclass(slots=True)
 class MissionState:
-    """What the planner remembers of a mission. ``step`` works on a copy and never changes its argument.
+    """What the planner remembers of a mission. ``step`` works on a copy and never changes its argument; of all functions only
+    those of ``memory`` write to it.
 
     Plain values only: ``to_json`` and ``from_json`` give an equal state, and a mission resumed from it decides as
     one that was never interrupted.
@@ -162,8 +166,9 @@ class MissionState:
         step: actions decided so far; a stair counts as many as moves of its length.
         floor: where the robot was at the last step, "" before the first; ``floors``: what is known of each.
         anchor: (x, y, step) where the robot was when it last moved on; ``escapes`` since then.
-        peeks: turns spent at the present frontier. ``sweep_left``: turns left of a look around at the last scan.
-        errand: the floor that the robot is on its way to. ``taking``: the stair's end (x, y) [m] that it was told to
+        waypoint: where the robot is on its way to.
+        peeks: turns spent at the present frontier. ``second_look_left``: turns left of a second look around.
+        floor_goal: the floor that the robot is on its way to. ``taking``: the stair's end (x, y) [m] that it was told to
             take, and the steps that this counts.
         changes: all stairs taken.
         unreachable: why a confirmed target couldn't be reached (for the final word); empty: none was.
@@ -174,21 +179,24 @@ class MissionState:
     step: int = 0
     floor: str = ""
     floors: dict[str, FloorMemory] = field(default_factory=dict)
-    commitment: Commitment | None = None
+    waypoint: CurrentWaypoint | None = None
     anchor: tuple[float, float, int] | None = None
     escapes: int = 0
     peeks: int = 0
-    sweep_left: int = 0
-    errand: Errand | None = None
+    second_look_left: int = 0
+    floor_goal: FloorGoal | None = None
     taking: tuple[float, float, int] | None = None
     changes: list[FloorChange] = field(default_factory=list)
     unreachable: str = ""
     finished: bool = False
 
+    def __post_init__(self) -> None:
+        self.floors.setdefault(self.floor, FloorMemory())
+
     @property
     def here(self) -> FloorMemory:
         """The memory of the floor that the robot is on."""
-        return self.floors.setdefault(self.floor, FloorMemory())
+        return self.floors[self.floor]
 
     def copy(self) -> MissionState:
         """A copy whose containers are its own."""

@@ -441,7 +441,7 @@ class Node:
         if refused:
             raise refused
         why = f"not within {timeout_s:g} s" if timed_out else "nobody is there"
-        raise Unanswered(f"no answer from {key}: {why}")
+        raise Unanswered(f"no answer from {key}: {why}", timed_out=timed_out)
 
     def ask_all(
         self, stream: Stream, request: Message | None = None, *, key: str | None = None, timeout_s: float = 2.0,

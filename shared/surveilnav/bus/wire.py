@@ -17,7 +17,11 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 class Unanswered(BusError):  # noqa: N818 - an answer, not a fault
-    """A query that nobody answered in time."""
+    """A query without an answer: nobody is there, or (``timed_out``) who is there took too long."""
+
+    def __init__(self, message: str, *, timed_out: bool = False) -> None:
+        super().__init__(message)
+        self.timed_out = timed_out
 
 
 class Refused(BusError):  # noqa: N818

@@ -14,7 +14,15 @@ from surveilnav.messages.maps import (
     ObjectRecord,
     Revision,
 )
-from surveilnav.messages.mission import Candidate, MissionAck, MissionCancel, MissionGoal, MissionStatus, Plan
+from surveilnav.messages.mission import (
+    FINISHED_STATES,
+    Candidate,
+    MissionAck,
+    MissionCancel,
+    MissionGoal,
+    MissionStatus,
+    Plan,
+)
 from surveilnav.messages.node import Ack, ErrorReply, TrafficReport, TrafficRow
 from surveilnav.messages.perception import Detection, InferReply, InferRequest, TextReply, WorkerLoad
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Observation, RobotStatus, Stair
@@ -26,5 +34,5 @@ __all__ = [
     "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FrameHeader", "InferReply", "InferRequest", "LayerHeader",
     "MissionAck", "MissionCancel", "MissionGoal", "MissionStatus", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation",
     "Part", "Plan", "Revision", "RobotStatus", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth",
-    "WorkerLoad",
+    "WorkerLoad", "FINISHED_STATES",
 ]  # fmt: skip

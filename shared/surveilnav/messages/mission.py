@@ -9,6 +9,8 @@ import msgspec
 from surveilnav.messages.base import Message
 
 MissionState = Literal["queued", "active", "confirming", "done", "failed", "cancelled"]
+#: States that a mission never leaves.
+FINISHED_STATES: tuple[MissionState, ...] = ("done", "failed", "cancelled")
 #: How a mission can end badly.
 FailureName = Literal[
     "not_found", "unreachable", "out_of_steps", "robot_lost", "perception_down", "fusion_down", "stuck", "bad_target"
@@ -70,7 +72,7 @@ class MissionStatus(Message, frozen=True, kw_only=True):
 class Candidate(msgspec.Struct, frozen=True):
     """A place the planner weighed: kind, (x, y) in the world, score, and why it was or wasn't taken."""
 
-    kind: Literal["target", "candidate", "frontier", "stairs", "sweep"]
+    kind: Literal["target", "candidate", "frontier", "stairs", "second_look"]
     x_m: float
     y_m: float
     score: float

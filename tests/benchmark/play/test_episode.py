@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from benchmark.play import episode
-from benchmark.play.episode import REASONS, _was_seen, reason_of, run_episode
+from benchmark.play.episode import REASONS, Episode, _was_seen, reason_of
 from benchmark.play.sight import PoseError, Sight
 from benchmark.policies import Task, policy_of
-from services.planner.core.drive import FmmPlanner
+from services.planner.core.motion.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import find_goals, sample_start
@@ -94,12 +94,12 @@ def searched(flat, steps, **how):
     real = episode._integrate
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(episode, "_integrate", lambda *a: (arrived.append(len(shown)) if a[2] else None, real(*a))[1])
-        run_episode(
+        Episode(
             Sight(flat, backend, way="depth"), goals, start,
             policy_of("surveilnav").begin(Task("toilet", 1, steps, FmmPlanner())),
             on_step=lambda n, view, joint, maps, d: shown.append((d.action, maps.explored.tobytes(), maps.value.tobytes())),
             **how,
-        )  # fmt: skip
+        ).run()  # fmt: skip
     return shown, arrived
 
 

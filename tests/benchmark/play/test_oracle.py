@@ -9,8 +9,8 @@ import pytest
 
 from benchmark.play.oracle import OraclePlanner
 from services.planner.core import MapView, MissionState, PlannerConfig, RobotView
-from services.planner.core.drive import FmmPlanner
-from services.planner.core.terrain import build_terrain
+from services.planner.core.motion.drive import FmmPlanner
+from services.planner.core.motion.terrain import build_terrain
 from services.robot_node import core as robot
 from simulator.sources import open_building
 from simulator.world.navigation import NavigationMap

@@ -8,9 +8,9 @@ import pytest
 
 from benchmark.policies import Task, Truth
 from services.planner.core import MapView
-from services.planner.core.drive import FmmPlanner
+from services.planner.core.motion.drive import FmmPlanner
+from services.planner.core.motion.terrain import clear_lines
 from services.planner.core.state import RobotView
-from services.planner.core.terrain import clear_lines
 from services.robot_node import core as robot
 from simulator.sources import open_building
 from simulator.world.goals import find_goals, judge, sample_start

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from benchmark.policies import POLICIES, Task, policy_of
-from services.planner.core.drive import FmmPlanner
+from services.planner.core.motion.drive import FmmPlanner
 from surveilnav.errors import ConfigError
 
 CHANCE = ("random-walk", "random-samples")

@@ -10,7 +10,7 @@ import pytest
 
 from benchmark.policies import POLICIES, apexnav, cooccurrence, l3mvn, vlfm
 from benchmark.policies.cooccurrence import Cooccurrence, count_train, of_train
-from services.planner.core.frontiers import Frontier
+from services.planner.core.goals.frontiers import Frontier
 from surveilnav.categories import TARGETS
 from surveilnav.errors import AssetError
 from surveilnav.messages import ObjectRecord

@@ -3,31 +3,37 @@
 from __future__ import annotations
 
 import json
-import sqlite3
-import subprocess
-import sys
-import zlib
-from pathlib import Path
+import os
+import threading
 
 import msgspec
 import numpy as np
 import pytest
 
-from benchmark.runner.basis import Basis, hash_of, meaning, program_hash, program_parts
-from benchmark.runner.records import Broken, EpisodeRecord, Records, _record_of, kept, read
-from benchmark.runner.settings import RunSettings
+from benchmark import journal
+from benchmark.runner import records as module
+from benchmark.runner.basis import Basis
+from benchmark.runner.records import Broken, Records, kept, read
+from benchmark.runner.row import HEADER, EpisodeRecord, record_of_row, row_of
+from benchmark.runner.settings import RunSettings, run_id
 from benchmark.runner.summary import interval, paired, pairs_of, summarise
 from surveilnav.errors import ConfigError
 
 RECORD = EpisodeRecord(
     scene="flat-s0", episode_id="2", category="tv", success=True, spl=0.5, soft_spl=0.6, steps=10, path_m=4.0,
-    shortest_path_m=2.0, distance_m=0.05, reason="", message="found", seen=True, floors=["0"], invoked=["c0-1"],
-    bytes={"jpeg+depth": 1000}, path=[(-700, 310), (-450, 310), (-450, 60)], seconds=1.0,
+    shortest_path_m=2.0, distance_m=0.05, reason="", seen=True, bytes={"jpeg+depth": 1000}, seconds=1.0,
 )  # fmt: skip
 FAILED = msgspec.structs.replace(RECORD, episode_id="10", success=False, spl=0.0, reason="not_seen", bytes={})
 
 
 BASIS = Basis("hash", "program")
+
+
+def edit(records, old, new):
+    """Changes the table's file; ``old`` stands in it once."""
+    data = records.path.read_bytes()
+    assert data.count(old) == 1
+    records.path.write_bytes(data.replace(old, new))
 
 
 def test_kept_and_read_back_in_the_datasets_order(tmp_path):
@@ -36,10 +42,64 @@ def test_kept_and_read_back_in_the_datasets_order(tmp_path):
     records.add(RECORD)
     again = Records(tmp_path, RunSettings(), BASIS)
     assert again.all() == [RECORD, FAILED]  # 2 before 10
-    nowhere = msgspec.structs.replace(RECORD, path=[])
-    again.add(nowhere)
-    assert again.all() == [nowhere, FAILED]
+    longer = msgspec.structs.replace(RECORD, steps=11, distance_m=None)
+    again.add(longer)
+    assert again.all() == [longer, FAILED]  # of two rows of a search the last counts
     assert again.done() == {RECORD.key, FAILED.key}
+
+
+def test_a_finished_run_makes_the_same_file_in_whatever_order_it_was_played(tmp_path):
+    files = []
+    for name, played in (("a", [FAILED, RECORD]), ("b", [RECORD, FAILED, RECORD])):
+        records = Records(tmp_path / name, RunSettings(), BASIS)
+        for record in played:
+            records.add(record)
+        records.settle()
+        assert sorted(p.name for p in records.folder.iterdir()) == ["searches.csv", "settings.json"]
+        files.append({p.name: p.read_bytes() for p in records.folder.iterdir()})
+    assert files[0] == files[1]
+    assert files[0]["searches.csv"].decode().splitlines()[0] == HEADER
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {}, {"distance_m": None}, {"bytes": {}}, {"bytes": {"jpeg+depth": 0, "summaries": 7}},
+        {"reason": "stuck", "success": False},
+        {"scene": 'own, "old" hôtel-s0'}, {"spl": 0.123457}, {"path_m": 1234.567891}, {"seen": False}, {"spl": 1e-6},
+    ],
+)  # fmt: skip
+def test_a_row_says_what_the_record_says(change):
+    record = msgspec.structs.replace(RECORD, **change)
+    assert record_of_row(row_of(record)) == record
+    assert len(row_of(record).split("\n")) == 1
+
+
+def test_a_tier_without_a_column_is_refused():
+    with pytest.raises(ValueError, match=r"jpeg\+depth, summaries, not for 'objects'"):
+        row_of(msgspec.structs.replace(RECORD, bytes={"objects": 1}))
+
+
+def test_a_thousand_searches_are_small():
+    long = msgspec.structs.replace(
+        FAILED, scene="3_bedroom_mezzanine-s0", category="potted plant", reason="seen_and_rejected", spl=1 / 7, soft_spl=1 / 7,
+        steps=499, path_m=1000 / 7, shortest_path_m=100 / 7, distance_m=100 / 7, seconds=1000 / 7,
+        bytes={"jpeg+depth": 31_731_755, "summaries": 1234},
+    )  # fmt: skip
+    assert 1000 * (len(row_of(long)) + 1) <= 150_000
+
+
+def test_a_row_that_was_torn_by_a_kill_is_neither_read_nor_in_the_way(tmp_path):
+    records = Records(tmp_path, RunSettings(), BASIS)
+    records.add(RECORD)
+    with records.path.open("a") as file:
+        file.write(row_of(FAILED)[:40])
+    assert records.all() == [RECORD]
+    assert records.done() == {RECORD.key}
+    assert records.mend() == []
+    records.add(FAILED)
+    assert Records(tmp_path, RunSettings(), BASIS).all() == [RECORD, FAILED]
+    assert len(records.path.read_text().splitlines()) == 3
 
 
 def test_anybody_can_read_a_run_without_its_program_and_dataset(tmp_path):
@@ -49,8 +109,7 @@ def test_anybody_can_read_a_run_without_its_program_and_dataset(tmp_path):
     assert read(tmp_path) == []
     records.add(RECORD)
     assert read(tmp_path) == [RECORD]
-    with sqlite3.connect(records.path) as db:
-        db.execute("UPDATE run SET facts = ?", [json.dumps({"version": 2})])
+    (tmp_path / "settings.json").write_text(json.dumps({"version": 2}))
     with pytest.raises(ConfigError, match="version 2"):
         read(tmp_path)
 
@@ -71,7 +130,7 @@ def test_a_broken_episode_is_kept_apart_until_it_is_played(tmp_path):
         (RunSettings(max_steps=50), BASIS, "max_steps 500, asked 50"),
         (RunSettings(surveillance=False), BASIS, "surveillance True, asked False"),
         (RunSettings(), Basis("other", "program"), "another dataset"),
-        (RunSettings(), Basis("hash", "newer"), "another version of the program"),
+        (RunSettings(), Basis("hash", "newer"), "a program that searches otherwise"),
     ],
 )
 def test_runs_cant_be_mixed(tmp_path, settings, basis, said):
@@ -96,41 +155,30 @@ def test_a_folder_that_cant_be_is_named(tmp_path):
         Records(tmp_path / "file", RunSettings(), BASIS)
 
 
-def test_a_damaged_file_is_named(tmp_path):
-    Records(tmp_path, RunSettings(), BASIS).add(RECORD)
-    path = tmp_path / "episodes.sqlite"
-    path.write_bytes(b"not a database" * 400)
+@pytest.mark.parametrize("text", [b"not a table" * 400, b"not a table\n" * 400, HEADER.encode(), b"", b"\xff\n"])
+def test_a_damaged_file_is_named(tmp_path, text):
+    records = Records(tmp_path, RunSettings(), BASIS)
+    records.add(RECORD)
+    records.path.write_bytes(text)
     with pytest.raises(ConfigError, match=r"damaged.*move it away"):
-        Records(tmp_path, RunSettings(), BASIS)
+        Records(tmp_path, RunSettings(), BASIS).all()
+    assert records.path.read_bytes() == text
 
 
 @pytest.mark.parametrize(
-    "blob", [b'{"scene": 3', zlib.compress(b'{"scene": 3'), zlib.compress(b'{"scene": "\xff"}'), "text"]
-)
-def test_a_damaged_record_is_named(tmp_path, blob):
+    ("old", "new"),
+    [
+        (b"flat-s0,2", b"flat-s0,3"), (b"flat-s0,2", b"flat-s7,2"), (b",2,tv", b",\xff,tv"), (b",tv,1,", b",tv,0,"),
+        (b",0.5,", b",0.6,"), (b",0.5,", b",,"), (b"flat-s0,2,tv,1,0.5,", b"flat-s0,2,tv,1,"), (b"flat-s0,2,tv", b""),
+    ],
+)  # fmt: skip
+def test_a_row_that_was_damaged_is_named_and_played_again(tmp_path, old, new):
+    """Also where it still reads like a row: a checksum ends it."""
     records = Records(tmp_path, RunSettings(), BASIS)
     records.add(RECORD)
-    with sqlite3.connect(records.path) as db:
-        db.execute("UPDATE episodes SET record = ?", [blob])
+    edit(records, old, new)
     records.add(FAILED)
-    with pytest.raises(ConfigError, match=r"can't be read.*plays that episode anew"):
-        records.all()
-    assert records.mend() == [RECORD.key]
-    assert records.mend() == []
-    assert records.all() == [FAILED]
-
-
-@pytest.mark.parametrize(
-    "damage",
-    ["scene = NULL", "scene = CAST(x'ff' AS TEXT)", "episode_id = '7'", "success = 0", "spl = .6", "reason = 'stuck'"],
-)
-def test_a_row_that_contradicts_itself_is_named_and_played_again(tmp_path, damage):
-    records = Records(tmp_path, RunSettings(), BASIS)
-    records.add(RECORD)
-    with sqlite3.connect(records.path) as db:
-        db.execute(f"UPDATE episodes SET {damage}")
-    records.add(FAILED)
-    with pytest.raises(ConfigError, match=r"can't be read.*plays that episode anew"):
+    with pytest.raises(ConfigError, match=r"can't be read.*plays that search anew"):
         read(tmp_path)
     assert len(records.mend()) == 1
     assert records.mend() == []
@@ -139,38 +187,16 @@ def test_a_row_that_contradicts_itself_is_named_and_played_again(tmp_path, damag
     assert records.all() == [RECORD, FAILED]
 
 
-@pytest.mark.parametrize("where", ["find", "rfind"])
-def test_a_key_that_was_damaged_on_the_disk_is_neither_lost_nor_counted_twice(tmp_path, where):
-    """A key stands in the file twice: with its record, and in the index."""
-    records = Records(tmp_path, RunSettings(), BASIS)
-    records.add(RECORD)
-    records.add(FAILED)
-    data = bytearray(records.path.read_bytes())
-    at = getattr(data, where)(b"flat-s02")
-    assert data.count(b"flat-s02") == 2
-    data[at + 7] = ord("7")
-    records.path.write_bytes(data)
-    mended = records.mend()
-    assert mended in ([], [("flat-s0", "7")])  # of the index alone, nothing is lost
-    assert records.mend() == []
-    assert records.done() == {r.key for r in records.all()} == ({FAILED.key} if mended else {RECORD.key, FAILED.key})
-    records.add(RECORD)
-    assert records.all() == [RECORD, FAILED]
-
-
 def test_what_is_mended_is_not_lost_when_the_disk_is_full(tmp_path, monkeypatch):
     records = Records(tmp_path, RunSettings(), BASIS)
     records.add(RECORD)
     records.add(FAILED)
-    with sqlite3.connect(records.path) as db:
-        db.execute("UPDATE episodes SET success = 0 WHERE episode_id = ?", [RECORD.episode_id])
+    edit(records, b"flat-s0,2,tv,1", b"flat-s0,2,tv,0")
 
-    class Full(sqlite3.Connection):
-        def executemany(self, *_):
-            raise sqlite3.OperationalError("database or disk is full")
+    def full(*_):
+        raise OSError(28, "No space left on device")
 
-    real = sqlite3.connect
-    monkeypatch.setattr(sqlite3, "connect", lambda *a, **k: real(*a, **k, factory=Full))
+    monkeypatch.setattr("os.replace", full)
     with pytest.raises(ConfigError, match="is the disk full"):
         records.mend()
     monkeypatch.undo()
@@ -183,35 +209,65 @@ def test_nobody_writes_while_it_is_mended(tmp_path, monkeypatch):
     """What another process adds then isn't dropped with the old table."""
     records = Records(tmp_path, RunSettings(), BASIS)
     records.add(RECORD)
-    with sqlite3.connect(records.path) as db:
-        db.execute("UPDATE episodes SET success = 0")
-    monkeypatch.setattr("benchmark.runner.records._BUSY_S", 0.1)
-    real = _record_of
+    edit(records, b",tv,1,", b",tv,0,")
+    real, adding = record_of_row, threading.Thread(target=records.add, args=[FAILED])
 
     def meanwhile(row):
-        with pytest.raises(ConfigError, match="locked"):
-            records.add(FAILED)
+        monkeypatch.undo()
+        adding.start()
+        adding.join(0.3)
+        assert adding.is_alive(), "it waits"
         return real(row)
 
-    monkeypatch.setattr("benchmark.runner.records._record_of", meanwhile)
+    monkeypatch.setattr(module, "record_of_row", meanwhile)
     assert records.mend() == [RECORD.key]
+    adding.join(10.0)
+    assert records.all() == [FAILED]
+
+
+def test_several_processes_keep_all_their_rows(tmp_path):
+    records = Records(tmp_path, RunSettings(), BASIS)
+
+    def add(first):
+        for n in range(first, first + 50):
+            Records(tmp_path, RunSettings(), BASIS).add(msgspec.structs.replace(RECORD, episode_id=str(n)))
+
+    threads = [threading.Thread(target=add, args=[50 * n]) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [r.episode_id for r in records.all()] == [str(n) for n in range(200)]
 
 
 def test_another_run_whose_settings_cant_be_read_is_refused(tmp_path):
     records = Records(tmp_path, RunSettings(), BASIS)
     records.add(RECORD)
-    with sqlite3.connect(records.path) as db:
-        db.execute("UPDATE run SET facts = ?", [json.dumps({"version": 3, **BASIS._asdict()})])
-    with pytest.raises(ConfigError, match=r"another run .*settings aren't said"):
-        Records(tmp_path, RunSettings(), BASIS)
+    facts = {"version": module.VERSION, **BASIS._asdict()}
+    for settings, said in (
+        ({}, "settings aren't said"),
+        ({"settings": {"pace": 3}}, "'pace' that there isn't.*rename"),
+    ):
+        (tmp_path / "settings.json").write_text(json.dumps(facts | settings))
+        with pytest.raises(ConfigError, match=rf"another run .*{said}"):
+            Records(tmp_path, RunSettings(), BASIS)
+        assert kept(tmp_path, RunSettings(), BASIS) is None
 
 
-@pytest.mark.parametrize("facts", ["", "{", "[]", b"\xff"])
+def test_a_run_from_before_a_setting_was_added_has_its_default(tmp_path):
+    Records(tmp_path, RunSettings(), BASIS).add(RECORD)
+    facts = module.facts_of(RunSettings(), BASIS)
+    del facts["settings"]["harder"]
+    (tmp_path / "settings.json").write_text(json.dumps(facts))
+    assert Records(tmp_path, RunSettings(), BASIS).all() == [RECORD]
+    assert kept(tmp_path, RunSettings(harder=1.0), BASIS) is None
+
+
+@pytest.mark.parametrize("facts", [b"", b"{", b"[]", b"\xff"])
 def test_a_file_that_doesnt_say_of_which_run_it_is_is_named(tmp_path, facts):
     records = Records(tmp_path, RunSettings(), BASIS)
     records.add(RECORD)
-    with sqlite3.connect(records.path) as db:
-        db.execute("UPDATE run SET facts = ?", [facts])
+    (tmp_path / "settings.json").write_bytes(facts)
     for use in (
         lambda: Records(tmp_path, RunSettings(), BASIS),
         lambda: read(tmp_path),
@@ -221,20 +277,38 @@ def test_a_file_that_doesnt_say_of_which_run_it_is_is_named(tmp_path, facts):
             use()
 
 
-def test_a_full_disk_is_named(tmp_path, monkeypatch):
+def test_searches_without_settings_are_another_run(tmp_path):
+    Records(tmp_path, RunSettings(), BASIS).add(RECORD)
+    (tmp_path / "settings.json").unlink()
+    with pytest.raises(ConfigError, match="another run"):
+        Records(tmp_path, RunSettings(), BASIS)
+    assert kept(tmp_path, RunSettings(), BASIS) is None
+
+
+def test_a_full_disk_is_named_and_what_was_kept_can_be_read(tmp_path, monkeypatch):
     records = Records(tmp_path, RunSettings(), BASIS)
-    real, scattered = sqlite3.connect, [(i * i % 65_537, i * i * i % 65_539) for i in range(50_000)]
+    records.add(RECORD)
 
-    def full(*arguments, **options):
-        db = real(*arguments, **options)
-        db.execute("PRAGMA max_page_count = 1")  # SQLite's own word for it: "database or disk is full"
-        return db
+    def full(*_):
+        raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(sqlite3, "connect", full)
-    with pytest.raises(ConfigError, match="full"):
-        records.add(msgspec.structs.replace(RECORD, path=scattered))
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(ConfigError, match="is the disk full"):
+        records.add(FAILED)
     monkeypatch.undo()
-    assert all(r.scene == "flat-s0" for r in records.all())  # what was kept can be read
+    assert RECORD in records.all()
+
+
+def test_lines_are_whole_or_not_there(tmp_path):
+    path = tmp_path / "journal"
+    journal.append(path, "one")
+    path.write_bytes(path.read_bytes() + b"tw")
+    assert journal.lines(path) == ["one"]
+    journal.append(path, "three")
+    assert path.read_bytes() == b"one\nthree\n"
+    path.write_bytes(b"torn from the first on")
+    journal.append(path, "four")
+    assert journal.lines(path) == ["four"]
 
 
 def test_numbers_and_their_intervals():
@@ -308,9 +382,11 @@ def test_a_ratio_is_that_of_resampled_pairs():
         (RunSettings(policy="best"), "there is no policy 'best'"),
         (RunSettings(perception="auto"), "perception is one of"),
         (RunSettings(max_steps=0), "1 to 5000 steps"),
-        (RunSettings(fusion={"objects": {"geometry": "sphere"}}), "geometry"),
+        (RunSettings(fusion={"objects": {"association": {"geometry": "sphere"}}}), "geometry"),
         (RunSettings(fusion={"clouds": {}}), "clouds"),
-        (RunSettings(planning={"speed": 3}), "no setting 'speed'"),
+        (RunSettings(planning={"speed": 3}), "speed\n.*Unexpected"),
+        (RunSettings(planner="warp"), "planner is one of fmm, sp, got 'warp'"),
+        (RunSettings(views="all"), "views is one of panoramic, half, got 'all'"),
         (RunSettings(planning={"strategy": "best"}), "strategy"),
         (RunSettings(detectors=["yolo-huge"]), "yolox-nano, .*got 'yolo-huge'"),
         (RunSettings(delay_steps=-1), "0 or more"),
@@ -331,65 +407,14 @@ def test_one_setting_is_changed_and_the_others_stay():
     assert changed.map == plain.map
 
 
-@pytest.mark.parametrize(
-    ("changed", "same"),
-    [
-        ('def f(x):\n    """Says more."""\n    # and a comment\n    return (x +\n            1)\n', True),
-        ("def f(x):\n    return x + 2\n", False),
-        ('def f(x):\n    return "x" + 1\n', False),
-    ],
-)
-def test_only_what_changes_numbers_makes_another_program(changed, same):
-    assert (meaning('def f(x):\n    """Says."""\n    return x + 1\n') == meaning(changed)) == same
-
-
-def test_all_versions_of_python_see_the_same_program():
-    """Python 3.12 prints fields of definitions that earlier ones haven't."""
-    assert "type_params" not in meaning("class C:\n    def f(self): pass\nasync def g(): pass\n")
-
-
-@pytest.mark.parametrize(
-    ("file", "text", "same"),
-    [
-        ("core/a.py", "X = 1  # one\n", True),
-        ("core/a.py", "X = 2\n", False),
-        ("core/data/t.json", "[2]", False),
-        ("core/new.py", "", False),
-        ("core/notes.md", "other", True),
-        ("other/a.py", "X = 2\n", True),
-    ],
-)
-def test_code_and_tables_make_the_program(tmp_path, file, text, same):
-    files = {"core/a.py": "X = 1\n", "core/data/t.json": "[1]", "core/notes.md": "", "one.py": "", "other/a.py": ""}
-    for name, content in files.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(content)
-    before = hash_of({tmp_path: ("core", "one.py")})
-    (tmp_path / file).write_text(text)
-    assert (hash_of({tmp_path: ("core", "one.py")}) == before) == same
-
-
-#: What a search imports that doesn't decide how it goes: packages, keeping, counting, the bus.
-_NOT_THE_PROGRAM = {
-    "benchmark", "benchmark.dataset", "benchmark.dataset.integrity", "benchmark.dataset.splits", "benchmark.runner",
-    "benchmark.runner.basis", "benchmark.runner.records", "services", "services.camera_node", "services.fusion",
-    "services.planner", "services.robot_node", "surveilnav", "surveilnav.config", "surveilnav.contract", "surveilnav.errors",
-    "surveilnav.bus", "surveilnav.bus.logs", "surveilnav.bus.node", "surveilnav.bus.settings",
-    "surveilnav.bus.traffic",
-}  # fmt: skip
-
-
-def test_whatever_plays_a_search_is_part_of_the_program():
-    code = "import sys, benchmark.runner.play; [print(n, getattr(m, '__file__', '')) for n, m in sys.modules.items()]"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    parts = {root / part for root, parts in program_parts().items() for part in parts}
-    loaded = dict(line.split(" ", 1) for line in said.splitlines())
-    loaded = {n: file for n, file in loaded.items() if n.split(".")[0] in ("benchmark", "services", "surveilnav")}
-    others = {name for name, file in loaded.items() if not parts & {Path(file), *Path(file).parents}}
-    assert len(loaded) > 60
-    assert others <= _NOT_THE_PROGRAM
-
-
-def test_all_parts_of_the_program_are_there():
-    assert all((root / part).exists() for root, parts in program_parts().items() for part in parts)
-    assert len(program_hash()) == 64
+def test_a_runs_name_is_of_its_settings_alone():
+    names = [
+        run_id(RunSettings(**s)) for s in ({}, {"seed": 1}, {"planning": {"strategy": "greedy"}}, {"split": "val"})
+    ]
+    assert len(set(names)) == 4
+    assert all(len(name) <= len("val_mini-") + 8 for name in names)
+    maps = {"objects": {"tau": 1.1, "geometry": "box_iou"}, "value": {"fusion": "latest"}}
+    turned = {"value": {"fusion": "latest"}, "objects": {"geometry": "box_iou", "tau": 1.1}}
+    assert run_id(RunSettings(fusion=maps)) == run_id(RunSettings(fusion=turned))
+    assert run_id(RunSettings(split="a/b")).startswith("a_b-")
+    assert run_id(RunSettings()) == "val_mini-44136fa3", "published runs are found by it"

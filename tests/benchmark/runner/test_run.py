@@ -7,17 +7,18 @@ from dataclasses import replace
 import msgspec
 import pytest
 
+from benchmark import canary
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.load import load_scene
 from benchmark.dataset.make import make, write_manifest
 from benchmark.dataset.splits import SceneSpec, SplitSpec
-from benchmark.play.episode import REASONS, FusedCameras, run_episode
+from benchmark.play.episode import REASONS, Episode, FusedCameras
 from benchmark.play.sight import Sight
 from benchmark.runner import play
 from benchmark.runner.basis import basis_of
 from benchmark.runner.play import ScenePlayer
 from benchmark.runner.records import Records
-from benchmark.runner.run import run
+from benchmark.runner.run import _work, run
 from benchmark.runner.settings import RunSettings
 from simulator.truth.choose import choose_backend
 from surveilnav.errors import ConfigError
@@ -50,7 +51,7 @@ def test_every_episode_is_played_once(finished):
     assert all((r.reason == "") == r.success for r in finished.records)
     assert all(r.reason in {"", *REASONS} for r in finished.records)
     assert any(r.success for r in finished.records)
-    assert all(r.invoked for r in finished.records)
+    assert all(r.bytes["jpeg+depth"] > 0 for r in finished.records)
 
 
 def test_the_same_twice_on_any_number_of_workers(dataset, finished, tmp_path):
@@ -80,6 +81,24 @@ def test_a_broken_episode_is_named_and_not_counted(dataset, tmp_path, monkeypatc
     records = Records(tmp_path, SETTINGS, basis)
     assert [r.episode_id for r in records.all()] == ["0"]
     assert "a bug" in records.broken()[0].error
+
+
+def test_a_run_is_stamped_with_what_the_program_does(dataset, finished, tmp_path, monkeypatch):
+    """With the digest of the golden run: a program that is written otherwise and searches alike goes on with a run."""
+    basis = basis_of(dataset, "val_mini")
+    assert basis.program == canary.digest()
+    records = Records(tmp_path, SETTINGS, basis)
+    records.add(finished.records[0])
+    monkeypatch.setattr("benchmark.runner.basis.digest", lambda: "another")
+    with pytest.raises(ConfigError, match="a program that searches otherwise"):
+        run(dataset, tmp_path, SETTINGS, workers=1)
+
+
+def test_a_worker_doesnt_go_on_by_another_program(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("benchmark.runner.run.digest", lambda: "another")
+    with pytest.raises(ConfigError, match="changed since this run began"):
+        _work((dataset, tmp_path, basis_of(dataset, "val_mini"), SETTINGS, "parametric_flat-s0", frozenset({"0"})))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture
@@ -130,7 +149,7 @@ def test_fused_once_is_as_good_as_fused_live(dataset):
 
     from benchmark.dataset.load import start_of
     from benchmark.policies import Task, policy_of
-    from services.planner.core.drive import FmmPlanner
+    from services.planner.core.motion.drive import FmmPlanner
 
     episode = player.episodes[0]
     label = player._data.label_of(episode)
@@ -143,7 +162,7 @@ def test_fused_once_is_as_good_as_fused_live(dataset):
         for _ in range(2 if fused else 1):  # the second time from the copy
             shown.clear()
             searcher = ours.begin(Task(label, 1, 12, FmmPlanner()))
-            run_episode(player._sight, goals, start, searcher, fusion=ours.fusion, fused=fused, seed=1, on_step=look)
+            Episode(player._sight, goals, start, searcher, fusion=ours.fusion, fused=fused, seed=1, on_step=look).run()
         runs.append(list(shown))
     assert runs[0] == runs[1]
 
@@ -157,13 +176,18 @@ def test_searches_are_told_that_they_begin_on_a_floor_with_a_goal(dataset):
     assert [task.goal_on_floor for task in told] == [True]
 
 
-def test_bytes_are_those_of_the_rendered_views(dataset, finished):
+def test_bytes_are_those_of_the_rendered_views(dataset, monkeypatch):
     """Nothing is rendered for `simulated`; what its cameras offered was measured once, and is what pixels would take."""
-    for record in finished.records:
-        data = load_scene(dataset, "val_mini", record.scene)
-        measured = data.cameras.view_bytes["100"]
-        assert record.invoked
-        assert record.bytes["jpeg+depth"] == sum(sum(measured[camera]) for camera in record.invoked)
+    results, real = [], Episode.run
+    monkeypatch.setattr(Episode, "run", lambda self: results.append(real(self)) or results[-1])
+    data = load_scene(dataset, "val_mini", "parametric_house-s0")
+    measured = data.cameras.view_bytes["100"]
+    player = ScenePlayer(dataset, "parametric_house-s0", SETTINGS)
+    for episode in player.episodes:
+        record = player.play(episode)
+        invoked = results[-1].camera_bytes
+        assert invoked
+        assert record.bytes["jpeg+depth"] == sum(sum(measured[camera]) for camera in invoked)
     building = open_scene(data.record, lighting="flat")
     camera = building.plan.cameras[0].name
     sight = Sight(building, choose_backend("oracle"), plan=data.plan(100))

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from benchmark.studies import homes
+from benchmark.canary import digest
 from benchmark.studies.association import run as association
 from benchmark.studies.association.page import Results, choose, page
-from benchmark.studies.association.replays import Player, code_hash, good_detections, score, variants
+from benchmark.studies.association.replays import Player, good_detections, score, variants
 from benchmark.studies.recordings import TOURS, Facts, Recording, SeenView, Thing
 from services.fusion.core import FusionConfig, JointMap, ObjectConfig
 from services.fusion.core.config import AssociationConfig, PointsConfig
@@ -109,7 +109,7 @@ def records(recording, wanted):
         if variant.name == "box_iou 0.7 eq. 3 alone":  # fewest errors, wrong names
             found["served"] = {"bed > chair": [2, 0]}
         yield {
-            "home": "test", "perception": "test", "tour": "sparse", "code": code_hash(), "group": variant.group,
+            "home": "test", "perception": "test", "tour": "sparse", "program": digest(), "group": variant.group,
             "name": variant.name, "fingerprint": variant.fingerprint, "cpu_ms": [1.0, 1.0, 2.0], "first_last_ms": [1.0, 1.0],
             "locate_ms": 1.0, "objects": 2, "shape_bytes": 1000, "views": 5, **found,
         }  # fmt: skip
@@ -120,7 +120,7 @@ def test_the_page_and_the_choice(recording):
         ("preset", "default"), ("preset", "paper"), ("sweep", "overlap 1.2 all rules"), ("sweep", "box_iou 0.7 eq. 3 alone"),
     }  # fmt: skip
     played = list(records(recording, wanted))
-    old = played[0] | {"code": "of another state", "things": []}
+    old = played[0] | {"program": "that does otherwise", "things": []}
     results = Results("sparse", [*played, old, played[0] | {"tour": "dense", "things": []}])
     assert choose(results) == "overlap 1.2 all rules"
     text = page({"sparse": results}, "the command")
@@ -133,7 +133,7 @@ def test_the_page_and_the_choice(recording):
 
 def test_the_page_can_be_written_again_from_the_records_alone(recording, tmp_path):
     for r in records(recording, {("preset", "default"), ("preset", "paper"), ("sweep", "overlap 1.2 all rules")}):
-        homes.append(tmp_path, r | {"perception": "onnx-coco"}, association.RECORDS)
+        association.rows_in(tmp_path).append(r | {"perception": "onnx-coco"})
     arguments = [
         "--out",
         str(tmp_path / "out"),

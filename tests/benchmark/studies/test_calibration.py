@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from benchmark.dataset.splits import SPLITS, SplitSpec
 from benchmark.studies.calibration import views
-from benchmark.studies.calibration.fit import _rare_dropped, both_above, fit, fit_luck, fit_probit, matched
+from benchmark.studies.calibration.fit import _rare_dropped, _shown, both_above, fit, fit_luck, fit_probit, matched
 from benchmark.studies.calibration.page import Side, compare
 from benchmark.studies.calibration.run import main, presence_of
 from benchmark.studies.calibration.views import Found, Rows
@@ -302,3 +302,20 @@ def test_the_model_in_use_is_compared_on_a_split_and_left_as_it_is(
     assert error_model.error_model().source in page
     assert (tmp_path / "val_mini" / "reliability.png").exists()
     assert not (tmp_path / "model.json").exists()
+
+
+def test_what_shows_in_a_view_is_what_simulated_thinks_shows(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+    """The haze is fitted to the same rule that it is later drawn by."""
+    rows = views.rows_of([flat[0]])
+    n_views = len(flat[0].looks)
+    labels, shown, camera = _shown(rows, n_views)
+    assert "" not in labels
+    assert camera.tolist() == [float(look.is_camera) for look in flat[0].looks]
+    for view in range(n_views):
+        drawn: dict[str, float] = {}
+        for kind in ("thing", "other"):
+            there = rows[kind].where(rows[kind].view == view)
+            drawn |= error_model.showing(there.labels.tolist(), there.x)
+        drawn.pop("", None)
+        assert {label: v for label, v in zip(labels, shown[view].tolist(), strict=True) if v} == drawn
+    assert 0 < np.count_nonzero(shown) < shown.size

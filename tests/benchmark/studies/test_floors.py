@@ -15,8 +15,10 @@ RECORD = {
     "shortest_path_m": 10.0, "spl": 0.9, "floors": ["1", "0"], "seen": {"0": 0.78, "1": 0.0},
     "changes": [{"step": 20, "floor": "1", "to_floor": "0", "why": "the cameras of floor 0 saw 'tv' with 0.78"}],
     "summary_bytes": {"c0-1": 100, "c1-1": 80}, "camera_bytes": 5_000_000, "invoked": ["c0-1"], "seconds": 9.0,
+    "picture": "house-tv-1-with.png",
 }  # fmt: skip
 WITHOUT = RECORD | {"summaries": "without", "success": False, "reason": "not_found", "spl": 0.0, "summary_bytes": {}}
+APART = WITHOUT | {"picture": "house-tv-1-without.png"}
 
 
 def test_the_table_puts_both_arms_beside_each_other():
@@ -25,7 +27,24 @@ def test_the_table_puts_both_arms_beside_each_other():
     assert "| without | 1 | 0 | 0.0 |" in page
     assert "| house | tv | 1 | 0 (0.78) | yes / not_found | 60 / 60 |" in page
     assert "after 20 steps to 0" in page
-    assert "house-tv-1-with.png" in page
+    assert page.count("![](house-tv-1-with.png)") == 1, "both went the same way"
+    apart = floors.table([RECORD, APART])
+    assert (
+        apart.index("![](house-tv-1-with.png)")
+        < apart.index("without summaries:")
+        < apart.index("![](house-tv-1-without.png)")
+    )
+
+
+def test_the_same_way_is_drawn_once(tmp_path):
+    one, other = np.zeros((9, 9, 3), np.uint8), np.ones((9, 9, 3), np.uint8)
+    for arm, image, name in (
+        ("with", one, "house-potted_plant-1-with.png"),
+        ("without", one, "house-potted_plant-1-with.png"),
+        ("without", other, "house-potted_plant-1-without.png"),
+    ):
+        assert floors.keep_picture(tmp_path, "house-potted plant-1", arm, image) == name
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 @pytest.fixture(scope="module")
@@ -59,13 +78,13 @@ def test_over_the_stairs(house, downstairs, planner):
 
     The robot takes it for sure that upstairs has no tv: else it would look there first.
     """
-    from benchmark.play.episode import run_episode
+    from benchmark.play.episode import Episode
     from benchmark.play.oracle import OraclePlanner
     from benchmark.play.sight import Sight
     from benchmark.policies.mission import Mission
     from benchmark.policies.policy import Task
     from services.planner.core import PlannerConfig
-    from services.planner.core.drive import FmmPlanner
+    from services.planner.core.motion.drive import FmmPlanner
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import Start
 
@@ -74,7 +93,7 @@ def test_over_the_stairs(house, downstairs, planner):
     head = house.navigation.transits[0].end_on("1")
     at = house.navigation.snap((head[0], head[1] + 0.8, head[2]), "1")
     start = Start(at, "1", -np.pi / 2, downstairs.field.at(at, "1"))
-    episode = run_episode(Sight(house, choose_backend("oracle")), downstairs, start, mission)
+    episode = Episode(Sight(house, choose_backend("oracle")), downstairs, start, mission).run()
     assert episode.floors[:2] == ("1", "0"), episode.message
     assert "saw 'tv' with 1.00" in mission.changes[0].why
     assert sorted(episode.camera_bytes) == ["c0-1", "c1-1"]

@@ -16,11 +16,12 @@ FAILED = RECORD | {"surveillance": "off", "success": False, "reason": "not_found
 
 
 def test_a_torn_line_costs_only_itself(tmp_path):
-    homes.append(tmp_path, RECORD)
+    rows = homes.rows_in(tmp_path)
+    rows.append(RECORD)
     with (tmp_path / "episodes.jsonl").open("a") as file:
         file.write('{"building": "stu')
-    homes.append(tmp_path, FAILED)
-    assert homes.load(tmp_path) == [RECORD, FAILED]
+    rows.append(FAILED)
+    assert rows.load() == [RECORD, FAILED]
 
 
 def test_the_table_counts_what_is_there():

@@ -15,7 +15,7 @@ import uvicorn
 
 from services.gateway.__main__ import listen
 from services.gateway.app import create_app
-from services.gateway.service import Backend
+from services.gateway.service import Gateway
 from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Answer, BusSettings, Node, Refused, Request, clock_ns
@@ -120,7 +120,7 @@ class FakeBuilding:
 
     def _cancel(self, request: Request) -> Answer:
         status = self._known(request)
-        if status.state in ("done", "failed", "cancelled"):
+        if status.state in m.FINISHED_STATES:
             return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=False, state=status.state))
         return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=True, state="cancelled"))
 
@@ -276,7 +276,7 @@ def eventually() -> Callable[..., None]:
 
 
 @pytest.fixture(scope="session")
-def start_gateway() -> Callable[[str, ExitStack], tuple[str, Backend]]:
+def start_gateway() -> Callable[[str, ExitStack], tuple[str, Gateway]]:
     return serve_gateway
 
 
@@ -287,11 +287,11 @@ def router() -> Iterator[str]:
         yield endpoint
 
 
-def serve_gateway(endpoint: str, stack: ExitStack) -> tuple[str, Backend]:
+def serve_gateway(endpoint: str, stack: ExitStack) -> tuple[str, Gateway]:
     """A gateway as ``python -m services.gateway`` runs it, on a thread; its address."""
     sock = stack.enter_context(listen("127.0.0.1", 0))
-    backend = Backend(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))))
-    server = uvicorn.Server(uvicorn.Config(create_app(backend), log_config=None, access_log=False, lifespan="off"))
+    gateway = Gateway(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))))
+    server = uvicorn.Server(uvicorn.Config(create_app(gateway), log_config=None, access_log=False, lifespan="off"))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
 
@@ -300,7 +300,7 @@ def serve_gateway(endpoint: str, stack: ExitStack) -> tuple[str, Backend]:
         thread.join(10)
 
     stack.callback(stop)
-    return f"http://127.0.0.1:{sock.getsockname()[1]}", backend
+    return f"http://127.0.0.1:{sock.getsockname()[1]}", gateway
 
 
 @pytest.fixture(scope="module")

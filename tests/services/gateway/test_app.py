@@ -13,7 +13,7 @@ import pytest
 
 from surveilnav import contract
 from surveilnav import messages as m
-from surveilnav.bus import clock_ns
+from surveilnav.bus import Node, clock_ns
 from surveilnav.geometry import Grid
 
 SURROGATE = b'{"target": "\\ud800"}'
@@ -241,15 +241,13 @@ def test_views_that_arent_there(client, view, status):
 
 
 def test_a_camera_that_left_stays_listed_as_stale(client, building, eventually):
-    passing = building.node("camera", "c9")
-    publisher = passing.publisher(contract.CAMERA_INFO, floor="0", camera="c9")
-    publisher.put(_renamed(building.info, "c9"))
-
     def camera() -> dict[str, Any]:
         return dict(client.get("/api/v1/cameras/c9").json())
 
-    eventually(lambda: camera().get("stale") is False, "the camera never came")
-    passing.__exit__(None, None, None)
+    with Node("camera", "c9", building.settings) as passing:
+        publisher = passing.publisher(contract.CAMERA_INFO, floor="0", camera="c9")
+        publisher.put(_renamed(building.info, "c9"))
+        eventually(lambda: camera().get("stale") is False, "the camera never came")
     eventually(lambda: camera()["stale"] is True, "the camera is gone but not stale")
     assert named(problem(client.get("/api/v1/cameras/c9/views/1.jpg"), 503)) == "absent"
 

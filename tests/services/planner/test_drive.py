@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from services.planner.core import MapView, MissionState, PlannerConfig, RobotView
-from services.planner.core.drive import FmmPlanner, bearing_error_rad, turn_towards
-from services.planner.core.terrain import build_terrain
+from services.planner.core.motion.drive import FmmPlanner, bearing_error_rad, turn_towards
+from services.planner.core.motion.terrain import build_terrain
 from surveilnav.geometry import Grid
 
 CONFIG = PlannerConfig()

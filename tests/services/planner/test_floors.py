@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from services.planner.core import MissionState, PlannerConfig, floors
+from services.planner.core import MissionState, PlannerConfig
+from services.planner.core.goals.floors import chance_here
+from services.planner.core.goals.stairs import WayToFloor
+from services.planner.core.stages import last_resort as stage
+from services.planner.core.stages.stage import RETRY
 from services.planner.core.state import FloorMemory
 
 #: A hall with a side room; ``C`` a thing in it. The stair's end is at (6.1, 0.9).
@@ -65,7 +68,7 @@ def test_evidence_must_be_better_by_a_margin(two_floors, here, there, leaves):
     """At the first step, when the joint map may not hold what this floor's own cameras see."""
     decisions = []
     two_floors({"0": {"chair": here}, "1": {"chair": there}}).run(
-        config=replace(GOES, stairs_known="plan"), watch=lambda s, d: decisions.append(d)
+        config=GOES.changed(stairs_known="plan"), watch=lambda s, d: decisions.append(d)
     )
     assert decisions[0].phase == ("changing floor" if leaves else "scanning")
 
@@ -93,9 +96,9 @@ def test_the_chance_here_is_by_bayes():
     walked = [(0.25 * i, 0.0) for i in range(89)]
     state = MissionState("chair", floor="0", floors={"0": FloorMemory(visited=walked)})
     config = PlannerConfig(floor_chances={"chair": 0.5}, explore_chances={"chair": 3.0 / 11.0}, explore_m=3.0)
-    now = SimpleNamespace(state=state, config=config)
+    context = SimpleNamespace(state=state, config=config)
     missed = math.exp(-2.0)
-    assert floors._chance_here(now) == pytest.approx(0.5 * missed / (0.5 * missed + 0.5))
+    assert chance_here(context) == pytest.approx(0.5 * missed / (0.5 * missed + 0.5))
 
 
 def test_an_unseen_stair_is_not_headed_for_unless_the_plan_is_known(two_floors):
@@ -104,7 +107,7 @@ def test_an_unseen_stair_is_not_headed_for_unless_the_plan_is_known(two_floors):
     for known in ("seen", "plan"):
         h = two_floors(SEEN, {"yaw_rad": math.pi})
         decisions = []
-        h.run(config=replace(GOES, stairs_known=known), watch=lambda s, d, to=decisions: to.append(d))
+        h.run(config=GOES.changed(stairs_known=known), watch=lambda s, d, to=decisions: to.append(d))
         first[known] = decisions[0].phase
         assert decisions[-1].found
     assert first == {"seen": "scanning", "plan": "changing floor"}
@@ -224,16 +227,17 @@ def test_the_best_of_what_was_dropped_on_another_floor(world, house, thing):
     assert "nothing better was found" in decision.message
 
 
-@pytest.mark.parametrize(("settled_for", "goes"), [(None, False), (3, True)])
-def test_what_was_settled_for_in_vain_holds_nobody_back(monkeypatch, settled_for, goes):
+@pytest.mark.parametrize(("accepted", "goes"), [(None, False), (3, True)])
+def test_what_was_accepted_in_vain_holds_nobody_back(monkeypatch, accepted, goes):
     """The better candidate was here; once it was tried, the weaker one on the other floor is next."""
-    state = MissionState("chair")
-    state.floor = "0"
-    state.here.reserve, state.here.settled_for = 0.4, settled_for
+    state = MissionState("chair", floor="0")
+    state.here.reserve, state.here.last_resort = 0.4, accepted
     state.floors["1"] = FloorMemory(reserve=0.35, visits=1, exhausted=True)
-    monkeypatch.setattr(floors, "_ways", lambda now: {"1": (3.0, None)})
-    assert floors.go_back(SimpleNamespace(state=state, config=PlannerConfig())) == goes
-    assert (state.errand is not None) == goes
+    monkeypatch.setattr(stage, "ways", lambda context: {"1": WayToFloor(3.0, None)})
+    monkeypatch.setattr(stage, "likeliest_last_resort", lambda context: None)
+    outcome = stage.last_resort(SimpleNamespace(state=state, config=PlannerConfig()))
+    assert (outcome is RETRY) == goes
+    assert (state.floor_goal is not None) == goes
 
 
 def test_a_floor_that_no_way_leads_to_hides_no_other(two_floors):

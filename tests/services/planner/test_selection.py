@@ -10,17 +10,25 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, objects, step
-from services.planner.core.choose import choose_frontier, choose_object, settle
-from services.planner.core.drive import Route
-from services.planner.core.frontiers import Frontier, find_frontiers, rank, worth_exploiting
-from services.planner.core.memory import FOR_GOOD_CONFIRMED, give_up, is_dormant, revive
-from services.planner.core.now import Now
-from services.planner.core.objects import chance, footprint, good_enough, standoff, targets_of, verdict
-from services.planner.core.pursue import approach
-from services.planner.core.state import Commitment, Errand
-from services.planner.core.terrain import build_terrain, coarse_arrival_m
+from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
+from services.planner.core.context import StepContext
+from services.planner.core.goals import goal_region as regions
+from services.planner.core.goals import objects
+from services.planner.core.goals.frontier_choice import best_frontier
+from services.planner.core.goals.frontiers import Frontier, find_frontiers, rank, worth_exploiting
+from services.planner.core.goals.goal_region import footprint, goal_region
+from services.planner.core.goals.object_choice import likeliest_last_resort, promising_object
+from services.planner.core.goals.objects import candidates, chance, promising
+from services.planner.core.goals.verification import good_enough, verify
+from services.planner.core.memory import accept_last_resort, blacklist, commit, is_blacklisted, wake_all
+from services.planner.core.motion.approach import approach
+from services.planner.core.motion.drive import Route
+from services.planner.core.motion.follow import follow
+from services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
+from services.planner.core.stages import promising_candidate as stage
+from services.planner.core.state import CurrentWaypoint, FloorGoal
 from surveilnav.geometry import Grid
+from surveilnav.messages import Candidate
 
 CONFIG = PlannerConfig()
 HALL = """
@@ -102,7 +110,7 @@ def test_long_frontiers_are_cut_and_specks_left_out():
     line = [(100, c) for c in range(20, 140)] + [(10, 10), (10, 11)]
     m = maps(line)
     terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-    found = find_frontiers(m, terrain, coarse_arrival_m(terrain, HERE.x_m, HERE.y_m), CONFIG)
+    found = find_frontiers(m, terrain, coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m), CONFIG)
     assert len(found) == 3
     assert sum(f.n_cells for f in found) == 120
     assert all(abs(f.y_m - 5.025) < 1e-9 and f.way_m > 3.5 for f in found)
@@ -110,16 +118,16 @@ def test_long_frontiers_are_cut_and_specks_left_out():
 
 def test_given_up_twice_is_for_good():
     state = MissionState("chair")
-    give_up(state, 1.0, 1.0, CONFIG)
-    assert is_dormant(state, 1.1, 1.0, CONFIG)
-    assert not is_dormant(state, 2.0, 1.0, CONFIG)
-    assert revive(state)
-    assert not is_dormant(state, 1.0, 1.0, CONFIG)
-    give_up(state, 1.05, 1.0, CONFIG)
-    revive(state)
-    assert is_dormant(state, 1.0, 1.0, CONFIG)
-    assert not is_dormant(state, 1.0, 1.0, CONFIG, FOR_GOOD_CONFIRMED)  # a confirmed target has more tries
-    assert not revive(state)
+    blacklist(state, 1.0, 1.0, CONFIG)
+    assert is_blacklisted(state, 1.1, 1.0, CONFIG)
+    assert not is_blacklisted(state, 2.0, 1.0, CONFIG)
+    assert wake_all(state)
+    assert not is_blacklisted(state, 1.0, 1.0, CONFIG)
+    blacklist(state, 1.05, 1.0, CONFIG)
+    wake_all(state)
+    assert is_blacklisted(state, 1.0, 1.0, CONFIG)
+    assert not is_blacklisted(state, 1.0, 1.0, CONFIG, confirmed=True)  # a confirmed target has more tries
+    assert not wake_all(state)
 
 
 @pytest.mark.parametrize(
@@ -136,8 +144,9 @@ def test_given_up_twice_is_for_good():
         ({"size": (math.nan, 1.0)}, True, False),
     ],
 )
-def test_targets(make_record, facts, weak, taken):
-    found = targets_of([make_record(**facts)], MissionState("chair"), CONFIG, weak=weak)
+def test_candidates_and_promising_ones(make_record, facts, weak, taken):
+    among = candidates if weak else promising
+    found = among([make_record(**facts)], MissionState("chair"), CONFIG)
     assert bool(found) == taken
 
 
@@ -146,11 +155,11 @@ def test_confirmed_comes_first_and_dropped_stays_out(make_record):
     b = make_record(id=2, confidence=0.6, status="confirmed", at=(3, 3))
     again = make_record(id=3, confidence=0.9, at=(3.1, 3))  # the dropped one under a new id
     state = MissionState("chair")
-    assert targets_of([a, b, again], state, CONFIG)[0].id == 2
+    assert promising([a, b, again], state, CONFIG)[0].id == 2
     state.here.dropped[2] = (3.0, 3.0, "no")
-    assert [o.id for o in targets_of([a, b, again], state, CONFIG)] == [1]
+    assert [o.id for o in promising([a, b, again], state, CONFIG)] == [1]
     seen = make_record(id=3, at=(3.1, 3), label_robot="chair", confidence_robot=0.8)
-    assert [o.id for o in targets_of([seen], state, CONFIG)] == [3]
+    assert [o.id for o in promising([seen], state, CONFIG)] == [3]
 
 
 @pytest.mark.parametrize("low", [0.2, 0.1])
@@ -193,7 +202,7 @@ CAMERAS = {"label_surveillance": "chair", "confidence_surveillance": 0.9, "confi
 )
 def test_verdict(make_record, facts, config, expected, enough):
     record = make_record(**facts)
-    assert verdict(record, "chair", config) == expected
+    assert verify(record, "chair", config) == expected
     assert good_enough(record, "chair", config) == enough
 
 
@@ -205,7 +214,7 @@ def test_standoff_is_near_and_not_behind_a_wall(make_record):
     for walls, below in ((occupancy, False), (np.zeros_like(occupancy), True)):
         m = maps(occupancy=walls)
         terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-        place = standoff(terrain, coarse_arrival_m(terrain, HERE.x_m, HERE.y_m), chair, HERE, CONFIG)
+        place = goal_region(terrain, coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m), chair, HERE, CONFIG)
         assert place is not None
         assert place.distance_m[place.goals].max() <= CONFIG.standoff_m + 1e-6
         ys = terrain.grid.centres_of(np.argwhere(place.goals))[:, 1]
@@ -217,12 +226,12 @@ def test_no_standoff_in_a_closed_room(make_record):
     occupancy[100:103, :] = 1
     m = maps(occupancy=occupancy)
     terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
-    assert standoff(terrain, arrival, make_record(at=(5.0, 8.0)), HERE, CONFIG) is None
+    travel_time_m = coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m)
+    assert goal_region(terrain, travel_time_m, make_record(at=(5.0, 8.0)), HERE, CONFIG) is None
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_standoff_is_the_same_looked_for_nearby_or_everywhere(make_record, monkeypatch, seed):
+def test_a_goal_region_is_the_same_looked_for_nearby_or_everywhere(make_record, monkeypatch, seed):
     """Only the surroundings of an object are looked at: that is an optimisation and changes nothing."""
     rng = np.random.default_rng(seed)
     occupancy = np.zeros(GRID.shape, np.uint8)
@@ -230,17 +239,17 @@ def test_a_standoff_is_the_same_looked_for_nearby_or_everywhere(make_record, mon
         occupancy[row : row + rng.integers(2, 12), col : col + rng.integers(2, 40)] = 1
     m = maps(occupancy=occupancy)
     terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
+    travel_time_m = coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m)
     x, y = rng.uniform(0.0, 10.0, size=2)  # at the map's edge, too
     points = rng.normal((x, y, 1.0), (0.4, 0.2, 0.2), size=(60, 3)).astype(np.float32)
     low = rng.integers(2) == 0
     thing = make_record(
         center_m=(x, y, 0.5 if low else 1.0), size_m=(0.8, 0.4, 0.8), seen_from=(0.0, 0.8), points=points.tobytes()
     )
-    nearby = standoff(terrain, arrival, thing, HERE, CONFIG)
-    whole = objects._Part(terrain, 0, 0, terrain.grid.shape)
-    monkeypatch.setattr(objects._Part, "around", classmethod(lambda cls, terrain, cells, margin_m: whole))
-    everywhere = standoff(terrain, arrival, thing, HERE, CONFIG)
+    nearby = goal_region(terrain, travel_time_m, thing, HERE, CONFIG)
+    whole = regions._Part(terrain, 0, 0, terrain.grid.shape)
+    monkeypatch.setattr(regions._Part, "around", classmethod(lambda cls, terrain, cells, margin_m: whole))
+    everywhere = goal_region(terrain, travel_time_m, thing, HERE, CONFIG)
     assert (nearby is None) == (everywhere is None)
     if nearby is not None:
         assert np.array_equal(nearby.goals, everywhere.goals)
@@ -255,7 +264,7 @@ def standing(make_record, occupancy, **facts):
     """Where to stand before a small thing in the middle of the map, and the terrain."""
     terrain = build_terrain(maps(occupancy=occupancy), HERE, MissionState("chair"), CONFIG)
     thing = make_record(at=(5.0, 5.0), size=(0.3, 0.3), **facts)
-    return terrain, standoff(terrain, coarse_arrival_m(terrain, HERE.x_m, HERE.y_m), thing, HERE, CONFIG)
+    return terrain, goal_region(terrain, coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m), thing, HERE, CONFIG)
 
 
 def test_a_thing_on_a_table_is_looked_at_over_the_table_and_not_over_a_wall(make_record):
@@ -326,7 +335,7 @@ def test_nobody_stands_in_a_gap_that_is_too_tight_by_the_map(make_record):
 )
 def test_chance(make_record, facts, least, most):
     """Of a tv, which is even at 0.27: less for a single detection, and for what looks more like something else."""
-    record, config = make_record(**{"label": "tv", **facts}), replace(CONFIG, even_relevances={"tv": 0.27})
+    record, config = make_record(**{"label": "tv", **facts}), CONFIG.changed(even_relevances={"tv": 0.27})
     assert least - 1e-9 <= chance(record, "tv", config) <= most + 1e-9
 
 
@@ -357,8 +366,7 @@ def test_exploring_near_by_may_be_worth_more_than_a_faint_candidate_far_away(mak
     nothing, explored = np.zeros(grid.shape, np.uint8), np.ones(grid.shape, np.uint8)
     candidate = make_record(at=(1.0 + far_m, 1.0), confidence=confidence)
     m = MapView("0", 0.0, grid, nothing, explored, frontier, np.full(grid.shape, np.nan, np.float32), [candidate], 1)
-    state = MissionState("chair")
-    state.floor = "0"
+    state = MissionState("chair", floor="0")
     state.here.scan_left = 0
     here = RobotView(1, 1.0, 1.0, 0.0, 0.0, "0", False, None, 0.0)
     rare = PlannerConfig(explore_chances={}, even_relevances={})
@@ -383,37 +391,32 @@ def test_a_way_that_turns_out_longer_is_given_new_patience_but_not_for_ever(deto
     n = CONFIG.patience_steps * 3 // 4
     lengths_m = [5.0 + 10.0 * k + 0.01 * i for k in range(detours + 1) for i in range(n)]
     m = maps([(100, c) for c in range(90, 110)])
-    terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
-    state, planner = MissionState("chair"), Routes(lengths_m)
-    now = Now(state, m, HERE, CONFIG, planner, {}, choose_frontier, terrain, arrival)
-    choose_frontier(now, hard=False)
+    state = MissionState("chair")
+    context = StepContext.of(state, m, HERE, CONFIG, Routes(lengths_m), {}, best_frontier)
+    commit(state, Candidate("frontier", 5.0, 5.0, 0.0, True, ""), CONFIG)
     gone = []
     for _ in lengths_m:
-        if now.drive(terrain.disc(5.0, 5.0, 0.3)) is None:
+        if follow(context, context.terrain.disc(5.0, 5.0, 0.3)) is None:
             gone.append(state.step)
             break
         state.step += 1
     assert (not gone) == kept
 
 
-def now_with(record, state):
-    m = maps(objects=[record])
-    terrain = build_terrain(m, HERE, state, CONFIG)
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
-    return Now(state, m, HERE, CONFIG, Routes([]), {}, choose_frontier, terrain, arrival)
+def context_with(record, state):
+    return StepContext.of(state, maps(objects=[record]), HERE, CONFIG, Routes([]), {}, best_frontier)
 
 
 @pytest.mark.parametrize(("share", "kept"), [(0.5, False), (0.9, True), (1.5, True)])
-def test_the_way_to_the_stairs_is_left_only_for_what_is_clearly_worth_more(make_record, share, kept):
+def test_the_way_to_the_stairs_is_left_only_for_what_is_clearly_worth_more(make_record, monkeypatch, share, kept):
     """``share``: what the way to the stairs is worth of what the candidate is."""
+    monkeypatch.setattr(stage, "approach", lambda context, record, choice: record)
     candidate = make_record(at=(5.0, 5.0), confidence=0.3, n_detections=3)
-    state = MissionState("chair")
-    choose_object(alone := now_with(candidate, state), weak=False)
-    state = MissionState("chair", errand=Errand("1", "cameras", share * alone.weighed[0].score))
-    assert choose_object(now_with(candidate, state), weak=False) is candidate  # not on the way yet
-    state.commitment = Commitment("stairs", 9.0, 9.0, 0, None, 0)
-    assert (choose_object(now_with(candidate, state), weak=False) is None) == kept
+    alone = promising_object(context_with(candidate, MissionState("chair")))
+    state = MissionState("chair", floor_goal=FloorGoal("1", "cameras", share * alone.worth))
+    assert stage.promising_candidate(context_with(candidate, state)) is candidate  # not on the way yet
+    state.waypoint = CurrentWaypoint("stairs", 9.0, 9.0, 0, None, 0)
+    assert (stage.promising_candidate(context_with(candidate, state)) is None) == kept
 
 
 @pytest.mark.parametrize(("status", "tries"), [("candidate", 2), ("confirmed", 4)])
@@ -421,10 +424,10 @@ def test_a_confirmed_target_is_tried_again_more_often(make_record, status, tries
     record = make_record(at=(5.0, 5.0), status=status, confidence=0.6, n_detections=3)
     state = MissionState("chair")
     for n in range(1, tries + 1):
-        give_up(state, 5.0, 5.0, CONFIG)
-        assert choose_object(now_with(record, state), weak=False) is None  # for now
-        state.step += CONFIG.dormant_steps
-        assert (choose_object(now_with(record, state), weak=False) is None) == (n == tries)
+        blacklist(state, 5.0, 5.0, CONFIG)
+        assert promising_object(context_with(record, state)) is None  # for now
+        state.step += CONFIG.blacklist_steps
+        assert (promising_object(context_with(record, state)) is None) == (n == tries)
 
 
 def test_the_floor_at_its_foot_is_no_part_of_an_object(make_record):
@@ -447,13 +450,12 @@ def test_the_floor_at_its_foot_is_no_part_of_an_object(make_record):
 def test_the_best_of_what_was_dropped_is_taken_when_the_steps_run_out(make_record, steps_left, goes):
     """A chair that the robot was half sure of, 1 m away, and a whole building to explore."""
     seen = make_record(at=(6.0, 1.0), label_robot="chair", confidence_robot=0.35, confidence=0.35, n_detections=6)
-    state = MissionState("chair", step=500 - steps_left)
-    state.floor = "0"
+    state = MissionState("chair", step=500 - steps_left, floor="0")
     state.here.scan_left = 0
     state.here.dropped[seen.id] = (6.0, 1.0, "not sure")
     m = maps([(60, c) for c in range(90, 110)], objects=[seen])
     after, decision = step(state, m, HERE, CONFIG)
-    assert (after.here.settled_for == seen.id) == goes
+    assert (after.here.last_resort == seen.id) == goes
     assert (decision.object_id == seen.id) == goes
 
 
@@ -470,7 +472,7 @@ def test_the_best_of_what_was_dropped_is_taken_when_the_steps_run_out(make_recor
         ("confirmed", False, "chair", True),
     ],
 )
-def test_what_may_be_settled_for(make_record, status, dropped, label_robot, may_be):
+def test_what_may_be_a_last_resort(make_record, status, dropped, label_robot, may_be):
     """What nobody judged, or what the robot itself takes for the target though it was judged."""
     record = make_record(at=(6.0, 1.0), confidence=0.5, label_robot=label_robot, status=status, n_detections=6)
     state = MissionState("chair", floor="0")
@@ -485,17 +487,17 @@ def test_what_may_be_settled_for(make_record, status, dropped, label_robot, may_
 
 
 @pytest.mark.parametrize("status", ["candidate", "confirmed"])
-def test_less_than_the_chance_asked_for_is_not_settled_for(make_record, status):
+def test_less_than_the_chance_asked_for_is_no_last_resort(make_record, status):
     record = make_record(at=(6.0, 1.0), confidence=0.3, n_detections=6, status=status)
     sure = chance(record, "chair", CONFIG)
     for asked, may_be in ((sure - 0.01, True), (sure + 0.01, False)):
-        config = replace(CONFIG, settle_chance=asked)
+        config = CONFIG.changed(last_resort_chance=asked)
         assert objects.last_resorts([record], MissionState("chair"), config) == [record] * may_be
-    certain = replace(CONFIG, settle_chance=1.01, confirmed_chance=1e6)
-    assert objects.last_resorts([record], MissionState("chair"), certain) == []
+    never = CONFIG.changed(last_resort_chance=None)
+    assert objects.last_resorts([record], MissionState("chair"), never) == []
 
 
-def test_the_likeliest_that_a_way_leads_to_is_settled_for(make_record):
+def test_the_likeliest_that_a_way_leads_to_is_the_last_resort(make_record):
     """The best stands in a closed room; the next was dropped, and wavered; the third is less likely."""
     walls = np.zeros(GRID.shape, np.uint8)
     walls[100:161, 100] = walls[100:161, 160] = walls[100, 100:161] = walls[160, 100:161] = 1
@@ -504,40 +506,42 @@ def test_the_likeliest_that_a_way_leads_to_is_settled_for(make_record):
     third = make_record(id=3, at=(6.0, 1.0), confidence=0.2, n_detections=6)
     state = MissionState("chair", floor="0")
     state.here.dropped[2], state.here.wavered[2] = (7.0, 1.0, "not confirmed"), 5
-    give_up(state, 7.0, 1.0, CONFIG)
+    blacklist(state, 7.0, 1.0, CONFIG)
     m = maps(objects=[walled, second, third], occupancy=walls)
-    terrain = build_terrain(m, HERE, state, CONFIG, [(6.5, 6.5)])
-    arrival = coarse_arrival_m(terrain, HERE.x_m, HERE.y_m)
-    now = Now(state, m, HERE, CONFIG, Routes([]), {}, choose_frontier, terrain, arrival)
+    context = StepContext.of(state, m, HERE, CONFIG, Routes([]), {}, best_frontier)
+
+    def accept():
+        return accept_last_resort(state, likeliest_last_resort(context), CONFIG)
+
     assert objects.last_resorts(m.objects, state, CONFIG)[0] is walled
-    assert settle(now)
-    assert state.here.settled_for == 2
-    assert choose_object(now, weak=False) is second, "neither sleep nor wavering holds it back"
-    assert not settle(now), "no news"
+    assert accept()
+    assert state.here.last_resort == 2
+    assert promising_object(context).record is second, "neither the blacklist nor wavering holds it back"
+    assert not accept(), "no news"
     for _ in range(2):
-        give_up(state, 7.0, 1.0, CONFIG)
-    assert settle(now)
-    assert state.here.settled_for == 3, "what was given up for good makes room for the next"
+        blacklist(state, 7.0, 1.0, CONFIG)
+    assert accept()
+    assert state.here.last_resort == 3, "what was given up for good makes room for the next"
     m.objects.remove(third)
-    assert not settle(now)
-    assert state.here.settled_for is None, "it was merged into another"
+    assert not accept()
+    assert state.here.last_resort is None, "it was merged into another"
 
 
 @pytest.mark.parametrize("judged_before", [False, True])
-def test_what_is_settled_for_is_judged_once(make_record, judged_before):
+def test_a_last_resort_is_judged_once(make_record, judged_before):
     """Nobody had looked at it, and it is a bed: dropped. It was dropped before: views that disagree decide nothing."""
     record = make_record(at=(6.0, 1.0), label="bed", confidence=0.6, label_robot="bed", confidence_robot=0.6)
     record = msgspec.structs.replace(record, label_scores={"bed": 0.6, "chair": 0.3})
     state = MissionState("chair", floor="0")
-    state.here.settled_for = record.id
+    state.here.last_resort = record.id
     if judged_before:
         state.here.dropped[record.id] = (6.0, 1.0, "not confirmed")
-    now = now_with(record, state)
-    assert (approach(now, record) is None) is not judged_before
-    assert state.here.settled_for == (record.id if judged_before else None)
+    context = context_with(record, state)
+    assert (approach(context, record, promising_object(context).choice) is None) is not judged_before
+    assert state.here.last_resort == (record.id if judged_before else None)
     assert record.id in state.here.dropped
-    assert settle(now) is False
-    assert state.here.settled_for == (record.id if judged_before else None)
+    assert accept_last_resort(state, likeliest_last_resort(context), CONFIG) is False
+    assert state.here.last_resort == (record.id if judged_before else None)
 
 
 def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
@@ -549,4 +553,4 @@ def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
     state = MissionState("chair", step=450, floor="0")
     state.here.scan_left = 0
     after, decision = step(state, m, HERE, CONFIG)
-    assert (after.here.settled_for, decision.object_id) == (seen.id, seen.id)
+    assert (after.here.last_resort, decision.object_id) == (seen.id, seen.id)

@@ -483,7 +483,7 @@ def test_stairs_that_cannot_be_are_dropped(two_floors, planner, client):
 )
 def test_hostile_summaries_are_dropped_and_counted(planner, cameras, labels, says):
     service = planner()
-    summaries = service._around.summaries
+    summaries = service._missions._around.summaries
     cameras("1", "c1-1", labels, said=says)
     cameras("1", "c1-9", {"chair": 0.25})
     until_s = time.monotonic() + 5
@@ -500,7 +500,7 @@ def test_hostile_summaries_are_dropped_and_counted(planner, cameras, labels, say
 
 
 def test_a_floor_is_what_its_cameras_last_said(planner, cameras, monkeypatch):
-    summaries = planner()._around.summaries
+    summaries = planner()._missions._around.summaries
     cameras("0", "c0-1", {"tv": 0.5})
     cameras("0", "c0-2", {"tv": 0.7, "bed": 0.2})
     cameras("1", "c1-1", {})
@@ -705,7 +705,7 @@ def test_what_cannot_be_kept_is_not_accepted_but_what_runs_goes_on(fakes, planne
     assert submit(client, "m1").accepted
     while len(f.commands) < 3:
         time.sleep(0.01)
-    service._store.close()
+    service._missions._store.close()
     folder.rename(tmp_path / "elsewhere")
     folder.write_text("in the way")
     assert end_of(client, "m1").found
@@ -714,9 +714,9 @@ def test_what_cannot_be_kept_is_not_accepted_but_what_runs_goes_on(fakes, planne
     assert "SURVEILNAV_PLANNER__STORE" in refused.message
     assert [a.ids["mission"] for a in client.ask_all(MISSION_STATUS)] == ["m1"]
     folder.unlink()  # mended
-    service._kept_s = 0.0
+    service._saved_s = 0.0
     service.step()
-    (kept,) = service._store.load()
+    (kept,) = service._missions._store.load()
     assert kept.status.state == "done", "an ended mission must not begin again after a restart"
     assert submit(client, "m2").accepted
 
@@ -728,7 +728,7 @@ def test_nothing_is_accepted_before_the_store_was_read(fakes, planner, client, t
     service = planner(QUICK.model_copy(update={"store": str(folder / "planner.sqlite")}))
     folder.unlink()  # mended, but nobody knows yet which robots have missions
     assert submit(client, "m1").error == "store_failed"
-    service._kept_s = 0.0
+    service._saved_s = 0.0
     service.step()
     assert submit(client, "m1").accepted
 

@@ -122,24 +122,24 @@ def test_ends_not_found_when_nothing_is_left(world):
 def test_what_was_only_glanced_at_is_looked_at_again(world, thing):
     """A detector that sees no farther than 1.2 m: exploring alone passes the chair by, looking around again finds it."""
     found = {}
-    for sweep_m in (0.0, 2.0):
+    for second_look_m in (None, 2.0):
         w = world(ONE_HALL, {"C": thing("chair", looks_like="chair")}, sees_from_m=1.2)
-        _, decision = w.run(config=PlannerConfig(sweep_m=sweep_m))
-        found[sweep_m] = decision.found
-    assert found == {0.0: False, 2.0: True}
+        _, decision = w.run(config=PlannerConfig(second_look_m=second_look_m))
+        found[second_look_m] = decision.found
+    assert found == {None: False, 2.0: True}
 
 
 @pytest.mark.parametrize("status", ["candidate", "rejected"])
 def test_what_the_robot_takes_for_the_target_is_accepted_when_nothing_else_is_left(world, thing, status):
     """It does so all along, but fusion never confirms it, or rejects it."""
-    for settle, found in ((0.30, True), (1.1, False)):
+    for least, found in ((0.30, True), (None, False)):
         w = world(TWO_ROOMS, {"C": thing("chair", looks_like="chair", known={"label": "chair", "confidence": 0.5})})
         objects = w.objects
         w.objects = lambda objects=objects: [
             msgspec.structs.replace(o, status=status, confidence_robot=0.35 * (o.confidence_robot > 0))
             for o in objects()
         ]
-        _, decision = w.run(config=PlannerConfig(settle_chance=settle))
+        _, decision = w.run(config=PlannerConfig(last_resort_chance=least))
         assert decision.found is found, decision.message
         assert not found or "nothing better was found" in decision.message
 

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView
-from services.planner.core.drive import FmmPlanner, descend, next_action
-from services.planner.core.terrain import arrival_m, build_terrain, coarse_arrival_m
+from services.planner.core.motion.drive import FmmPlanner, descend, next_action
+from services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m, travel_time_m
 from surveilnav.geometry import Grid
 
 CONFIG = PlannerConfig()
@@ -75,7 +75,7 @@ def test_field_agrees_with_dijkstra(seed):
     open_cells = np.argwhere(speed > 0)
     sources = np.zeros(speed.shape, bool)
     sources[tuple(open_cells[seed % len(open_cells)])] = True
-    fast, slow = arrival_m(speed, sources, 0.05), dijkstra_m(speed, sources, 0.05)
+    fast, slow = travel_time_m(speed, sources, 0.05), dijkstra_m(speed, sources, 0.05)
     assert np.array_equal(np.isfinite(fast), np.isfinite(slow))
     far = np.isfinite(slow) & (slow > 0.5)
     assert np.abs(fast[far] - slow[far]).max(initial=0.0) < 0.12 + 0.1 * slow[far].max(initial=0.0)
@@ -95,7 +95,7 @@ def test_field_is_as_good_as_a_tidy_queue(seed):
     phi = np.ma.MaskedArray(np.where(sources, -1.0, 1.0), mask=speed <= 0)
     tidy = skfmm.travel_time(phi, np.where(speed > 0, speed, 1.0), dx=0.05, order=1)
     reached = ~np.ma.getmaskarray(tidy)
-    own = arrival_m(speed, sources, 0.05)
+    own = travel_time_m(speed, sources, 0.05)
     assert np.array_equal(reached | sources, np.isfinite(own))
     error = np.abs(own - np.ma.filled(tidy, 0.0))[reached & ~sources]
     assert (error <= 0.5 * 0.05 / speed[sources] + 0.025 + 0.02 * own[reached & ~sources]).all()
@@ -109,7 +109,7 @@ def test_a_front_that_stops_early_says_the_same_up_to_there(seed):
     sources = np.zeros(speed.shape, bool)
     sources[tuple(open_cells[seed % len(open_cells)])] = True
     there = tuple(int(v) for v in open_cells[(seed * 7) % len(open_cells)])
-    whole, part = arrival_m(speed, sources, 0.05), arrival_m(speed, sources, 0.05, there, 0.3)
+    whole, part = travel_time_m(speed, sources, 0.05), travel_time_m(speed, sources, 0.05, there, 0.3)
     assert part[there] == whole[there]
     assert np.array_equal(part[np.isfinite(part)], whole[np.isfinite(part)])
     if math.isfinite(whole[there]):
@@ -123,7 +123,7 @@ def test_open_space_is_a_cone():
     sources[80, 80] = True
     row, col = np.mgrid[:161, :161]
     true = np.hypot(row - 80, col - 80) * 0.05
-    error = arrival_m(speed, sources, 0.05) - true
+    error = travel_time_m(speed, sources, 0.05) - true
     assert error.min() > -0.01
     assert error[true > 1.0].max() < 0.12
     assert (error / np.maximum(true, 0.05))[true > 2.0].max() < 0.04
@@ -191,7 +191,7 @@ def test_descent_reaches_the_source_and_crosses_nothing(seed):
     source = tuple(open_cells[seed % len(open_cells)])
     sources = np.zeros(speed.shape, bool)
     sources[source] = True
-    field = arrival_m(speed, sources, 0.05)
+    field = travel_time_m(speed, sources, 0.05)
     start = np.argwhere(np.isfinite(field))[-1]
     path = np.array(descend(terrain, field, int(start[0]), int(start[1])))
     assert tuple(grid.cells_of(path[-1])) == source
@@ -213,8 +213,8 @@ def test_coarse_reaches_what_fine_reaches(seed):
     terrain = build_terrain(_maps(grid, occupancy), _robot(0.3, 0.3), MissionState("x"), CONFIG)
     sources = np.zeros(terrain.grid.shape, bool)
     sources[terrain.cell(0.3, 0.3)] = True
-    fine = arrival_m(terrain.speed, sources, 0.05)
-    coarse = coarse_arrival_m(terrain, 0.3, 0.3)
+    fine = travel_time_m(terrain.speed, sources, 0.05)
+    coarse = coarse_travel_time_m(terrain, 0.3, 0.3)
     assert np.isfinite(coarse[np.isfinite(fine)]).all()
     both = np.isfinite(fine)
     assert np.abs(coarse[both] - fine[both]).max() < 0.4 + 0.2 * fine[both].max()

@@ -175,7 +175,7 @@ def test_simulated_boxes_and_masks_stay_in_the_picture() -> None:
 
 def test_the_error_model_is_complete_and_says_where_it_comes_from() -> None:
     model = error_model()
-    assert "benchmark.studies.calibration.run" in model.source
+    assert "benchmark.studies.calibration" in model.source
     assert set(model.kinds) == {"thing", "other", "place"}
     for kind in model.kinds.values():
         assert {len(row) for row in [*kind.weights.values(), *kind.own.values()]} == {len(FEATURES)}

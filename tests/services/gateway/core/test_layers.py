@@ -1,4 +1,4 @@
-"""Pictures of layers: orientation, colours, sizes, and what a hostile header can't do."""
+"""Pictures of layers: orientation, colours and sizes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.layers import COLOURS, colour_values, render, unpack_layer
-from surveilnav.errors import WireError
+from services.gateway.core.layers import COLOURS, colour_values, render
 from surveilnav.geometry import Grid
-from surveilnav.messages import LayerHeader
-from surveilnav.sensing.packing import pack_array
+from surveilnav.sensing.layers import GRID_LAYERS
 
 
 def decode(png: bytes) -> np.ndarray:
@@ -61,35 +59,5 @@ def test_large_maps_are_joined_and_keep_thin_walls(layer, dtype):
     assert (rgba[101 - 1 - 150 // 3, :, 3] == 255).all()
 
 
-def header(**changes: object) -> LayerHeader:
-    facts: dict[str, object] = {
-        "stamp_ns": 1,
-        "floor": "0",
-        "layer": "explored",
-        "revision": 1,
-        "grid": Grid(0, 0, 0.05, 4, 5),
-        "dtype": "uint8",
-        "shape": (4, 5),
-    }
-    return LayerHeader(**(facts | changes))  # type: ignore[arg-type]
-
-
-def test_a_layer_survives_the_wire():
-    cells = np.arange(20, dtype=np.uint8).reshape(4, 5)
-    assert (unpack_layer(header(), pack_array(cells)) == cells).all()
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"shape": (5, 4)},
-        {"shape": (4, 5, 1)},
-        {"dtype": "float32"},
-        {"layer": "value"},
-        {"layer": "cloud"},
-        {"grid": Grid(0, 0, 0.05, 65536, 65536), "shape": (65536, 65536)},
-    ],
-)
-def test_headers_that_dont_fit_are_wire_errors(changes):
-    with pytest.raises(WireError):
-        unpack_layer(header(**changes), pack_array(np.zeros((4, 5), np.uint8)))
+def test_every_layer_on_a_grid_has_a_picture():
+    assert set(COLOURS) == set(GRID_LAYERS)

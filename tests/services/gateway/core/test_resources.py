@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core import resources
 from services.gateway.core.problems import invalid, refusal
+from services.gateway.core.resources import NEEDED, Mission, Readiness
+from services.gateway.core.resources.base import utc
 from surveilnav.messages import MissionStatus
 
 
@@ -30,13 +31,13 @@ def status(**changes: object) -> MissionStatus:
 
 @given(st.integers(-(2**63), 2**64))
 def test_any_stamp_is_a_time_or_null(stamp_ns):
-    time = resources.when(stamp_ns)
+    time = utc(stamp_ns)
     assert time is None or abs(time.timestamp() - stamp_ns / 1e9) < 1e-3
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_isnt_finite_is_null(value):
-    mission = resources.mission(status(path_m=value, distance_remaining_m=value), 1, True)
+    mission = Mission.from_status(status(path_m=value, distance_remaining_m=value), 1, True)
     assert (mission.path_m, mission.distance_remaining_m) == (None, None)
 
 
@@ -51,15 +52,15 @@ def test_what_isnt_finite_is_null(value):
     ],
 )
 def test_a_finished_mission_is_never_stale(state, planner, stale):
-    assert resources.mission(status(state=state), 1, planner).stale is stale
+    assert Mission.from_status(status(state=state), 1, planner).stale is stale
 
 
 def test_readiness_names_what_is_missing_and_how_to_start_it():
-    everything = {kind: {"x"} for kind, _ in resources.NEEDED}
-    assert resources.readiness(1, everything).ready
-    assert resources.readiness(0, everything).missing == ["router"]
-    for kind, command in resources.NEEDED:
-        readiness = resources.readiness(1, everything | {kind: set()})
+    everything = {kind: {"x"} for kind, _ in NEEDED}
+    assert Readiness.of(1, everything).ready
+    assert Readiness.of(0, everything).missing == ["router"]
+    for kind, command in NEEDED:
+        readiness = Readiness.of(1, everything | {kind: set()})
         assert readiness.missing == [kind]
         assert command in readiness.checks[kind]
 

@@ -1,0 +1,43 @@
+"""What a study has measured so far: a JSON object a line, so that a second start does only what is missing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmark import journal
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """A study's file of rows. Safe for several processes at once; a kill loses no row that was appended.
+
+    ``key``: the fields that tell one row from another. Methods raise OSError as the disk does.
+    """
+
+    path: Path
+    key: tuple[str, ...]
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Adds a row."""
+        journal.append(self.path, json.dumps(row))
+
+    def load(self) -> list[dict[str, Any]]:
+        """All rows so far, without lines that can't be read."""
+        rows = []
+        for line in journal.lines(self.path) if self.path.exists() else []:
+            with suppress(json.JSONDecodeError):
+                rows.append(json.loads(line))
+        return rows
+
+    def key_of(self, row: Mapping[str, Any]) -> tuple[Any, ...]:
+        """What tells a row from others."""
+        return tuple(row[name] for name in self.key)
+
+    def done(self, **stamp: Any) -> frozenset[tuple[Any, ...]]:
+        """The keys of the rows that have these values, too."""
+        return frozenset(self.key_of(row) for row in self.load() if stamp.items() <= row.items())

@@ -1,0 +1,15 @@
+"""What a run leaves behind: ``run.json`` for programs, ``report.html`` for people.
+
+record = RunRecord(building="SweetHome3DExample", ...)
+write_report(record, run_dir / "report.html")
+json.dumps(run_json(record, run_dir / "report.html"))
+"""
+
+from cli.report.page import write_report
+from cli.report.record import DecidingView, Moment, RunRecord, Step, TrafficLine, run_json, traffic_lines
+from cli.report.words import human_bytes, outcome
+
+__all__ = [
+    "DecidingView", "Moment", "RunRecord", "Step", "TrafficLine", "human_bytes", "outcome", "run_json", "traffic_lines",
+    "write_report",
+]  # fmt: skip

@@ -1,0 +1,178 @@
+"""What is known of one run, and what of it goes into ``run.json``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from cli.report.floor_map import Layers
+from services.gateway.core.traffic import sum_traffic
+from surveilnav.messages import CameraInfo, MissionStatus, ObjectRecord, Plan, TrafficReport
+
+
+class Step(NamedTuple):
+    """Where the robot was after an action, or at the start [m, world]."""
+
+    x_m: float
+    y_m: float
+    floor: str
+
+
+class DecidingView(NamedTuple):
+    """A view that decided: its JPEG and detections (x0, y0, x1, y1 [px], label, score).
+
+    ``source`` ("camera/c1", "robot/r1") and ``view`` let the map highlight the camera; without them it looks at
+    the history of the object that was found.
+    """
+
+    caption: str
+    jpeg: bytes
+    boxes: Sequence[tuple[float, float, float, float, str, float]]
+    source: str = ""
+    view: int | None = None
+
+
+class TrafficLine(NamedTuple):
+    """Bytes of a camera, robot or service.
+
+    ``offered``: what it put or asked. ``delivered``: for a camera or robot, what the others got under its keys; for
+    a service, what it got. ``wire``: sent by its sockets as the kernel counts it, None if unknown.
+    """
+
+    name: str
+    kind: Literal["camera", "robot", "service"]
+    offered: int
+    delivered: int
+    wire: int | None
+
+
+class Moment(NamedTuple):
+    t_s: float
+    phase: str
+    message: str
+
+
+@dataclass
+class RunRecord:
+    """All that is known of one run.
+
+    Attributes:
+        perception, perception_why: the backend that ran, and why that one.
+        status: the mission's last status; None if the run ended before there was one.
+        verdict: the simulator's check: found, success, steps, spl, path_m, shortest_path_m,
+            distance_to_viewpoint_m, ...; what is missing is taken from ``status`` or left out.
+        layers: floor -> layer -> (grid, cells): occupancy, explored, frontier uint8; value float32 with NaN.
+        invoked: names of the cameras that fusion subscribed to.
+        objects: the object map of all floors at the end.
+    """
+
+    building: str
+    seed: int
+    target: str
+    perception: str
+    perception_why: str
+    surveillance: bool
+    started: datetime
+    seconds: float
+    status: MissionStatus | None = None
+    verdict: dict[str, Any] = field(default_factory=dict)
+    trajectory: Sequence[Step] = ()
+    plans: Sequence[Plan] = ()
+    layers: dict[str, Layers] = field(default_factory=dict)
+    cameras: Sequence[CameraInfo] = ()
+    invoked: Sequence[str] = ()
+    objects: Sequence[ObjectRecord] = ()
+    deciding_views: Sequence[DecidingView] = ()
+    traffic: Sequence[TrafficLine] = ()
+    timeline: Sequence[Moment] = ()
+    notes: Sequence[str] = ()
+
+    @property
+    def found(self) -> bool:
+        """The planner confirmed a target and stopped."""
+        ended_well = self.status is not None and self.status.found and self.status.state == "done"
+        return bool(self.verdict.get("found", ended_well))
+
+    @property
+    def success(self) -> bool:
+        """The simulator agrees."""
+        return bool(self.verdict.get("success", False))
+
+    def number(self, name: str) -> float | None:
+        """A number of the verdict or, for steps and path_m, of the status; None if unknown or not finite."""
+        fallback = {"steps": "step", "path_m": "path_m"}.get(name)
+        value = self.verdict.get(name, getattr(self.status, fallback, None) if fallback else None)
+        return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
+
+    @property
+    def totals(self) -> dict[str, int | None]:
+        """Bytes offered, delivered and on the wire (sent), over all lines."""
+        wire = [line.wire for line in self.traffic if line.wire is not None]
+        return {
+            "offered": sum(line.offered for line in self.traffic),
+            "delivered": sum(line.delivered for line in self.traffic),
+            "wire": sum(wire) if wire else None,
+        }
+
+
+def traffic_lines(reports: Iterable[TrafficReport]) -> list[TrafficLine]:
+    """The report's rows from what every node counted: cameras, robots, then services."""
+    sums = sum_traffic(reports)
+    lines = [TrafficLine(s.id, "camera", s.offered_bytes, s.delivered_bytes, s.wire_sent_bytes) for s in sums.cameras]
+    lines += [TrafficLine(s.id, "robot", s.offered_bytes, s.delivered_bytes, s.wire_sent_bytes) for s in sums.robots]
+    sources = {s.node for s in (*sums.cameras, *sums.robots)}
+    for n in sums.nodes:
+        if f"{n.kind}/{n.node}" not in sources:
+            name = n.node if n.node.startswith(n.kind) else f"{n.kind} {n.node}"
+            lines.append(TrafficLine(name, "service", n.offered_bytes, n.delivered_bytes, n.wire_sent_bytes))
+    return lines
+
+
+def run_json(record: RunRecord, report: Path | None = None) -> dict[str, Any]:
+    """The run as plain JSON values; numbers that are unknown or not finite are null."""
+    steps = record.number("steps")
+    status = record.status
+    rest = {k: plain(v) for k, v in record.verdict.items()}
+    return rest | {
+        "building": record.building,
+        "seed": record.seed,
+        "target": record.target,
+        "found": record.found,
+        "success": record.success,
+        "state": status.state if status else None,
+        "error": (status.error or None) if status else None,
+        "message": status.message if status else "",
+        "steps": int(steps) if steps is not None else None,
+        "spl": record.number("spl"),
+        "path_m": record.number("path_m"),
+        "shortest_path_m": record.number("shortest_path_m"),
+        "seconds": round(record.seconds, 3),
+        "started": record.started.isoformat(),
+        "perception": record.perception,
+        "perception_why": record.perception_why,
+        "surveillance": record.surveillance,
+        "cameras": len(record.cameras),
+        "invoked_cameras": sorted(record.invoked),
+        "traffic": record.totals,
+        "notes": list(record.notes),
+        "report": str(report) if report else None,
+    }
+
+
+def plain(value: Any) -> Any:
+    """``value`` as JSON can carry it; null where it is no finite number."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    return value if isinstance(value, (str, int, bool, type(None))) else str(value)

@@ -1,0 +1,20 @@
+"""The resources of the REST interface, and how each is made from messages.
+
+Every resource has ``last_seen`` (UTC, when this gateway last heard of it; null: never) and ``stale``: its owner
+isn't there any more or, for what is put at a rate, it is older than the contract allows. Lengths are metres,
+angles radians, positions in the world frame. Numbers that aren't finite become null: remote data can hold anything.
+"""
+
+from services.gateway.core.resources.base import ROOT, Items
+from services.gateway.core.resources.camera import Camera
+from services.gateway.core.resources.floor import Floor
+from services.gateway.core.resources.mission import Mission, MissionPlan, NewMission
+from services.gateway.core.resources.object import Object
+from services.gateway.core.resources.readiness import NEEDED, Readiness
+from services.gateway.core.resources.robot import Robot, Worker
+from services.gateway.core.resources.traffic import Traffic
+
+__all__ = [
+    "NEEDED", "ROOT", "Camera", "Floor", "Items", "Mission", "MissionPlan", "NewMission", "Object", "Readiness", "Robot",
+    "Traffic", "Worker",
+]  # fmt: skip

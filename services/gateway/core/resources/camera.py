@@ -1,0 +1,65 @@
+"""Cameras and their views."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import BaseModel, Field
+
+from services.gateway.core.resources.base import ROOT, Number, Resource, finite
+from surveilnav.messages import CameraInfo, CameraUse, CameraViewInfo
+
+
+class CameraView(BaseModel):
+    view: int
+    yaw_rad: float | None = Field(
+        description="azimuth of the optical axis, anticlockwise from +x; null: looks straight down"
+    )
+    pitch_rad: float
+    picture: str = Field(description="where a thumbnail is; each request costs the camera one view of traffic")
+
+    @classmethod
+    def from_info(cls, camera: str, info: CameraViewInfo) -> CameraView:
+        """A view of ``camera``: where its optical axis points in the world."""
+        axis = info.T_world_camera.matrix()[:3, 2]
+        level = math.hypot(axis[0], axis[1])
+        return cls(
+            view=info.view,
+            yaw_rad=math.atan2(axis[1], axis[0]) if level > 1e-3 else None,
+            pitch_rad=math.atan2(axis[2], level),
+            picture=f"{ROOT}/cameras/{camera}/views/{info.view}.jpg",
+        )
+
+
+class Camera(Resource):
+    id: str = Field(validation_alias="camera")
+    floor: str
+    position_m: tuple[float, float, float]
+    mounting_offset_m: Number
+    hfov_rad: float
+    width_px: int
+    height_px: int
+    tier: str
+    invoked: bool = Field(description="the maps of its floor subscribe to it")
+    views_held: int = Field(default=0, description="how many of its views the maps hold")
+    labels: dict[str, Number] = Field(default_factory=dict, description="what it last saw, with confidences")
+    views: list[CameraView]
+
+    @classmethod
+    def from_info(
+        cls, info: CameraInfo, use: CameraUse | None, labels: dict[str, float], seen_ns: int, alive: bool
+    ) -> Camera:
+        """A camera as it announced itself. ``use``: what the maps hold of it; ``labels``: its newest summary."""
+        return cls.made_of(
+            info,
+            position_m=tuple(finite(v) or 0.0 for v in info.position_m),
+            hfov_rad=info.intrinsics.hfov_rad,
+            width_px=info.intrinsics.width_px,
+            height_px=info.intrinsics.height_px,
+            invoked=use is not None,
+            views_held=use.views_held if use else 0,
+            labels=labels,
+            views=[CameraView.from_info(info.camera, view) for view in info.views],
+            last_seen=seen_ns,
+            stale=not alive,
+        )

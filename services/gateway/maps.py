@@ -1,0 +1,114 @@
+"""The joint map: floors, objects, and pictures of layers."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from typing import NamedTuple
+
+from services.gateway.asking import absent, ask_known
+from services.gateway.core import layers
+from services.gateway.core.layers import Picture
+from services.gateway.core.problems import Problem
+from services.gateway.core.resources import Floor, Object
+from services.gateway.missions import Missions
+from services.gateway.sources import Sources
+from services.gateway.state import BuildingState
+from surveilnav import contract
+from surveilnav.categories import canonical
+from surveilnav.errors import WireError
+from surveilnav.sensing.layers import unpack_layer
+
+_CACHED_PICTURES = 64
+
+
+class _PictureKey(NamedTuple):
+    """What a picture shows. ``stamp_ns``: of the revision; a fusion that started anew counts from 1 again."""
+
+    floor: str
+    layer: str
+    target: str
+    stamp_ns: int
+
+
+class Maps:
+    """What fusion holds of the building, floor by floor."""
+
+    def __init__(self, state: BuildingState, sources: Sources, missions: Missions) -> None:
+        self._state, self._node, self._sources, self._missions = state, state.node, sources, missions
+        self._pictures: OrderedDict[_PictureKey, tuple[Picture, int]] = OrderedDict()
+        self._pictures_lock = threading.Lock()
+
+    def floors(self) -> list[Floor]:
+        """Every floor that has a map, a camera or a robot."""
+        revisions = self._state.revisions.newest("floor")
+        cameras, robots = self._sources.cameras(), self._sources.robots()
+        names = set(revisions) | {c.floor for c in cameras} | {r.floor for r in robots}
+        return [
+            Floor.from_revision(
+                name,
+                revisions[name].message if name in revisions else None,
+                [r.id for r in robots if r.floor == name],
+                [c.id for c in cameras if c.floor == name],
+                revisions[name].received_ns if name in revisions else None,
+                self._state.alive("fusion"),
+            )
+            for name in sorted(names)
+        ]
+
+    def objects(self, floor: str | None, label: str | None) -> list[Object]:
+        """Objects by floor, last seen first; of one floor or one label if given."""
+        if floor is None:
+            rows = self._node.ask_all(contract.OBJECTS)
+            if not rows and not self._state.alive("fusion"):
+                raise absent("fusion")
+        else:
+            rows = [ask_known(self._node, "floor", floor, "fusion", contract.OBJECTS, floor=floor)]
+        wanted = None if label is None else canonical(label)
+        records = [r for row in rows for r in row.message.objects if wanted is None or r.label == wanted]
+        return [Object.from_record(r) for r in sorted(records, key=lambda r: (r.floor, -r.last_seen_ns, r.id))]
+
+    def layer(self, floor: str, layer: str, target: str) -> tuple[Picture, int]:
+        """The picture of a layer, and the revision that it shows. Asked of fusion only if the floor's maps changed."""
+        if layer not in layers.COLOURS:
+            raise Problem(404, "unknown_layer", f"no picture of {layer!r}; layers: {', '.join(layers.COLOURS)}")
+        target = (target or self._searched(floor)) if layer == "value" else ""
+        revision = self._state.revisions.newest("floor").get(floor)
+        key = _PictureKey(floor, layer, target, revision.message.stamp_ns if revision else 0)
+        if revision and (cached := self._cached(key)):
+            return cached
+        drawn = self._drawn(key)
+        if revision and drawn[1] == revision.message.revision:
+            self._cache(key, drawn)
+        return drawn
+
+    def _searched(self, floor: str) -> str:
+        """The target of the newest mission, preferably one on this floor: whose values a person wants to see."""
+        missions = sorted(self._missions.all(), key=lambda m: m.floor != floor)
+        if not missions:
+            raise Problem(422, "no_target", "the value layer belongs to a target: add ?target=..., or submit a mission")
+        return missions[0].target
+
+    def _drawn(self, key: _PictureKey) -> tuple[Picture, int]:
+        floor, layer, target, _ = key
+        parameters = {"target": target} if target else None
+        row = ask_known(
+            self._node, "floor", floor, "fusion", contract.MAP_LAYER, parameters=parameters, floor=floor, layer=layer
+        )
+        try:
+            picture = layers.render(layer, row.message.grid, unpack_layer(layer, row.message, row.payload))
+        except WireError as error:
+            raise Problem(502, "bad_layer", f"fusion sent a {layer} layer that can't be read: {error}") from error
+        return picture, row.message.revision
+
+    def _cached(self, key: _PictureKey) -> tuple[Picture, int] | None:
+        with self._pictures_lock:
+            if key in self._pictures:
+                self._pictures.move_to_end(key)
+            return self._pictures.get(key)
+
+    def _cache(self, key: _PictureKey, drawn: tuple[Picture, int]) -> None:
+        with self._pictures_lock:
+            self._pictures[key] = drawn
+            if len(self._pictures) > _CACHED_PICTURES:
+                self._pictures.popitem(last=False)

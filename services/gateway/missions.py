@@ -1,0 +1,94 @@
+"""Missions: handed to the planner, followed, cancelled."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+import uuid
+from collections import OrderedDict
+
+from services.gateway.asking import ask, ask_known
+from services.gateway.core.problems import Problem, refusal
+from services.gateway.core.resources import Mission, MissionPlan, NewMission
+from services.gateway.state import BuildingState
+from surveilnav import contract
+from surveilnav.bus import Received, clock_ns
+from surveilnav.categories import canonical
+from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionStatus
+
+_REMEMBERED_KEYS = 10_000
+
+
+class Missions:
+    """All missions of the building, whoever submitted them."""
+
+    def __init__(self, state: BuildingState) -> None:
+        self._state, self._node = state, state.node
+        self._submitted: OrderedDict[str, tuple[NewMission, Mission]] = OrderedDict()
+        self._submit_lock = threading.Lock()
+
+    def submit(self, goal: NewMission, idempotency_key: str | None) -> Mission:
+        """Hands a goal to the planner. The same key with the same goal is one mission, also across restarts."""
+        if idempotency_key is None:
+            return self._submit(f"m-{uuid.uuid4().hex[:12]}", goal)
+        with self._submit_lock:  # two requests with one key must not both ask
+            if known := self._submitted.get(idempotency_key):
+                return _repeated(goal, known[0] == goal, known[1])
+            id = "m-" + hashlib.sha256(f"{self._node.building}\0{idempotency_key}".encode()).hexdigest()[:16]
+            if row := self._state.missions.newest("mission").get(id):  # a gateway before this one took it
+                return _repeated(goal, canonical(row.message.target) == canonical(goal.target), self._told(row))
+            mission = self._submit(id, goal)
+            self._submitted[idempotency_key] = goal, mission
+            if len(self._submitted) > _REMEMBERED_KEYS:
+                self._submitted.popitem(last=False)
+            return mission
+
+    def _submit(self, id: str, goal: NewMission) -> Mission:
+        message = MissionGoal(
+            stamp_ns=clock_ns(), mission=id, target=goal.target, robot=goal.robot or "", max_steps=goal.max_steps
+        )
+        ack: MissionAck = ask(self._node, "planner", contract.MISSION_GOAL, message, mission=id).message
+        if not ack.accepted:
+            raise refusal(ack.error, ack.message)
+        return Mission.from_ack(ack, goal, clock_ns())
+
+    def all(self) -> list[Mission]:
+        """Newest first."""
+        rows = self._state.missions.newest("mission").values()
+        return [self._told(r) for r in sorted(rows, key=lambda r: (-r.message.started_ns, r.ids["mission"]))]
+
+    def get(self, id: str) -> Mission:
+        """The mission as it was last told of, or as the planner tells when asked."""
+        row = self._state.missions.newest("mission").get(id)
+        if row is None:  # accepted a moment ago, or before this gateway was there
+            row = ask_known(self._node, "mission", id, "planner", contract.MISSION_STATUS, mission=id)
+        return self._told(row)
+
+    def cancel(self, id: str, reason: str) -> Mission:
+        """Asks the planner to end a mission; one that is finished can't be cancelled (409)."""
+        message = MissionCancel(stamp_ns=clock_ns(), mission=id, reason=reason)
+        ack: MissionAck = ask(self._node, "planner", contract.MISSION_CANCEL, message, mission=id).message
+        if not ack.accepted:
+            if ack.state in FINISHED_STATES and not ack.error:
+                raise Problem(409, "finished", f"mission {id} is {ack.state} already")
+            raise refusal(ack.error, ack.message)
+        return self.get(id).model_copy(update={"state": ack.state})
+
+    def plan(self, id: str) -> MissionPlan:
+        """The planner's present plan for a mission."""
+        row = ask_known(self._node, "plan of mission", id, "planner", contract.MISSION_PLAN, mission=id)
+        return MissionPlan.from_plan(row.message, row.received_ns, self._state.alive("planner"))
+
+    def _told(self, row: Received[MissionStatus]) -> Mission:
+        return Mission.from_status(row.message, row.received_ns, self._state.alive("planner"))
+
+
+def _repeated(goal: NewMission, same: bool, mission: Mission) -> Mission:
+    if same:
+        return mission
+    raise Problem(
+        422,
+        "idempotency_key_reused",
+        f"this Idempotency-Key belongs to mission {mission.id} for another goal ({mission.target!r}); "
+        f"send a new key for {goal.target!r}",
+    )

@@ -1,0 +1,48 @@
+"""``/missions``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Header, Response
+
+from services.gateway.core.resources import ROOT, Items, Mission, MissionPlan, NewMission
+from services.gateway.missions import Missions
+from services.gateway.routes.paging import Id, Limit, Offset, page_of
+
+
+def router(found: Missions) -> APIRouter:
+    """Submit, list, follow and cancel missions."""
+    router = APIRouter(prefix=f"{ROOT}/missions", tags=["missions"])
+
+    @router.post("", status_code=202)
+    def submit(
+        goal: NewMission,
+        response: Response,
+        idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255)] = None,
+    ) -> Mission:
+        """Submits a mission. With an Idempotency-Key, a repeated request is the same mission."""
+        mission = found.submit(goal, idempotency_key)
+        response.headers["Location"] = f"{ROOT}/missions/{mission.id}"
+        return mission
+
+    @router.get("")
+    def missions(limit: Limit = 100, offset: Offset = 0) -> Items[Mission]:
+        """Missions, newest first."""
+        return page_of(found.all(), limit, offset)
+
+    @router.get("/{id}")
+    def mission(id: Id) -> Mission:
+        return found.get(id)
+
+    @router.post("/{id}/cancel", status_code=202)
+    def cancel(id: Id, reason: Annotated[str, Body(embed=True, max_length=500)] = "") -> Mission:
+        """Cancels a mission; its robot stops."""
+        return found.cancel(id, reason)
+
+    @router.get("/{id}/plan")
+    def plan(id: Id) -> MissionPlan:
+        """The planner's present plan: waypoint, path, and what else it weighed."""
+        return found.plan(id)
+
+    return router

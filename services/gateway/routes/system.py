@@ -1,0 +1,34 @@
+"""``/traffic``, and how the whole is: ``/healthz``, ``/readyz``."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from services.gateway.core.problems import Problem
+from services.gateway.core.resources import ROOT, Readiness, Traffic
+from services.gateway.service import Gateway
+
+
+def router(gateway: Gateway) -> APIRouter:
+    """Traffic, health and readiness."""
+    router = APIRouter()
+
+    @router.get(f"{ROOT}/traffic", tags=["building"])
+    def traffic() -> Traffic:
+        """Bytes offered, delivered and on the wire."""
+        return gateway.traffic()
+
+    @router.get("/healthz", tags=["health"])
+    def healthz() -> dict[str, str]:
+        """This process lives. Whether a mission could run is /readyz."""
+        return {"status": "ok"}
+
+    @router.get("/readyz", tags=["health"])
+    def readyz() -> Readiness:
+        """Whether a mission could run now: 200, or 503 with what is missing."""
+        readiness = gateway.readiness()
+        if not readiness.ready:
+            raise Problem(503, "not_ready", f"missing: {', '.join(readiness.missing)}", **readiness.model_dump())
+        return readiness
+
+    return router

@@ -1,0 +1,80 @@
+"""What the gateway remembers of the bus."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from surveilnav import contract
+from surveilnav.bus import Node, Received
+from surveilnav.contract import Stream
+
+#: How long a list of what is put on change is believed before it is asked for again.
+REFRESH_S = 5.0
+_KINDS = ("camera", "robot", "perception", "fusion", "planner")
+
+
+class LastKnown:
+    """The newest message of every key of a stream, also of owners that are gone.
+
+    What is put on change may have been put before the gateway was there, or by an owner that came later than
+    it: such streams are asked again every ``REFRESH_S``. That blocks for as long as an answer may take.
+    """
+
+    def __init__(self, node: Node, stream: Stream, capacity: int = 20_000) -> None:
+        self._node, self._stream, self._capacity = node, stream, capacity
+        self._table = node.table(stream)
+        self._asked: dict[str, Received[Any]] = {}
+        self._asked_s = time.monotonic()
+        self._lock = threading.Lock()
+
+    def rows(self) -> list[Received[Any]]:
+        """The newest row of every key, in the order of the keys."""
+        merged = self._asked_rows()
+        for row in self._table.rows():
+            known = merged.get(row.key)
+            if known is None or known.message.stamp_ns <= row.message.stamp_ns:
+                merged[row.key] = row
+        return [merged[key] for key in sorted(merged)]
+
+    def _asked_rows(self) -> dict[str, Received[Any]]:
+        with self._lock:
+            if self._stream.rate_hz is None and time.monotonic() - self._asked_s > REFRESH_S:
+                for row in self._node.ask_all(self._stream, timeout_s=1.0):
+                    if row.key in self._asked or len(self._asked) < self._capacity:
+                        self._asked[row.key] = row
+                self._asked_s = time.monotonic()
+            return dict(self._asked)
+
+    def newest(self, field: str) -> dict[str, Received[Any]]:
+        """The newest row by one id of its key, in the order of the ids. A message that names another isn't believed."""
+        found: dict[str, Received[Any]] = {}
+        for row in sorted(self.rows(), key=lambda r: r.received_ns):
+            if getattr(row.message, field) == row.ids[field]:
+                found[row.ids[field]] = row
+        return dict(sorted(found.items()))
+
+    def old(self, row: Received[Any]) -> bool:
+        """Whether a row came longer ago than the contract allows."""
+        return row.age_s * 1000 > self._stream.max_age_ms
+
+
+class BuildingState:
+    """The streams that are remembered, and who is there. ``node`` asks for the rest."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self.missions = LastKnown(node, contract.MISSION_STATUS)
+        self.cameras = LastKnown(node, contract.CAMERA_INFO)
+        self.summaries = LastKnown(node, contract.CAMERA_SUMMARY)
+        self.robots = LastKnown(node, contract.ROBOT_STATUS)
+        self.loads = LastKnown(node, contract.PERCEPTION_LOAD)
+        self.revisions = LastKnown(node, contract.MAP_REVISION)
+        self.traffic = LastKnown(node, contract.TRAFFIC)
+        for kind in _KINDS:
+            node.alive(kind)  # the first call starts watching
+
+    def alive(self, kind: str) -> bool:
+        """Whether any node of the kind is there."""
+        return bool(self.node.alive(kind))

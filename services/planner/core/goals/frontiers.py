@@ -1,0 +1,167 @@
+"""Frontiers: from cells to places worth going to, and what each is worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from services.planner.core.config import PlannerConfig
+from services.planner.core.motion.terrain import Terrain
+from services.planner.core.state import MapView
+
+#: Where the value alone ranks frontiers, a metre of way costs so little that it decides only between equals.
+_WAY_PRICE = 1e-6
+#: Values that differ by less are the same.
+_ANY = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Frontier:
+    """A stretch of frontier. (x, y): its middle cell [m, world]; ``way_m``: travel time from the robot;
+    ``value``: what the strategy says, NaN where nothing is known; ``score``: what ranks it."""
+
+    x_m: float
+    y_m: float
+    n_cells: int
+    way_m: float
+    value: float = math.nan
+    score: float = 0.0
+
+
+def find_frontiers(
+    maps: MapView, terrain: Terrain, travel_time_m: NDArray[np.float64], config: PlannerConfig
+) -> list[Frontier]:
+    """Clusters of at least ``frontier_min_cells`` (8-connected), long ones cut into pieces, that a way leads to.
+
+    ``travel_time_m``: from the robot (the terrain's shape). A piece that lies in a grown obstacle is
+    reached through the nearest open cell, within ``same_place_m``.
+    """
+    cells = np.ascontiguousarray(terrain.crop(maps.frontier) != 0).astype(np.uint8)
+    _, labels = cv2.connectedComponents(cells, connectivity=8)
+    marked = np.argwhere(cells)
+    label = labels[marked[:, 0], marked[:, 1]]
+    by_label = np.argsort(label, kind="stable")
+    found = []
+    for members in np.split(marked[by_label], np.flatnonzero(np.diff(label[by_label])) + 1):
+        if len(members) < config.frontier_min_cells:
+            continue
+        for piece in _pieces(members, config.frontier_piece_m / terrain.grid.resolution_m):
+            middle = piece[np.argmin(((piece - piece.mean(axis=0)) ** 2).sum(axis=1))]
+            way_m = _nearest_way(travel_time_m, middle, config.same_place_m / terrain.grid.resolution_m)
+            if math.isfinite(way_m):
+                x, y = terrain.place(int(middle[0]), int(middle[1]))
+                found.append(Frontier(x, y, len(piece), way_m))
+    return found
+
+
+def rank(
+    frontiers: Sequence[Frontier], maps: MapView, target: str, config: PlannerConfig
+) -> tuple[list[Frontier], bool]:
+    """Frontiers with value and score, best first, and whether values decided.
+
+    Values decide where they differ enough to mean something (``worth_exploiting``).
+    """
+    valued = [replace(f, value=_value(f, maps, target, config)) for f in frontiers]
+    values = np.array([f.value for f in valued])
+    exploit = config.strategy != "greedy" and worth_exploiting(values, config)
+    if exploit:
+        low, high = np.nanmin(values), np.nanmax(values)
+        scaled = np.nan_to_num((values - low) / (high - low), nan=0.0)
+    else:
+        scaled = np.zeros(len(valued))
+    wide = config.frontier_wide_m / maps.grid.resolution_m
+    scored = [replace(f, score=_score(f, float(s), wide, config)) for f, s in zip(valued, scaled, strict=True)]
+    return sorted(scored, key=lambda f: -f.score), exploit
+
+
+def _score(frontier: Frontier, scaled_value: float, wide: float, config: PlannerConfig) -> float:
+    """What ranks a frontier: a relative chance per metre, or its value (0 to 1) alone.
+
+    A wide frontier (``wide`` cells) hides more than a slit, and the one of the best value has ``1 + value_gain`` times the
+    chance of the worst.
+    """
+    if config.frontier_score == "value":
+        return (scaled_value + _WAY_PRICE) / (1.0 + _WAY_PRICE * frontier.way_m)
+    hides = 0.5 + 0.5 * min(1.0, frontier.n_cells / wide)
+    return hides * (1.0 + config.value_gain * scaled_value) / (frontier.way_m + config.explore_m)
+
+
+def worth_exploiting(values: NDArray[np.float64], config: PlannerConfig) -> bool:
+    """Whether values differ enough to decide, by ApexNav's rule: their standard deviation and their max/mean are large
+    enough; with ``exploit`` always, whether they differ at all."""
+    known = values[np.isfinite(values)]
+    if known.size < 2:
+        return False
+    mean, top = float(known.mean()), float(known.max())
+    always = config.exploit == "always"
+    least_std, least_ratio = (_ANY, 1.0) if always else (config.exploit_min_std, config.exploit_min_ratio)
+    return float(known.std()) >= least_std and mean > 0.0 and top / mean >= least_ratio
+
+
+def unknown_side(maps: MapView, terrain: Terrain, x_m: float, y_m: float) -> tuple[float, float] | None:
+    """The middle (x, y) [m] of the unexplored cells within 0.5 m of a frontier's middle: where to look. None: none."""
+    hidden = (terrain.crop(maps.explored) == 0) & ~terrain.occupied & terrain.disc(x_m, y_m, 0.5)
+    cells = np.argwhere(hidden)
+    if cells.size == 0:
+        return None
+    x, y = terrain.grid.centres_of(cells.mean(axis=0))
+    return float(x), float(y)
+
+
+def _pieces(cells: NDArray[np.int64], length: float) -> list[NDArray[np.int64]]:
+    """Cuts cells (N, 2) along their main axis into equal stretches of at most ``length`` cells."""
+    centred = cells - cells.mean(axis=0)
+    axis = np.linalg.eigh(centred.T @ centred)[1][:, -1]
+    along = centred @ axis
+    n = max(1, math.ceil((along.max() - along.min() + 1.0) / length))
+    if n == 1:
+        return [cells]
+    bins = np.minimum(((along - along.min()) / (np.ptp(along) + 1e-9) * n).astype(int), n - 1)
+    return [cells[bins == b] for b in range(n) if (bins == b).any()]
+
+
+def _nearest_way(travel_time_m: NDArray[np.float64], cell: NDArray[np.int64], radius: float) -> float:
+    """The shortest travel time within ``radius`` cells of a cell; the cell's own if it is open."""
+    row, col = int(cell[0]), int(cell[1])
+    if math.isfinite(travel_time_m[row, col]):
+        return float(travel_time_m[row, col])
+    k = int(radius)
+    return float(travel_time_m[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1].min())
+
+
+def _value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig) -> float:
+    """What the strategy says about a place: NaN where it knows nothing."""
+    if config.strategy == "region":
+        return _map_value(frontier, maps, config)
+    if config.strategy == "object":
+        return _object_value(frontier, maps, target, config)
+    return math.nan
+
+
+def values_near(maps: MapView, frontier: Frontier, radius_m: float) -> NDArray[np.float32]:
+    """The known values of the map within ``radius_m`` of a frontier's middle, along rows and columns: (n,)."""
+    row, col = (int(v) for v in maps.grid.cells_of((frontier.x_m, frontier.y_m)))
+    k = max(1, round(radius_m / maps.grid.resolution_m))
+    window = maps.value[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1]
+    return window[np.isfinite(window)]
+
+
+def _map_value(frontier: Frontier, maps: MapView, config: PlannerConfig) -> float:
+    """The best value of the map within ``value_radius_m``."""
+    known = values_near(maps, frontier, config.value_radius_m)
+    return float(known.max()) if known.size else math.nan
+
+
+def _object_value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig) -> float:
+    """The most relevant object near by, fading with distance; 0 if none is."""
+    best = 0.0
+    for record in maps.objects:
+        away_m = math.hypot(record.center_m[0] - frontier.x_m, record.center_m[1] - frontier.y_m)
+        if away_m < config.object_radius_m:
+            best = max(best, record.label_scores.get(target, 0.0) * (1.0 - away_m / config.object_radius_m))
+    return best

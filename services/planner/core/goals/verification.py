@@ -1,0 +1,42 @@
+"""Two-level verification (the paper's section on object verification): when to believe that an object is the target."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from services.planner.core.config import PlannerConfig
+from services.planner.core.goals.objects import is_confirmed, robot_sees
+from surveilnav.messages import ObjectRecord
+
+#: What the joint map says of an object that the robot is at or on its way to.
+Verification = Literal["verified", "open", "contradicted"]
+
+
+def verify(record: ObjectRecord, target: str, config: PlannerConfig) -> Verification:
+    """The first level of verification: what the joint map says now.
+
+    ``verified``: confirmed by fusion and, unless ``verification`` is ``paper``, seen as the target by the robot.
+    ``contradicted``: rejected, or the robot surely sees something else and all views together do, too: one robot view
+    doesn't outweigh what several cameras saw. ``open``: look once more.
+    """
+    if record.status == "rejected":
+        return "contradicted"
+    if config.verification == "paper":
+        return "verified" if is_confirmed(record, target) else "open"
+    if robot_sees(record, target, config) and is_confirmed(record, target):
+        return "verified"
+    another = target not in (record.label, record.label_robot) and record.label_robot != ""
+    if another and record.confidence_robot >= config.verify_confidence_robot:
+        return "contradicted"
+    return "open"
+
+
+def good_enough(record: ObjectRecord, target: str, config: PlannerConfig) -> bool:
+    """The second level, when looking again is no use: strong surveillance that no robot view contradicts."""
+    return (
+        is_confirmed(record, target)
+        and record.label_surveillance == target
+        and record.confidence_surveillance >= config.strong_confidence_surveillance
+        and record.n_detections >= config.strong_detections
+        and record.label_robot in ("", target)
+    )

@@ -1,0 +1,224 @@
+"""Where the robot can drive and how fast: the speed map that the Fast Marching Method runs on.
+
+Travel time is measured in metres of comfortable free space: a cell near a wall or in unknown space counts more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from services.planner.core.config import PlannerConfig
+from services.planner.core.motion.marching import march
+from services.planner.core.state import MapView, MissionState, RobotView
+from surveilnav.geometry import Grid
+
+#: Travel time to a cell that the front never reached.
+UNREACHED = np.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Terrain:
+    """A window of the map around everything known.
+
+    Attributes:
+        grid: frame of the window; all arrays are (rows, cols) of it. ``row0``, ``col0``: its corner in the map.
+        occupied: bool, obstacles as mapped.
+        known: bool, explored and not occupied.
+        clearance_m: float32, distance to the nearest obstacle as mapped.
+        speed: float64, 0 where the robot's centre can't be, else in (0, 1].
+        bumps: (n, 3) float64 x, y [m], yaw [rad]: headings that met something.
+    """
+
+    grid: Grid
+    row0: int
+    col0: int
+    occupied: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+    clearance_m: NDArray[np.float32]
+    speed: NDArray[np.float64]
+    bumps: NDArray[np.float64]
+
+    def crop(self, layer: NDArray) -> NDArray:
+        """The window of a layer of the whole map."""
+        return layer[self.row0 : self.row0 + self.grid.rows, self.col0 : self.col0 + self.grid.cols]
+
+    def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """(row, col) of a place, clipped into the window."""
+        row, col = self.grid.cells_of((x_m, y_m))
+        return min(max(int(row), 0), self.grid.rows - 1), min(max(int(col), 0), self.grid.cols - 1)
+
+    def place(self, row: int, col: int) -> tuple[float, float]:
+        """World (x, y) [m] of a cell's centre."""
+        x, y = self.grid.centres_of((row, col))
+        return float(x), float(y)
+
+    def disc(self, x_m: float, y_m: float, radius_m: float) -> NDArray[np.bool_]:
+        """Cells whose centre lies within ``radius_m`` of a place, bool of the window's shape."""
+        mask = np.zeros(self.grid.shape, dtype=bool)
+        mask[_within(self.grid, [(x_m, y_m)], radius_m)] = True
+        return mask
+
+    def least_near(self, layer: NDArray[np.float64], x_m: float, y_m: float, radius_m: float) -> float:
+        """The least value of a layer of the window's shape in such a disc; inf if it has no cell."""
+        return float(layer[_within(self.grid, [(x_m, y_m)], radius_m)].min(initial=math.inf))
+
+
+def build_terrain(
+    maps: MapView, robot: RobotView, state: MissionState, config: PlannerConfig,
+    places_m: Sequence[tuple[float, float]] = (),
+) -> Terrain:  # fmt: skip
+    """Crops the map to what is known and to ``places_m`` (plus a margin) and rates every cell.
+
+    Obstacles grow by ``tight_m``; up to the robot's radius it is hard to pass (``tight_speed``), beyond that the speed
+    rises from ``wall_speed`` to 1 at ``comfort_m``.
+    Unknown space is slower by ``unknown_speed``. Where the robot stands and has stood is never blocked, so a
+    robot that starts inside a grown obstacle can leave it.
+    """
+    r = maps.grid.resolution_m
+    row0, row1, col0, col1 = _known_window(maps, robot, places_m, config)
+    window = slice(row0, row1), slice(col0, col1)
+    grid = Grid(maps.grid.origin_x_m + col0 * r, maps.grid.origin_y_m + row0 * r, r, row1 - row0, col1 - col0)
+
+    occupancy = np.ascontiguousarray(maps.occupancy[window] != 0).astype(np.uint8)
+    _paint(occupancy, grid, state.here.visited[-200:], 0.0, value=0)
+    explored = maps.explored[window] != 0
+
+    clearance_m = cv2.distanceTransform(1 - occupancy, cv2.DIST_L2, 5) * r
+    rise = (clearance_m - config.robot_radius_m) / (config.comfort_m - config.robot_radius_m)
+    speed = (config.wall_speed + (1.0 - config.wall_speed) * np.clip(rise, 0.0, 1.0)).astype(np.float64)
+    speed[~explored] *= config.unknown_speed
+    tight = clearance_m < config.robot_radius_m
+    speed[tight] = config.tight_speed
+    blocked = (clearance_m < min(config.tight_m, config.robot_radius_m)).astype(np.uint8)
+    _paint(blocked, grid, state.here.visited, config.visited_radius_m, value=0)
+    _paint(blocked, grid, [(robot.x_m, robot.y_m)], config.escape_radius_m, value=0)
+    _paint(blocked, grid, state.here.collisions, 0.0)
+    speed[(blocked != 0) | (occupancy != 0)] = 0.0
+    here = grid.cells_of((robot.x_m, robot.y_m))
+    if grid.contains(here):
+        speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
+    return Terrain(
+        grid,
+        row0,
+        col0,
+        occupancy != 0,
+        explored & (occupancy == 0),
+        clearance_m,
+        speed,
+        np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3)),
+    )
+
+
+def travel_time_m(
+    speed: NDArray[np.float64],
+    sources: NDArray[np.bool_],
+    resolution_m: float,
+    until: tuple[int, int] | None = None,
+    margin_m: float = np.inf,
+) -> NDArray[np.float64]:
+    """Travel time [m of free space] from the nearest source to every cell: |grad T| = 1/speed.
+
+    Args:
+        speed: (rows, cols), 0 where nothing passes.
+        sources: (rows, cols) bool; blocked ones don't count.
+        resolution_m: side of a cell.
+        until, margin_m: the front stops so long after it came to this (row, col).
+
+    Returns:
+        (rows, cols) float64, ``UNREACHED`` (inf) where no way leads or the front didn't come.
+    """
+    return march(speed, sources, until, margin_m / resolution_m) * resolution_m
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def clear_lines(obstacles, start, end, run=0.0):  # type: ignore[no-untyped-def]
+    """Whether the straight lines between cells ``start`` (n, 2) and ``end`` (n, 2), int64, meet no obstacle: (n,) bool.
+
+    ``obstacles``: (rows, cols) bool. A line is looked at once a cell along its longer side. ``run``: the cells nearest to
+    the end, up to the first that is free and no more than so many, may be obstacles.
+    """
+    clear = np.ones(len(start), dtype=np.bool_)
+    for i in range(len(start)):
+        dr, dc = start[i, 0] - end[i, 0], start[i, 1] - end[i, 1]
+        n = max(abs(dr), abs(dc), 1)
+        per_step = math.sqrt(dr * dr + dc * dc) / n
+        left = run
+        for k in range(n + 1):
+            if not obstacles[end[i, 0] + round(dr * k / n), end[i, 1] + round(dc * k / n)]:
+                if left < run:  # the run has begun, and ends here
+                    left = 0.0
+                continue
+            left -= per_step
+            if left < 0.0:
+                clear[i] = False
+                break
+    return clear
+
+
+def coarse_travel_time_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np.float64]:
+    """Travel time from a place to every cell of the window, computed on cells of twice the size.
+
+    Four cells are passable if one of them is: grown obstacles are several cells thick, so this opens no wall.
+    """
+    rows, cols = terrain.grid.shape
+    speed = np.pad(terrain.speed, ((0, rows % 2), (0, cols % 2)))
+    coarse = np.maximum(np.maximum(speed[::2, ::2], speed[1::2, ::2]), np.maximum(speed[::2, 1::2], speed[1::2, 1::2]))
+    sources = np.zeros(coarse.shape, dtype=bool)
+    row, col = terrain.cell(x_m, y_m)
+    sources[row // 2, col // 2] = True
+    time = travel_time_m(coarse, sources, 2.0 * terrain.grid.resolution_m)
+    fine = np.repeat(np.repeat(time, 2, axis=0), 2, axis=1)[:rows, :cols]
+    fine[terrain.speed <= 0.0] = UNREACHED
+    return fine
+
+
+def _known_window(
+    maps: MapView, robot: RobotView, places_m: Sequence[tuple[float, float]], config: PlannerConfig
+) -> tuple[int, int, int, int]:
+    """Rows and columns [row0, row1) x [col0, col1) that hold everything known, the robot, the places and a margin."""
+    known = (maps.explored != 0) | (maps.occupancy != 0)
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    cells = maps.grid.cells_of([(robot.x_m, robot.y_m), *places_m])
+    cells = np.clip(cells, 0, (maps.grid.rows - 1, maps.grid.cols - 1))
+    rows, cols = np.append(rows, cells[:, 0]), np.append(cols, cells[:, 1])
+    margin = round(config.crop_margin_m / maps.grid.resolution_m)
+    return (
+        max(0, int(rows.min()) - margin), min(maps.grid.rows, int(rows.max()) + margin + 1),
+        max(0, int(cols.min()) - margin), min(maps.grid.cols, int(cols.max()) + margin + 1),
+    )  # fmt: skip
+
+
+def _paint(
+    mask: NDArray[np.uint8], grid: Grid, places_m: Sequence[tuple[float, float]], radius_m: float, value: int = 1
+) -> None:
+    """Sets all cells within ``radius_m`` of the places (at least the cell each lies in)."""
+    if places_m:
+        mask[_within(grid, places_m, radius_m)] = value
+
+
+def _within(
+    grid: Grid, places_m: Sequence[tuple[float, float]], radius_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the cells within ``radius_m`` of the places (at least the cell each lies in), some repeated."""
+    near = _disc_offsets(radius_m / grid.resolution_m)
+    cells = (grid.cells_of(np.asarray(places_m))[:, None, :] + near[None, :, :]).reshape(-1, 2)
+    cells = cells[grid.contains(cells)]
+    return cells[:, 0], cells[:, 1]
+
+
+@lru_cache(maxsize=64)
+def _disc_offsets(radius: float) -> NDArray[np.int64]:
+    """(n, 2): (row, col) of the cells within ``radius`` cells of a cell."""
+    half = int(radius)
+    if half == 0:
+        return np.zeros((1, 2), dtype=np.int64)
+    offsets = np.arange(-half, half + 1)
+    return np.argwhere(offsets[:, None] ** 2 + offsets[None, :] ** 2 <= radius * radius + 1e-9) - half

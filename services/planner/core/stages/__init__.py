@@ -1,0 +1,1 @@
+"""Kinds of waypoints, one file each; ``rounds`` has their order."""

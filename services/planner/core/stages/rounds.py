@@ -1,0 +1,43 @@
+"""The order in which waypoints are tried.
+
+The paper's order: a confirmed target, else a promising candidate, else the best frontier (its section on waypoint selection).
+Ours adds other floors, and what is left when all is explored.
+"""
+
+from __future__ import annotations
+
+from services.planner.core.context import StepContext
+from services.planner.core.stages.any_candidate import any_candidate
+from services.planner.core.stages.confirmed_target import confirmed_target
+from services.planner.core.stages.frontier import frontier
+from services.planner.core.stages.hard_frontier import hard_frontier
+from services.planner.core.stages.last_resort import last_resort
+from services.planner.core.stages.next_floor import next_floor
+from services.planner.core.stages.other_floor import other_floor
+from services.planner.core.stages.promising_candidate import promising_candidate
+from services.planner.core.stages.second_chance import second_chance
+from services.planner.core.stages.second_look import second_look
+from services.planner.core.stages.stage import Retry, Stage
+from services.planner.core.state import Decision
+
+#: Rounds of stages. A round is tried from its first stage until one decides; a stage that gave something up has its round
+#: begin again; when a round has nothing left, the next begins. Every retry is counted in the mission's memory, so each ends.
+ROUNDS: tuple[tuple[Stage, ...], ...] = (
+    (confirmed_target, promising_candidate, other_floor, frontier, second_chance),
+    (any_candidate, other_floor, second_chance, next_floor, second_look),
+    (any_candidate, other_floor, hard_frontier, second_chance, last_resort),
+)
+
+
+def first_decision(context: StepContext) -> Decision | None:
+    """The first that a stage makes; None: there is nothing left to do."""
+    for stages in ROUNDS:
+        while isinstance(outcome := _first_outcome(stages, context), Retry):
+            pass
+        if outcome is not None:
+            return outcome
+    return None
+
+
+def _first_outcome(stages: tuple[Stage, ...], context: StepContext) -> Decision | Retry | None:
+    return next((outcome for stage in stages if (outcome := stage(context)) is not None), None)

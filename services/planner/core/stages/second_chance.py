@@ -1,0 +1,12 @@
+"""A second chance for what was tried in vain: the map may have changed since."""
+
+from __future__ import annotations
+
+from services.planner.core import memory
+from services.planner.core.context import StepContext
+from services.planner.core.stages.stage import RETRY, Retry
+
+
+def second_chance(context: StepContext) -> Retry | None:
+    """Takes off the blacklist what isn't there for good."""
+    return RETRY if memory.wake_all(context.state) else None

@@ -1,0 +1,130 @@
+"""All missions of a building: which there are, which robot has which, what outlives a restart."""
+
+from __future__ import annotations
+
+import threading
+
+from services.planner.config import PlannerSettings
+from services.planner.mission import Mission, Surroundings, accepted
+from services.planner.store import Store, StoreError
+from services.planner.summaries import Summaries
+from surveilnav.bus import Node
+from surveilnav.categories import closed_set_target
+from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
+from surveilnav.errors import MissionError, TargetError
+from surveilnav.messages import MissionGoal
+
+
+class Missions:
+    """One mission per robot at a time, several robots at once. Safe to use from any thread."""
+
+    def __init__(self, node: Node, settings: PlannerSettings) -> None:
+        self._node, self._settings = node, settings
+        self._lock = threading.Lock()
+        self._missions: dict[str, Mission] = {}
+        self._robots = node.table(ROBOT_STATUS)
+        self._store = Store(settings.store, node)
+        self._around = Surroundings(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
+        self._resumed = self._resume()
+
+    def all(self) -> list[Mission]:
+        """In the order in which they were accepted."""
+        with self._lock:
+            return list(self._missions.values())
+
+    def get(self, id: str) -> Mission | None:
+        """The mission of that id; None: it isn't known here."""
+        with self._lock:
+            return self._missions.get(id)
+
+    def save_again(self) -> None:
+        """Another try at what the store couldn't do: to be read when the planner began, or to be written since."""
+        with self._lock:
+            self._resumed = self._resumed or self._resume()
+        for mission in self.all():
+            mission.save_again()
+
+    def accept(self, goal: MissionGoal) -> Mission:
+        """Starts a mission, or finds the one that the same goal started. MissionError: it can't be accepted, and what
+        would be."""
+        if not 1 <= goal.max_steps <= self._settings.max_steps:
+            raise MissionError("bad_goal", f"max_steps must be 1 to {self._settings.max_steps}, got {goal.max_steps}")
+        try:
+            target = closed_set_target(goal.target[:200])
+        except TargetError as error:
+            raise MissionError("bad_target", str(error)) from error
+        with self._lock:
+            if not self._resumed:  # a robot may have a mission already
+                raise MissionError("store_failed", "the store of missions can't be read yet: send the goal again later")
+            if known := self._missions.get(goal.mission):
+                if (known.status.target, known.status.max_steps) == (target, goal.max_steps):
+                    return known  # the same goal sent again
+                raise MissionError("mission_exists", f"mission {known.id!r} exists already for {known.status.target!r}")
+            mission = self._begin(goal, target)
+        self._node.log.info("mission accepted", mission=mission.id, target=target, robot=mission.robot)
+        return mission
+
+    def _begin(self, goal: MissionGoal, target: str) -> Mission:
+        mission = Mission(self._around, accepted(goal, target, self._free_robot(goal.robot)))
+        try:
+            mission.save()  # before it is acknowledged: what was accepted exists, come what may
+        except StoreError as error:
+            raise MissionError("store_failed", str(error)) from error
+        self._missions[mission.id] = mission
+        self._forget_oldest()
+        mission.start()
+        return mission
+
+    def _resume(self) -> bool:
+        """Takes up the unfinished missions of the store, and knows the finished ones again; False if it can't be read.
+
+        A robot has one mission: the last one accepted goes on, others that were left open end.
+        """
+        try:
+            saved = self._store.load()
+        except StoreError as error:
+            self._node.warn_seldom("store_failed: no mission is resumed yet", error=str(error))
+            return False
+        self._missions = {s.status.mission: Mission(self._around, s) for s in saved}
+        last = {m.robot: m for m in self._missions.values() if not m.finished}
+        for mission in list(self._missions.values()):
+            if mission.finished:
+                continue
+            if mission is not last[mission.robot]:
+                mission.supersede(last[mission.robot].id)
+                continue
+            self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
+            mission.start()
+        self._forget_oldest()
+        return True
+
+    def _free_robot(self, wanted: str) -> str:
+        """The robot asked for, or any that is here and has no mission."""
+        here = sorted(self._node.alive("robot") & {row.message.robot for row in self._robots.rows()})
+        busy = {m.robot: m.id for m in self._missions.values() if not m.finished}
+        if wanted:
+            if wanted not in here:
+                known = ", ".join(here) or "none"
+                raise MissionError("unknown_robot", f"no robot {wanted!r} is on the bus; here are: {known}")
+            if wanted in busy:
+                raise MissionError(
+                    "robot_busy", f"robot {wanted!r} is on mission {busy[wanted]!r}: cancel that or wait for its end"
+                )
+            return wanted
+        free = [robot for robot in here if robot not in busy]
+        if not here:
+            raise MissionError("no_free_robot", "no robot is on the bus: start a robot node and send the goal again")
+        if not free:
+            held = ", ".join(f"{robot} on {busy[robot]}" for robot in here)
+            raise MissionError("no_free_robot", f"every robot has a mission ({held}): cancel one or wait for its end")
+        return free[0]
+
+    def _forget_oldest(self) -> None:
+        finished = [id for id, m in self._missions.items() if m.finished]
+        oldest = finished[: max(0, len(finished) - self._settings.finished_missions_kept)]
+        for id in oldest:
+            del self._missions[id]
+        try:
+            self._store.forget(oldest)
+        except StoreError as error:
+            self._node.warn_seldom("store_failed: old missions stay in it", error=str(error))

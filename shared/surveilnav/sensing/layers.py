@@ -1,0 +1,28 @@
+"""Map layers as they come from the bus: the header's claims are checked before its bytes are believed."""
+
+from __future__ import annotations
+
+from numpy.typing import NDArray
+
+from surveilnav.errors import WireError
+from surveilnav.messages import LayerHeader
+from surveilnav.sensing.packing import unpack_array
+
+#: Layers that lie on a grid, and the type of their cells: 0 or 1, or a value with NaN where it is unknown.
+GRID_LAYERS = {"occupancy": "uint8", "explored": "uint8", "frontier": "uint8", "value": "float32"}
+
+
+def unpack_layer(layer: str, header: LayerHeader, payload: bytes) -> NDArray:
+    """The cells (rows, cols) of the ``layer`` that was asked for; row 0 is the southernmost.
+
+    Raises:
+        WireError: it is another layer or none on a grid, or header and payload don't fit each other.
+    """
+    if layer not in GRID_LAYERS or header.layer != layer:
+        raise WireError(f"expected the layer {layer!r} of {', '.join(GRID_LAYERS)}, got {header.layer!r}")
+    expected = GRID_LAYERS[layer]
+    if header.dtype != expected or header.shape != header.grid.shape:
+        raise WireError(
+            f"expected {layer} as {expected} of shape {header.grid.shape}, got {header.dtype} {header.shape}"
+        )
+    return unpack_array(payload, header.dtype, header.shape)

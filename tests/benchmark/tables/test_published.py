@@ -1,0 +1,59 @@
+"""What is published: every run is one that a table asks for, and every page is made of what lies beside it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from benchmark.runner.basis import Basis
+from benchmark.runner.records import kept, read_facts
+from benchmark.runner.settings import RunSettings, run_id
+from benchmark.tables.arms import TABLES
+from benchmark.tables.page import Line, page
+
+PUBLISHED = Path(__file__).parents[3] / "docs" / "results" / "bench"
+FOLDERS = sorted((PUBLISHED / "records").iterdir())
+_HINT = "was a setting renamed? see benchmark.runner.rename"
+
+
+def test_every_run_is_one_that_a_table_asks_for_under_its_name():
+    asked = {run_id(settings): settings for table in TABLES.values() for arm in table.arms for settings in arm.runs}
+    for folder in FOLDERS:
+        facts = read_facts(folder)
+        assert folder.name in asked, _HINT
+        assert msgspec.convert(facts["settings"], RunSettings) == asked[folder.name], _HINT
+    assert len(FOLDERS) == 75
+
+
+def test_a_run_is_one_small_table():
+    for folder in FOLDERS:
+        assert sorted(p.name for p in folder.iterdir()) == ["searches.csv", "settings.json"]
+        assert (folder / "searches.csv").stat().st_size <= 150_000
+
+
+@pytest.mark.parametrize("name", ["range", "tiers", "errors"])
+def test_a_page_says_what_its_tables_say(name):
+    """But for the furniture models, which only the dataset knows."""
+    table, lines, bases = TABLES[name], [], set()
+    for arm in table.arms:
+        for settings in arm.runs:
+            folder = PUBLISHED / "records" / run_id(settings)
+            facts = read_facts(folder)
+            bases.add(Basis(facts["dataset"], facts["program"]))
+            lines.append(Line.of(arm, kept(folder, settings, Basis(facts["dataset"], facts["program"])).records))
+    (basis,) = bases
+    made = page(table, lines, 60, defaultdict(list), basis)
+    written = (PUBLISHED / f"{name}.md").read_text()
+    parts = [text.partition("## By furniture model")[0] for text in (made, written)]
+    assert parts[0] == parts[1]
+    assert "## By category" in parts[0]
+
+
+def test_no_picture_is_there_twice():
+    pictures = defaultdict(list)
+    for path in sorted(PUBLISHED.parent.rglob("*.png")):
+        pictures[path.read_bytes()].append(path.name)
+    assert [names for names in pictures.values() if len(names) > 1] == []
