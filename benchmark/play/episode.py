@@ -99,6 +99,7 @@ class Episode:
         self._sight, self._goals, self._start, self._searcher = sight, goals, start, searcher
         self._surveillance, self._fusion, self._fused = surveillance, fusion, fused
         self._delay_steps, self._seed, self._on_step = delay_steps, seed, on_step
+        self._tau_z_m = (fusion or FusionConfig()).map.tau_z_m
         self._navigation = sight.building.navigation
         self._state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
         self._stairs = tuple(robot.stairs_of(self._navigation))
@@ -130,7 +131,7 @@ class Episode:
         """What the robot sees, and the cameras whose views arrive now: those of its floor are invoked (eq. 1)."""
         seen = self._sight.robot(self._state, self._seed)
         self._robot_bytes += seen.offered_bytes
-        active = active_cameras([seen.view.floor_z_m], self._sight.infos) if self._surveillance else []
+        active = active_cameras([seen.view.floor_z_m], self._sight.infos, self._tau_z_m) if self._surveillance else []
         now = self._searcher.steps
         if new := tuple(name for name in active if name not in self._invoked):
             self._invoked |= {name: sum(v.offered_bytes for v in self._sight.camera(name)) for name in new}

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from benchmark.policies.policy import Task
-from services.fusion.core import FusionConfig, ObjectConfig
-from services.fusion.core.config import ONE_RULE_FOR_ALL
+from services.fusion.core import FusionConfig
 from services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
 from services.planner.core.context import FrontierRule
 from services.planner.core.goals.frontier_choice import best_frontier
@@ -61,11 +60,11 @@ class Mission:
 
 def first_sight(fusion: FusionConfig) -> FusionConfig:
     """Maps on which the first detection that is sure enough makes an object for good: nothing speaks against it."""
-    never = 1_000_000_000
-    objects = fusion.objects.model_dump() | {
-        "min_score": FIRST_SIGHT_SCORE, "confirm_score": FIRST_SIGHT_SCORE, **ONE_RULE_FOR_ALL, "confidence": "mean",
-        "min_detections": 1, "confirm_robot_detections": 1, "confirm_robot_poses": 1, "near_m": 1e9,
-        "confirm_camera_views": 1, "confirm_camera_score": FIRST_SIGHT_SCORE, "size_prior": False,
-        "flip_detections": never, "miss_weight": 0.0, "reject_misses": never,
-    }  # fmt: skip
-    return fusion.model_copy(update={"objects": ObjectConfig(**objects)})
+    threshold = {"min_confidence": FIRST_SIGHT_SCORE, "min_detections": 1, "flip_rejects": False}
+    return fusion.changed({
+        "objects": {
+            "points": {"min_score": FIRST_SIGHT_SCORE},
+            "confirmation": {"rule": "paper", "paper": threshold},
+            "false_positives": {"size_prior": False},
+        }
+    })  # fmt: skip

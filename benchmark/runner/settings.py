@@ -79,7 +79,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     def fusion_config(self) -> FusionConfig:
         """The policy's joint maps with what is to be changed. ConfigError: a setting that doesn't exist or can't be."""
         try:
-            return FusionConfig(**_merged(policy_of(self.policy).fusion.model_dump(), self.fusion))
+            return policy_of(self.policy).fusion.changed(self.fusion)
         except ValidationError as error:
             raise ConfigError(f"these settings of the joint maps can't be: {error}") from error
 
@@ -99,11 +99,3 @@ def run_id(settings: RunSettings) -> str:
 def _expect(name: str, value: str, known: Sequence[str]) -> None:
     if value not in known:
         raise ConfigError(f"{name} is one of {', '.join(known)}, got {value!r}")
-
-
-def _merged(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """``under`` with the values of ``over``, level by level."""
-    both = dict(under)
-    for key, value in over.items():
-        both[key] = _merged(both[key], value) if isinstance(value, dict) and isinstance(both.get(key), dict) else value
-    return both

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from benchmark.runner.settings import RunSettings
-from services.fusion.core.config import ObjectConfig
+from services.fusion.core.config import AssociationConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def _agreement() -> tuple[Table, Table]:
     )
 
 
-_BY_IOU: dict[str, Any] = {"tau": 1.1, "tau_mutual": 2.0}
+_BY_IOU: dict[str, Any] = {"tau": 1.1, "tau_mutual": None}
 _GEOMETRIES: dict[str, dict[str, Any]] = {
     # an IoU of what two views see of one thing is small where an overlap is near 1, so its threshold is lower
     "overlap": {}, "box IoU": {"geometry": "box_iou", **_BY_IOU}, "voxel IoU": {"geometry": "voxel_iou", **_BY_IOU},
@@ -112,7 +112,7 @@ def _components() -> Table:
     for geometry, fusion, strategy in product(_GEOMETRIES, _FUSIONS, _STRATEGIES):
         maps: dict[str, Any] = {}
         if objects := _GEOMETRIES[geometry]:
-            maps["objects"] = objects
+            maps["objects"] = {"association": objects}
         if fusion != _FUSIONS[0]:
             maps["value"] = {"fusion": fusion}
         planning = {"strategy": strategy} if strategy != _STRATEGIES[0] else {}
@@ -123,7 +123,7 @@ def _components() -> Table:
         "components", "Association x value fusion x strategy",
         "How two views of a thing are compared, how the values of several views of a place become one, and what ranks "
         "frontiers. An overlap is near 1 where two views see parts of one thing, an IoU is small: looks and place must "
-        f"reach {ObjectConfig().tau:g} with overlap and {_BY_IOU['tau']:g} with an IoU, and overlap both ways makes one "
+        f"reach {AssociationConfig().tau:g} with overlap and {_BY_IOU['tau']:g} with an IoU, and overlap both ways makes one "
         "object of two, at once or later, only with overlap. With `object` and `greedy`, values decide only "
         "where to look around once more when all is explored.",
         tuple(arm for _, arm in sorted(arms, key=itemgetter(0))),

@@ -11,6 +11,7 @@ from surveilnav.bus.main import run_service
 
 
 def main() -> None:
+    """Runs the service until it is told to stop."""
     settings = FusionSettings()
     with Node("fusion", "fusion", BusSettings()) as node:
         service = FusionService(node, settings)

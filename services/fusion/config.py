@@ -23,7 +23,7 @@ class FusionSettings(BaseSettings):
     preset: Literal["default", "paper"] = Field(default="default", description="where the parts below start from")
     map: dict[str, Any] = Field(default={}, description="what differs from the preset, see core.config.MapConfig")
     value: dict[str, Any] = Field(default={}, description="... ValueConfig")
-    objects: dict[str, Any] = Field(default={}, description="... ObjectConfig")
+    objects: dict[str, Any] = Field(default={}, description="... ObjectConfig, by part")
     guard: dict[str, Any] = Field(default={}, description="... GuardConfig")
     store: str = Field(
         default="", description="file that the maps survive in (SQLite); empty: they end with the process"
@@ -43,11 +43,9 @@ class FusionSettings(BaseSettings):
 
     def core(self) -> FusionConfig:
         """The preset with what was set on top. ConfigError: a name or a number that can't be."""
-        base = FusionConfig.preset(self.preset).model_dump()
-        for part in ("map", "value", "objects", "guard"):
-            base[part] |= getattr(self, part)
+        changes = {part: getattr(self, part) for part in ("map", "value", "objects", "guard")}
         try:
-            return FusionConfig.model_validate(base)
+            return FusionConfig.preset(self.preset).changed(changes)
         except ValidationError as error:
             fault = error.errors()[0]
             name = "__".join(str(p).upper() for p in fault["loc"])

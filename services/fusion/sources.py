@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from services.fusion.config import FusionSettings
 from services.fusion.core import MapConfig
 from services.fusion.core.invocation import Invocation, invoke
-from services.fusion.keeper import HeldRobot
+from services.fusion.records import LastObservation
 from surveilnav.bus import Node, Received, Slot, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
 from surveilnav.errors import BusError
@@ -36,7 +36,9 @@ class InvokedCamera:
 class Sources:
     """Keeps the subscriptions as eq. 1 wants them and hands over the newest frame of each."""
 
-    def __init__(self, node: Node, settings: FusionSettings, config: MapConfig, held: Mapping[str, HeldRobot]) -> None:
+    def __init__(
+        self, node: Node, settings: FusionSettings, config: MapConfig, held: Mapping[str, LastObservation]
+    ) -> None:
         """``held``: the newest observation that the maps hold, by robot."""
         self._node, self._settings, self._config = node, settings, config
         self._infos = node.table(CAMERA_INFO)

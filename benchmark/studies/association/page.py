@@ -16,7 +16,6 @@ from benchmark.studies.association.replays import (
     CHANGES,
     DETECTIONS,
     GEOMETRIES,
-    NEVER,
     RULES,
     SCORES,
     SEED,
@@ -257,7 +256,7 @@ def _change_lines(results: Results) -> list[str]:
     ]
     for name, values in CHANGES:
         for value in values:
-            shown = "never" if value == NEVER else value
+            shown = "off" if value is None else value
             lines.append(_row(f"{name} {shown}", results, "change", f"{name} {value}"))
     return lines
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -13,9 +13,14 @@ from typing import Any
 import numpy as np
 
 from benchmark.studies.recordings import TOURS, Recording, SeenView, Thing
-from services.fusion.core import FusionConfig, ObjectConfig
-from services.fusion.core.config import ONE_RULE_FOR_ALL
-from services.fusion.core.joint_map import canonical
+from services.fusion.core import FusionConfig, ObjectConfig, in_order
+from services.fusion.core.config import (
+    AssociationConfig,
+    ConfirmationConfig,
+    EvidenceConfirmationConfig,
+    FalsePositiveConfig,
+    PointsConfig,
+)
 from services.fusion.core.objects import ObjectMap
 from services.fusion.core.sightings import Sighting, locate_all
 from surveilnav.categories import COCO
@@ -42,13 +47,13 @@ class MapResult:
 
 
 class Player:
-    """Replays a recording, one floor at a time and in canonical order; masks become points once per setting of them."""
+    """Replays a recording, one floor at a time and in the order of integration; masks become points once per setting."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         by_view = {id(seen.view): seen for seen in recording.views}
         asked = [seen.view for seen in recording.views if seen.perception is not None]
-        self._views = [by_view[id(view)] for view in canonical(asked)]
+        self._views = [by_view[id(view)] for view in in_order(asked)]
         self._truth = {
             (*_name(seen), d.label, round(d.score, 4), d.box_px): truth
             for seen in self._views
@@ -62,7 +67,7 @@ class Player:
         config = config.model_copy(update={"max_history": 1_000_000})
         maps: dict[str, ObjectMap] = {}
         cpu_ms = []
-        for seen, sightings in self._located(_mask_settings(config)):
+        for seen, sightings in self._located(config.points, config.association.overlap_voxel_m):
             name, z_m = seen.view.floor, seen.view.floor_z_m
             floor = maps.setdefault(name, ObjectMap(name, z_m, VOXEL_M, config))
             began_s = time.process_time()
@@ -71,8 +76,8 @@ class Player:
         objects = [(o, self._truths_of(o)) for m in maps.values() for o in m.records()]
         return MapResult(objects, cpu_ms, sum(m.shape_bytes for m in maps.values()))
 
-    def _locate(self, settings: tuple[tuple[str, Any], ...]) -> list[tuple[SeenView, list[Sighting]]]:
-        config, began_s = ObjectConfig(**dict(settings)), time.process_time()
+    def _locate(self, points: PointsConfig, overlap_voxel_m: float) -> list[tuple[SeenView, list[Sighting]]]:
+        config, began_s = _object_config({"overlap_voxel_m": overlap_voxel_m}, points=points), time.process_time()
         located = [(seen, locate_all(seen.view, _detections(seen), VOXEL_M, config)) for seen in self._views]
         self.locate_ms = 1e3 * (time.process_time() - began_s) / len(self._views)
         return located
@@ -93,14 +98,9 @@ def _detections(seen: SeenView) -> tuple[Any, ...]:
     return seen.perception.detections if seen.perception is not None else ()
 
 
-_MASK_FIELDS = (
-    "max_points", "max_range_robot_m", "max_range_camera_m", "dbscan_eps_m", "dbscan_min_points", "dbscan_eps_pixels",
-    "min_points", "min_score", "overlap_voxel_m",
-)  # fmt: skip
-
-
-def _mask_settings(config: ObjectConfig) -> tuple[tuple[str, Any], ...]:
-    return tuple((name, getattr(config, name)) for name in _MASK_FIELDS)
+def _object_config(association: Mapping[str, Any], **parts: Any) -> ObjectConfig:
+    """The default with these settings of association, and these parts instead."""
+    return ObjectConfig(association=AssociationConfig(**association), **parts)
 
 
 # --- scores -------------------------------------------------------------------------------------------------------
@@ -200,24 +200,24 @@ def _middle(thing: Thing) -> tuple[float, ...]:
 
 GEOMETRIES = ("box_iou", "voxel_iou", "overlap")
 TAUS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5)
-NEVER = 10**9
 #: What finds duplicates beside eq. 3: nothing; ConceptGraphs' and VLN-Game's periodic merge; all rules of the default.
+#: Only the last looks at sizes.
 RULES: dict[str, dict[str, Any]] = {
-    "eq. 3 alone": {"tau_mutual": 2.0, "merge_every": NEVER, "size_prior": False},
+    "eq. 3 alone": {"tau_mutual": None, "merge_every": None},
     "with merge": {
-        "tau_mutual": 2.0,
+        "tau_mutual": None,
         "merge_every": 20,
         "merge_overlap": 0.7,
         "merge_visual": 0.7,
-        "merge_box": 2.0,
-        "size_prior": False,
+        "merge_box": None,
     },
     "all rules": {},
 }
+#: Settings of points and association, and what else they are tried with.
 CHANGES: tuple[tuple[str, tuple[Any, ...]], ...] = (
-    ("tau_mutual", (0.5, 2.0)),
+    ("tau_mutual", (0.5, None)),
     ("merge_every", (1, 10, 20)),
-    ("merge_box", (0.4, 0.6, 2.0)),
+    ("merge_box", (0.4, 0.6, None)),
     ("merge_overlap", (0.4, 0.8)),
     ("merge_visual", (0.7, 0.85)),
     ("overlap_voxel_m", (0.025, 0.075)),
@@ -254,12 +254,23 @@ def variants(tour: str) -> list[Variant]:
         for geometry in GEOMETRIES:
             for tau in TAUS:
                 if first or (tau > 1.0 and rules != "eq. 3 alone"):
-                    config = ObjectConfig(geometry=geometry, tau=tau, **settings)
+                    sizes = FalsePositiveConfig(size_prior=rules == "all rules")
+                    config = _object_config({"geometry": geometry, "tau": tau, **settings}, false_positives=sizes)
                     found.append(Variant("sweep", f"{geometry} {tau} {rules}", config))
     for name, values in CHANGES:
-        found += [Variant("change", f"{name} {value}", ObjectConfig(**{name: value})) for value in values]
+        found += [Variant("change", f"{name} {value}", _changed(name, value)) for value in values]
     for n in DETECTIONS:
         for least in SCORES:
-            config = ObjectConfig(**ONE_RULE_FOR_ALL, confirm_score=least, confirm_robot_detections=n)
+            one_rule = EvidenceConfirmationConfig(
+                class_priors=False, early_confidence=0.0, margin=0.0, min_confidence=least, min_sightings=n
+            )
+            config = ObjectConfig(confirmation=ConfirmationConfig(evidence=one_rule))
             found.append(Variant("confirm", f"{least} {n}", config))
     return found
+
+
+def _changed(name: str, value: Any) -> ObjectConfig:
+    """The default with one number of points or association changed."""
+    if name in PointsConfig.model_fields:
+        return ObjectConfig(points=PointsConfig(**{name: value}))
+    return _object_config({name: value})

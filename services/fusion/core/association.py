@@ -1,111 +1,50 @@
-"""Is this detection that object? Geometric and semantic similarity (eq. 3)."""
+"""Is this detection that object? Geometric and semantic similarity, and their weighted sum (eq. 3)."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.fusion.core.cloud import sorted_unique, voxel_centres, voxel_keys
-
-Keys = NDArray[np.int64]
-_SAMPLES = 64
+from services.fusion.core.config import AssociationConfig
+from services.fusion.core.shape import Keys, Shape, found_in
 
 
-class Shape:
-    """The points of a detection or an object as voxels.
+class Similarity(NamedTuple):
+    """Of two things.
 
     Attributes:
-        keys: (N,) int64 sorted unique fine voxels (2.5 cm).
-        coarse: (M,) int64 sorted unique coarse voxels, for ``overlap``.
-        p_min, p_max: (3,) float64, axis-aligned box of the fine voxels [m, world].
+        s: eq. 3's weighted sum.
+        mutual: the smaller of both overlaps; 1 if each lies in the other.
     """
 
-    __slots__ = ("_sampled", "coarse", "coarse_m", "keys", "p_max", "p_min", "voxel_m")
-
-    def __init__(self, keys: Keys, voxel_m: float, coarse_m: float) -> None:
-        self.keys, self.voxel_m, self.coarse_m = keys, voxel_m, coarse_m
-        centres = voxel_centres(keys, voxel_m)
-        self.coarse = voxel_keys(centres, coarse_m)
-        self.p_min = centres.min(axis=0) - voxel_m / 2
-        self.p_max = centres.max(axis=0) + voxel_m / 2
-        self._sampled: NDArray[np.float64] | None = None
-
-    @classmethod
-    def of_points(cls, p_world: NDArray[np.floating], voxel_m: float, coarse_m: float) -> Shape:
-        """Of points (N, 3) [m, world], N > 0."""
-        return cls(voxel_keys(p_world, voxel_m), voxel_m, coarse_m)
-
-    @property
-    def points(self) -> NDArray[np.float64]:
-        """Voxel centres (N, 3) [m, world]."""
-        return voxel_centres(self.keys, self.voxel_m)
-
-    @property
-    def samples(self) -> NDArray[np.float64]:
-        """At most 64 of the voxel centres (n, 3) [m, world], evenly spaced among the sorted keys."""
-        if self._sampled is None:
-            self._sampled = voxel_centres(self.keys[evenly(len(self.keys), _SAMPLES)], self.voxel_m)
-        return self._sampled
-
-    def union(self, other: Shape, most: int) -> Shape:
-        """Both together, at most ``most`` voxels: what is there stays, new ones join while there is room."""
-        new = other.keys[~_found(other.keys, self.keys)]
-        if len(new) > most - len(self.keys):
-            new = new[: max(0, most - len(self.keys))]
-        if len(new) == 0:
-            return self
-        added = Shape(new, self.voxel_m, self.coarse_m)
-        both = object.__new__(Shape)  # from its parts, not from all of its voxels again
-        both.keys = np.sort(np.concatenate([self.keys, new]))
-        both.coarse = sorted_unique(np.concatenate([self.coarse, added.coarse]))
-        both.voxel_m, both.coarse_m, both._sampled = self.voxel_m, self.coarse_m, None
-        both.p_min = np.minimum(self.p_min, added.p_min)
-        both.p_max = np.maximum(self.p_max, added.p_max)
-        return both
+    s: float
+    mutual: float
 
 
-class BoxTable:
-    """The boxes of many shapes by id, in arrays: which of them are near is one comparison, however many there are."""
-
-    def __init__(self) -> None:
-        self._row: dict[int, int] = {}
-        self._ids = np.zeros(16, np.int64)
-        self._low, self._high = np.zeros((16, 3)), np.zeros((16, 3))
-
-    def put(self, id_: int, shape: Shape) -> None:
-        """Adds a box, or replaces the one of that id."""
-        row = self._row.setdefault(id_, len(self._row))
-        if row == len(self._ids):
-            self._ids, self._low, self._high = (
-                np.concatenate([a, np.zeros_like(a)]) for a in (self._ids, self._low, self._high)
-            )
-        self._ids[row], self._low[row], self._high[row] = id_, shape.p_min, shape.p_max
-
-    def drop(self, id_: int) -> None:
-        """Forgets a box; the last one takes its place."""
-        row, last = self._row.pop(id_), len(self._row)
-        if row != last:
-            self._ids[row], self._low[row], self._high[row] = self._ids[last], self._low[last], self._high[last]
-            self._row[int(self._ids[row])] = row
-
-    def touching(self, shape: Shape, margin_m: float) -> list[int]:
-        """Ids, in order, of the boxes that come within ``margin_m`` of the shape's."""
-        n = len(self._row)
-        near = (self._low[:n] <= shape.p_max + margin_m) & (self._high[:n] >= shape.p_min - margin_m)
-        return sorted(self._ids[:n][near.all(axis=1)].tolist())
-
-    def before(self, T_world_camera: NDArray[np.float64], far_m: float) -> list[int]:
-        """Ids, in order, of the boxes whose middle lies before a camera and at most ``far_m`` from it."""
-        n = len(self._row)
-        middles = (self._low[:n] + self._high[:n]) / 2 - T_world_camera[:3, 3]
-        near = (middles @ T_world_camera[:3, 2] > 0) & (np.einsum("ij,ij->i", middles, middles) <= far_m**2)
-        return sorted(self._ids[:n][near].tolist())
+def similarity(
+    shape: Shape, embedding: NDArray[np.float32], other: Shape, other_embedding: NDArray[np.float32],
+    config: AssociationConfig,
+) -> Similarity:  # fmt: skip
+    """Eq. 3: ``s = w_1 S_vis + w_2 S_geo``, of the cosine of embeddings (D,) and what ``config.geometry`` says of shapes."""
+    s_vis = config.w_visual * cosine(embedding, other_embedding)
+    if apart(shape, other, 2 * config.overlap_voxel_m):
+        return Similarity(s_vis, 0.0)
+    there, back = overlaps(shape, other)
+    if config.geometry == "box_iou":
+        s_geo = box_iou(shape, other)
+    elif config.geometry == "voxel_iou":
+        s_geo = voxel_iou(shape, other)
+    else:
+        s_geo = max(there, back)
+    return Similarity(s_vis + config.w_geometric * s_geo, min(there, back))
 
 
-def evenly(n: int, most: int) -> NDArray[np.int64]:
-    """At most ``most`` of n indices, evenly spaced, the first and the last among them."""
-    return np.linspace(0, n - 1, min(n, most)).round().astype(np.int64)
+def same_place(mutual: float, config: AssociationConfig) -> bool:
+    """Whether two things overlap both ways so much that they are one, whatever their looks."""
+    return config.tau_mutual is not None and mutual >= config.tau_mutual
 
 
 def apart(a: Shape, b: Shape, margin_m: float) -> bool:
@@ -147,15 +86,7 @@ def cosine(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
 
 def _shared(a: Keys, b: Keys) -> int:
     """How many elements of a lie in b; both sorted and unique."""
-    return int(np.count_nonzero(_found(a, b)))
-
-
-def _found(a: Keys, b: Keys) -> NDArray[np.bool_]:
-    """Which elements of a lie in b; both sorted and unique, b not empty."""
-    i = np.searchsorted(b, a)
-    i[i == len(b)] = 0
-    found: NDArray[np.bool_] = b[i] == a
-    return found
+    return int(np.count_nonzero(found_in(a, b)))
 
 
 @njit(cache=True, nogil=True)

@@ -43,6 +43,7 @@ class Clearance:
 
     @property
     def stamp_ns(self) -> int:
+        """When the view was taken [ns]."""
         return self.order[0]
 
     @classmethod
@@ -79,7 +80,7 @@ class Clearance:
 
 
 class FreeSpace:
-    """The clearances of the newest views of a storey, at most ``capacity``: for voxels that come late."""
+    """The clearances of the newest views of a floor, at most ``capacity``: for voxels that come late."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -25,16 +26,16 @@ class MapConfig(_Part):
         default=0.6, gt=0, description="a robot whose altitude changes by less a view is climbing; by more, it arrived"
     )
     level_m: float = Field(
-        default=1.0, gt=0, description="a robot that went so far on one level isn't on a stair but on a storey"
+        default=1.0, gt=0, description="a robot that went so far on one level isn't on a stair but on a floor"
     )
     level_views: int = Field(default=8, ge=1, description="... or looked so often from it, under a new floor name")
-    resolution_m: float = Field(default=0.05, gt=0)
+    resolution_m: float = Field(default=0.05, gt=0, description="side of a cell of all 2D maps")
     extent_m: float = Field(default=24.0, gt=0, description="side of a new map; maps grow")
     max_extent_m: float = Field(
         default=150.0, gt=0, description="a map never grows past this: remote poses are hostile"
     )
-    max_floors: int = Field(default=64, ge=1)
-    voxel_m: float = Field(default=0.025, gt=0)
+    max_floors: int = Field(default=64, ge=1, description="a view that would make one more is refused")
+    voxel_m: float = Field(default=0.025, gt=0, description="side of a voxel of the point cloud and of objects")
     max_voxels: int = Field(
         default=2_000_000, ge=1, description="of a floor's cloud; beyond it new voxels are counted, not kept"
     )
@@ -48,8 +49,8 @@ class MapConfig(_Part):
     carve_margin_m: float = Field(default=0.05, ge=0, description="beside 3 sigma of depth noise")
     carve_memory: int = Field(default=64, ge=1, description="newest views that late voxels are checked against")
     points_per_view: int = Field(default=20_000, ge=100, description="pixels are subsampled to about this many")
-    max_range_robot_m: float = Field(default=5.0, gt=0)
-    max_range_camera_m: float = Field(default=10.0, gt=0)
+    max_range_robot_m: float = Field(default=5.0, gt=0, description="farther points of robots are left out")
+    max_range_camera_m: float = Field(default=10.0, gt=0, description="farther points of cameras are left out")
     depth_edge: float = Field(
         default=0.05, gt=0, description="a pixel whose neighbours differ by more than this share is a flying one"
     )
@@ -69,8 +70,10 @@ class MapConfig(_Part):
     )
     explored_max_m: float = Field(default=1.2, description="rays explore only where they run below this height")
     robot_radius_m: float = Field(default=0.18, ge=0, description="where a robot stands is free")
-    frontier: Literal["boundary", "literal"] = "boundary"
-    frontier_dilation_m: float = Field(default=0.15, ge=0)
+    frontier: Literal["boundary", "literal"] = Field(
+        default="boundary", description="of explored free space; `literal`: dilated obstacles minus what is explored"
+    )
+    frontier_dilation_m: float = Field(default=0.15, ge=0, description="obstacles are dilated by this first")
     frontier_min_cells: int = Field(default=8, ge=1, description="VLN-Game: smaller components are noise")
     frontier_hole_m2: float = Field(
         default=0.5, ge=0, description="unexplored islands smaller than this are no frontier (VLFM: 1.5)"
@@ -103,131 +106,151 @@ class GuardConfig(_Part):
     max_sources: int = Field(default=100_000, ge=1, description="views of sources that are remembered")
 
 
-#: Settings of ``ObjectConfig`` by which ``confirm_score`` alone decides, whatever the class and the other classes.
-ONE_RULE_FOR_ALL: dict[str, Any] = {
-    "confirm_scores": {}, "confirm_early": 0.0, "confirm_margin": 0.0, "confirm_margins": {}, "confirm_detections": {},
-}  # fmt: skip
+class PointsConfig(_Part):
+    """From a detection's mask to points in the world."""
 
-
-class ObjectConfig(_Part):
-    """Object map: association (eq. 3), fusion and confirmation."""
-
-    # masks to points
     max_points: int = Field(default=1000, ge=20, description="pixels of a mask that are back-projected")
-    max_range_robot_m: float = Field(default=5.0, gt=0)
-    max_range_camera_m: float = Field(default=8.0, gt=0)
-    dbscan_eps_m: float = Field(default=0.05, gt=0)
-    dbscan_min_points: int = Field(default=10, ge=1)
+    max_range_robot_m: float = Field(default=5.0, gt=0, description="farther points of robots are left out")
+    max_range_camera_m: float = Field(default=8.0, gt=0, description="farther points of cameras are left out")
+    dbscan_eps_m: float = Field(default=0.05, gt=0, description="points within this distance are of one cluster")
+    dbscan_min_points: int = Field(default=10, ge=1, description="neighbours that a point of a cluster's core has")
     dbscan_eps_pixels: float = Field(
         default=3.0, ge=0, description="eps is at least so many sample distances; 0: the paper's fixed eps"
     )
     min_points: int = Field(default=12, ge=1, description="smaller clusters are dropped")
     min_score: float = Field(default=0.25, ge=0, le=1, description="weaker detections are not looked at")
-    # association, eq. 3
-    geometry: GeometricSimilarity = "overlap"
-    w_visual: float = Field(default=1.0, ge=0)
-    w_geometric: float = Field(default=1.0, ge=0)
+
+
+class AssociationConfig(_Part):
+    """Which object a detection belongs to (eq. 3), and which objects are one."""
+
+    geometry: GeometricSimilarity = Field(
+        default="overlap", description="S_geo: IoU of boxes, IoU of voxels (the paper), or ConceptGraphs' overlap"
+    )
+    w_visual: float = Field(default=1.0, ge=0, description="w_1 of eq. 3, of the embeddings' cosine")
+    w_geometric: float = Field(default=1.0, ge=0, description="w_2 of eq. 3, of S_geo")
     tau: float = Field(
         default=1.3,
         description="for overlap: docs/results/association (ConceptGraphs: 1.2); the paper's 1.35 is for box_iou",
     )
-    tau_mutual: float = Field(
-        default=0.3, description="overlap both ways that makes one object of two whatever their looks; > 1: off"
+    tau_mutual: float | None = Field(
+        default=0.3, ge=0, le=1, description="overlap both ways that makes one object of two whatever their looks"
     )
     overlap_voxel_m: float = Field(default=0.05, gt=0, description="points within one such voxel of each other overlap")
     once_per_view: bool = Field(
         default=True, description="an object takes one detection of a class from a picture; False: eq. 3 to the letter"
     )
-    merge_every: int = Field(default=5, ge=1, description="views between two searches for duplicates")
-    merge_overlap: float = Field(default=0.6, ge=0)
-    merge_box: float = Field(
-        default=0.5, ge=0, description="share of the smaller box inside the larger that merges alikes"
+    merge_every: int | None = Field(
+        default=5, ge=1, description="views between two searches for duplicates; None: never"
     )
-    merge_visual: float = Field(default=0.55, ge=-1)
-    max_objects: int = Field(default=1000, ge=1, description="of a floor; the weakest candidates go first")
-    max_voxels: int = Field(default=6000, ge=1, description="of an object")
-    max_history: int = Field(default=64, ge=1, description="events kept with an object")
-    # confirmation
-    near_m: float = Field(default=3.5, gt=0, description="a robot's detection within this range can confirm")
-    confirm_score: float = Field(
-        default=0.5, ge=0, le=1, description="the paper's threshold on the maximum of both confidences"
+    merge_overlap: float = Field(default=0.6, ge=0, description="overlap that merges objects that look alike")
+    merge_box: float | None = Field(
+        default=0.5, ge=0, le=1, description="share of the smaller box inside the larger that does so, too"
     )
-    confirm_scores: dict[str, float] = Field(
-        default={"bed": 0.4, "chair": 0.3, "couch": 0.32, "potted plant": 0.27, "toilet": 0.4, "tv": 0.38},
-        description="classes of which a size is known need less: above this, most that fit are true, in searches of "
-        "training buildings",
-    )
-    confirm_early: float = Field(
-        default=0.08, ge=0, le=1, description="what an object needs more with the fewest sightings that can confirm it"
-    )
-    confirm_settled: int = Field(default=8, ge=1, description="... down to nothing with so many")
-    confirm_margin: float = Field(
-        default=1.25, ge=0, description="confidence in the class is at least this many times that in any other"
-    )
-    confirm_margins: dict[str, float] = Field(
-        default={"bed": 5.0, "couch": 1.0},
-        description="the same by class: what is most of all a couch is one, 14 of 15 times; what is taken for a bed and "
-        "now and then for a couch is a couch, 7 of 12 times, and none of 34 beds is taken for one",
-    )
+    merge_visual: float = Field(default=0.55, ge=-1, description="cosine from which two objects look alike")
+
+
+class _ThresholdConfig(_Part):
+    min_confidence: float = Field(default=0.5, ge=0, le=1, description="threshold from which an object is confirmed")
     min_detections: int = Field(
         default=2, ge=1, description="of the class; with fewer an object stays a candidate (ConceptGraphs, VLN-Game)"
     )
-    confirm_robot_detections: int = Field(default=3, ge=1, description="near detections of the class by a robot")
-    confirm_detections: dict[str, int] = Field(
-        default={"bed": 6},
-        description="the same by class: much looks like a bed at first; by then 4 of 5 are true, not 3",
-    )
-    confirm_robot_poses: int = Field(default=2, ge=1, description="... from so many places or directions")
-    confirm_camera_score: float = Field(default=0.65, ge=0, le=1)
-    confirm_camera_views: int = Field(default=3, ge=1, description="different camera views that saw the class")
-    confirm_hysteresis: float = Field(
+    hysteresis: float = Field(
         default=0.8, ge=0, le=1, description="share of the threshold that keeps an object confirmed"
     )
-    confidence: Literal["share", "mean"] = Field(
-        default="share",
-        description="of a class: over all evidence, other classes and misses counting 0, or over its own",
+
+
+class PaperConfirmationConfig(_ThresholdConfig):
+    """``PaperConfirmation``: a threshold on the maximum of both confidences."""
+
+    flip_rejects: bool = Field(default=True, description="an object whose class changes is rejected for good")
+
+
+class EvidenceConfirmationConfig(_ThresholdConfig):
+    """``EvidenceConfirmation``: enough sightings from different places, and no strong rival."""
+
+    class_priors: bool = Field(
+        default=True, description="thresholds by class, where class_priors.json has one; False: one rule for all"
     )
-    size_prior: bool = Field(default=True, description="only what has a size that its class can have is confirmed")
-    misfit_factor: float = Field(
-        default=0.5, ge=0, le=1, description="what is left of the confidence in a class whose size an object hasn't"
+    near_m: float = Field(default=3.5, gt=0, description="a robot's detection within this range can confirm")
+    early_confidence: float = Field(
+        default=0.08, ge=0, le=1, description="what an object needs more with the fewest sightings that can confirm it"
     )
-    # false positives
-    flip: Literal["sustained", "literal"] = Field(
-        default="sustained", description="`literal`: any change of class rejects for good"
+    settled_sightings: int = Field(default=8, ge=1, description="... down to nothing with so many")
+    margin: float = Field(
+        default=1.25, ge=0, description="confidence in the class is at least this many times that in any other"
     )
-    flip_detections: int = Field(default=3, ge=1, description="detections of the new class that make a flip")
+    min_sightings: int = Field(default=3, ge=1, description="near robot detections and camera views of the class")
+    min_viewpoints: int = Field(default=2, ge=1, description="... from so many places or directions")
+    camera_confidence: float = Field(
+        default=0.65, ge=0, le=1, description="from which cameras confirm an object without a robot"
+    )
+    camera_views: int = Field(default=3, ge=1, description="... if so many different views saw the class")
+
+
+class ConfirmationConfig(_Part):
+    """Which rule turns candidates into confirmed objects, and the settings of either."""
+
+    rule: Literal["evidence", "paper"] = Field(
+        default="evidence", description="ours, or the paper's section on joint object confirmation to the letter"
+    )
+    evidence: EvidenceConfirmationConfig = Field(
+        default=EvidenceConfirmationConfig(), description="settings of the rule `evidence`"
+    )
+    paper: PaperConfirmationConfig = Field(
+        default=PaperConfirmationConfig(), description="settings of the rule `paper`"
+    )
+
+
+class FalsePositiveConfig(_Part):
+    """What speaks against an object. The rule ``paper`` uses only the sizes of it, and that only if told to."""
+
+    flip_detections: int = Field(default=3, ge=1, description="detections of another class that change an object's")
     flip_margin: float = Field(
         default=1.2, ge=1, description="... whose weight must exceed the old class's by this factor"
     )
     revive_detections: int = Field(
         default=2, ge=1, description="detections of the new class, after a flip, that make a candidate again"
     )
-    miss_near_m: float = Field(default=0.7, ge=0)
-    miss_far_m: float = Field(default=3.5, gt=0)
+    miss_near_m: float = Field(default=0.7, ge=0, description="a nearer object may miss from a picture")
+    miss_far_m: float = Field(default=3.5, gt=0, description="... and so may a farther one")
     miss_visible: float = Field(
         default=0.7, ge=0, le=1, description="share of an object's points that must be in plain view"
     )
     miss_weight: float = Field(
         default=0.5, ge=0, description="of one missed sighting of a class that is seldom missed, in detections"
     )
-    recall: dict[str, float] = Field(
-        default={"potted plant": 0.4, "tv": 0.55, "chair": 0.7},
-        description="in which share of plain near views detectors see a thing of the class; 0.8 of others. A miss of what "
-        "is often missed says little",
-    )
     reject_misses: int = Field(default=6, ge=1, description="misses that may reject")
     reject_share: float = Field(
         default=0.5, ge=0, le=1, description="... if the class was seen in less than this share of its recall"
     )
+    size_prior: bool = Field(default=True, description="only what has a size that its class can have is confirmed")
+    misfit_factor: float = Field(
+        default=0.5, ge=0, le=1, description="what is left of the confidence in a class whose size an object hasn't"
+    )
+
+
+class ObjectConfig(_Part):
+    """Object map: points, association (eq. 3), confirmation and false positives."""
+
+    points: PointsConfig = Field(default=PointsConfig(), description="masks to points")
+    association: AssociationConfig = Field(default=AssociationConfig(), description="detections to objects")
+    confirmation: ConfirmationConfig = Field(
+        default=ConfirmationConfig(), description="candidates to confirmed objects"
+    )
+    false_positives: FalsePositiveConfig = Field(default=FalsePositiveConfig(), description="objects to rejected ones")
+    max_objects: int = Field(default=1000, ge=1, description="of a floor; the weakest candidates go first")
+    max_voxels: int = Field(default=6000, ge=1, description="of an object")
+    max_history: int = Field(default=64, ge=1, description="events kept with an object")
 
 
 class FusionConfig(_Part):
     """All of it."""
 
-    map: MapConfig = MapConfig()
-    value: ValueConfig = ValueConfig()
-    objects: ObjectConfig = ObjectConfig()
-    guard: GuardConfig = GuardConfig()
+    map: MapConfig = Field(default=MapConfig(), description="point cloud, obstacles, exploration, frontiers")
+    value: ValueConfig = Field(default=ValueConfig(), description="value map")
+    objects: ObjectConfig = Field(default=ObjectConfig(), description="object map")
+    guard: GuardConfig = Field(default=GuardConfig(), description="what is refused")
 
     @classmethod
     def preset(cls, name: Literal["default", "paper"]) -> FusionConfig:
@@ -235,14 +258,28 @@ class FusionConfig(_Part):
         if name == "default":
             return cls()
         return cls(
-            map=MapConfig(explored_range_camera_m=10.0), value=ValueConfig(fusion="average", half_life_s=0.0),
+            map=MapConfig(explored_range_camera_m=10.0),
+            value=ValueConfig(fusion="average", half_life_s=0.0),
             objects=ObjectConfig(
-                geometry="box_iou", tau=1.35, tau_mutual=2.0, once_per_view=False,
-                max_points=10_000, dbscan_eps_pixels=0.0, min_points=20,
-                merge_every=20, merge_overlap=0.7, merge_visual=0.7, merge_box=2.0, min_detections=2,
-                flip="literal", confidence="mean",
-                confirm_robot_detections=1, confirm_robot_poses=1, confirm_camera_views=1, confirm_camera_score=0.5,
-                near_m=1e9, miss_weight=0.0, size_prior=False, **ONE_RULE_FOR_ALL,
-                reject_misses=1_000_000_000,
+                points=PointsConfig(max_points=10_000, dbscan_eps_pixels=0.0, min_points=20),
+                association=AssociationConfig(
+                    geometry="box_iou", tau=1.35, tau_mutual=None, once_per_view=False,
+                    merge_every=20, merge_overlap=0.7, merge_visual=0.7, merge_box=None,
+                ),
+                confirmation=ConfirmationConfig(rule="paper"),
+                false_positives=FalsePositiveConfig(size_prior=False),
             ),
         )  # fmt: skip
+
+    def changed(self, changes: Mapping[str, Any]) -> FusionConfig:
+        """With the settings of ``changes``, nested as the parts are. ValidationError: a name or a value that can't be."""
+        return FusionConfig.model_validate(_merged(self.model_dump(), changes))
+
+
+def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """``under`` with the values of ``over``, level by level."""
+    both = dict(under)
+    for key, value in over.items():
+        nested = isinstance(value, Mapping) and isinstance(both.get(key), Mapping)
+        both[key] = _merged(both[key], value) if nested else value
+    return both

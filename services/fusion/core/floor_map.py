@@ -1,4 +1,4 @@
-"""One storey: point cloud, obstacle map and exploration map, from counts of what views saw."""
+"""One floor: point cloud, obstacle map and exploration map, from counts of what views saw."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from services.fusion.core.carving import Clearance, FreeSpace, stamp_of
 from services.fusion.core.cloud import VoxelCloud
 from services.fusion.core.config import MapConfig
 from services.fusion.core.frontier import frontiers
-from services.fusion.core.projection import camera_position, reach, sweep, world_points
+from services.fusion.core.projection import azimuth_bins, camera_position, reach, world_points
 from surveilnav.geometry import Grid
 from surveilnav.sensing.views import PosedView
 
@@ -29,18 +29,17 @@ _BARE_FLOOR_M = 0.08  # nearer than this to the floor's altitude a point is floo
 
 
 class FloorMap:
-    """The geometry of one storey.
+    """The geometry of one floor.
 
     Every layer is a function of counts and of what is gone of the cloud: the order of views doesn't matter (a late view
     must have fewer than ``carve_memory`` newer ones before it), and cells are numbered from the world's origin, so
     neither does where the map began.
 
     Attributes:
-        floor: id of the storey.
+        floor: its id.
         z_m: altitude of the floor's surface.
-        grid: frame of all layers.
         cloud: the joint point cloud.
-        revision: that of the joint map when this storey last changed.
+        revision: that of the joint map when this floor last changed.
     """
 
     def __init__(self, floor: str, z_m: float, centre_m: tuple[float, float], config: MapConfig) -> None:
@@ -66,6 +65,7 @@ class FloorMap:
 
     @property
     def grid(self) -> Grid:
+        """Frame of all layers as they are now."""
         r = self._config.resolution_m
         rows, cols = self._obstacle_points.shape
         return Grid(self._col0 * r, self._row0 * r, r, rows, cols)
@@ -170,16 +170,9 @@ class FloorMap:
     ) -> None:
         c = self._config
         row0, col0, rows, cols = window
-        seen = sweep(
-            np.minimum(reach_m, np.float32(farthest_m)),
-            p_camera[0],
-            p_camera[1],
-            c.resolution_m,
-            row0,
-            col0,
-            rows,
-            cols,
-        )
+        seen = azimuth_bins(
+            np.minimum(reach_m, np.float32(farthest_m)), p_camera[0], p_camera[1], c.resolution_m, row0, col0, rows, cols
+        )  # fmt: skip
         part = np.s_[row0 - self._row0 : row0 - self._row0 + rows, col0 - self._col0 : col0 - self._col0 + cols]
         _count_points(
             p_world, p_camera[0], p_camera[1], self.z_m, c.resolution_m, row0, col0, seen, farthest_m**2,

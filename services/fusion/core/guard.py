@@ -100,7 +100,7 @@ def _check_perception(perception: ViewPerception, camera: Pinhole) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class LastView:
     """What is remembered of a view, to judge the next of the same source and view by."""
 
     seq: int
@@ -111,7 +111,7 @@ class Track:
     intrinsics: tuple[float, ...]
 
     @classmethod
-    def of(cls, view: PosedView) -> Track:
+    def of(cls, view: PosedView) -> LastView:
         """Of a view whose pose is finite."""
         c, pose = view.camera, tuple(view.T_world_camera[:3].ravel().tolist())
         intrinsics = float(c.width_px), float(c.height_px), c.fx_px, c.fy_px, c.cx_px, c.cy_px
@@ -127,8 +127,8 @@ class Guard:
 
     def __init__(self, config: GuardConfig) -> None:
         self._config = config
-        self._last: dict[tuple[str, int], Track] = {}
-        self._doubted: dict[tuple[str, int], Track] = {}
+        self._last: dict[tuple[str, int], LastView] = {}
+        self._doubted: dict[tuple[str, int], LastView] = {}
         self._dim = 0  # of embeddings; 0: none came yet
         self._heard: dict[str, int] = {}  # robot -> its newest sequence number, held or refused
         self.missed: dict[str, int] = {}  # robot -> observations that never came
@@ -139,7 +139,7 @@ class Guard:
         Raises:
             ViewError: by name.
         """
-        key, now = (view.source, view.view), Track.of(view)
+        key, now = (view.source, view.view), LastView.of(view)
         last, doubted = self._last.get(key), self._doubted.get(key)
         if last is not None and _repeats(last, now, view.is_robot):
             return False
@@ -161,7 +161,7 @@ class Guard:
 
     def note(self, view: PosedView, perception: ViewPerception | None) -> None:
         """Remembers a view that the maps now hold."""
-        key, now = (view.source, view.view), Track.of(view)
+        key, now = (view.source, view.view), LastView.of(view)
         self._last.pop(key, None)
         self._last[key] = now
         if len(self._last) > self._config.max_sources:
@@ -180,7 +180,7 @@ class Guard:
         if view.source in self._heard or len(self._heard) < self._config.max_sources:
             self._heard[view.source] = view.seq
 
-    def _fault(self, last: Track | None, now: Track, is_robot: bool) -> ViewError | None:
+    def _fault(self, last: LastView | None, now: LastView, is_robot: bool) -> ViewError | None:
         """Why ``now`` can't follow ``last``."""
         if last is None:
             return None
@@ -214,28 +214,28 @@ class Guard:
 
     def state(self) -> dict[str, Any]:
         """All of it, as plain values, for ``of_state``."""
-        tracks = {
-            name: [[*key, asdict(track)] for key, track in kept.items()]
+        views = {
+            name: [[*key, asdict(view)] for key, view in kept.items()]
             for name, kept in (("last", self._last), ("doubted", self._doubted))
         }
-        return {**tracks, "dim": self._dim, "heard": dict(self._heard), "missed": dict(self.missed)}
+        return {**views, "dim": self._dim, "heard": dict(self._heard), "missed": dict(self.missed)}
 
     @classmethod
     def of_state(cls, state: dict[str, Any], config: GuardConfig) -> Guard:
         """The guard that ``state`` was taken of."""
         guard = cls(config)
         guard._last, guard._doubted = (
-            {(source, view): _track(fields) for source, view, fields in state[name]} for name in ("last", "doubted")
+            {(source, view): _last_view(fields) for source, view, fields in state[name]} for name in ("last", "doubted")
         )
         guard._dim, guard._heard, guard.missed = state["dim"], dict(state["heard"]), dict(state["missed"])
         return guard
 
 
-def _track(fields: dict[str, Any]) -> Track:
-    return Track(**(fields | {"pose": tuple(fields["pose"]), "intrinsics": tuple(fields["intrinsics"])}))
+def _last_view(fields: dict[str, Any]) -> LastView:
+    return LastView(**(fields | {"pose": tuple(fields["pose"]), "intrinsics": tuple(fields["intrinsics"])}))
 
 
-def _repeats(last: Track, now: Track, is_robot: bool) -> bool:
+def _repeats(last: LastView, now: LastView, is_robot: bool) -> bool:
     """Whether it is the same observation: a robot says it again until somebody follows it up, maybe with a new stamp."""
     if now.seq != last.seq:
         return False

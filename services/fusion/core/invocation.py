@@ -8,17 +8,24 @@ from dataclasses import dataclass, field
 from surveilnav.messages import CameraInfo
 
 
-def active_cameras(robot_floor_z: Iterable[float], cameras: Iterable[CameraInfo], tau_z_m: float = 0.4) -> list[str]:
-    """Names of the cameras on a floor that some robot stands on, sorted.
+def same_floor(floor_z_m: float, other_floor_z_m: float, tau_z_m: float) -> bool:
+    """The condition of eq. 1, ``|z_hat - z_hat'| <= tau_z``: whether two altitudes [m, world] are of one floor.
 
-    Eq. 1: a camera is active where ``|z_hat_robot - z_hat_camera| <= tau_z``; z-hat is the sensor's altitude less
-    its mounting offset, the altitude of the floor below it. ``robot_floor_z``: z-hat of each robot [m, world].
+    z-hat is a sensor's altitude less its mounting offset: the altitude of the floor below it.
     """
-    floors_z_m = list(robot_floor_z)
+    return abs(floor_z_m - other_floor_z_m) <= tau_z_m
+
+
+def active_cameras(floors_z_m: Iterable[float], cameras: Iterable[CameraInfo], tau_z_m: float) -> list[str]:
+    """Names of the cameras on a floor that some robot stands on, sorted (eq. 1).
+
+    ``floors_z_m``: z-hat of each robot [m, world].
+    """
+    known_z_m = list(floors_z_m)
     return sorted(
         info.camera
         for info in cameras
-        if any(abs(z_m - (info.position_m[2] - info.mounting_offset_m)) <= tau_z_m for z_m in floors_z_m)
+        if any(same_floor(z_m, info.position_m[2] - info.mounting_offset_m, tau_z_m) for z_m in known_z_m)
     )
 
 
@@ -35,7 +42,7 @@ class Invocation:
 
 
 def invoke(
-    state: Invocation, robot_floor_z: Iterable[float], cameras: Iterable[CameraInfo], now_s: float, *,
+    state: Invocation, floors_z_m: Iterable[float], cameras: Iterable[CameraInfo], now_s: float, *,
     tau_z_m: float, release_z_m: float, linger_s: float,
 ) -> Invocation:  # fmt: skip
     """Eq. 1 with hysteresis: a camera becomes active within ``tau_z_m`` of a robot's floor, and stays so until every
@@ -45,8 +52,8 @@ def invoke(
     An active camera that is no longer among ``cameras`` lingers, too. Neither band may lie inside the other:
     ``release_z_m`` less than ``tau_z_m`` counts as ``tau_z_m``.
     """
-    floors_z_m, known = list(robot_floor_z), list(cameras)
-    begins = active_cameras(floors_z_m, known, tau_z_m)
-    stays = set(active_cameras(floors_z_m, known, max(tau_z_m, release_z_m))) & set(state.near_s)
+    known_z_m, known = list(floors_z_m), list(cameras)
+    begins = active_cameras(known_z_m, known, tau_z_m)
+    stays = set(active_cameras(known_z_m, known, max(tau_z_m, release_z_m))) & set(state.near_s)
     near_s = {**state.near_s, **dict.fromkeys([*begins, *stays], now_s)}
     return Invocation({name: at_s for name, at_s in near_s.items() if now_s - at_s <= linger_s})

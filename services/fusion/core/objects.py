@@ -1,30 +1,24 @@
-"""The joint object map of a storey: detections become points, points become objects, objects gather evidence."""
+"""The joint object map of a floor: detections become points, points become objects, objects gather evidence.
+
+The paper's section "Joint 3D Object Map and Target Confirmation": masks to points (``sightings``), association
+(``association``, eq. 3), fusion (``map_object``), confirmation (``confirmation``).
+"""
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core.association import (
-    BoxTable,
-    Shape,
-    apart,
-    box_iou,
-    box_overlap,
-    cosine,
-    evenly,
-    overlaps,
-    voxel_iou,
-)
-from services.fusion.core.config import ObjectConfig
-from services.fusion.core.evidence import Evidence, Status, Support, judge
+from services.fusion.core.association import Similarity, box_overlap, cosine, overlaps, same_place, similarity
+from services.fusion.core.box_table import BoxTable
+from services.fusion.core.config import AssociationConfig, ObjectConfig
+from services.fusion.core.confirmation import confirmation_of
+from services.fusion.core.map_object import Change, MapObject, ObjectChange
+from services.fusion.core.shape import Shape, evenly
 from services.fusion.core.sightings import Sighting, locate_all
 from services.fusion.core.sizes import misfit, outgrown
 from services.fusion.core.visibility import in_plain_view
@@ -32,45 +26,6 @@ from surveilnav.messages.maps import ObjectEvent, ObjectRecord
 from surveilnav.sensing.views import Detected, PosedView
 
 _RECORD_POINTS = 256
-
-
-@dataclass(frozen=True, slots=True)
-class Happened:
-    """News of an object; ``absorbed``: the object that was found to be the same, 0 for none."""
-
-    object_id: int
-    event: ObjectEvent
-    absorbed: int = 0
-
-
-_PLAIN = (
-    "id", "embedding_sum", "seen_from_sum", "first_seen_ns", "last_seen_ns", "label", "confidence", "status", "reason",
-    "n_detections", "changed",
-)  # fmt: skip
-What = Literal["created", "matched", "merged", "confirmed", "rejected", "flipped", "not_seen"]
-
-
-@dataclass(slots=True, eq=False)
-class MapObject:
-    """One object. ``embedding_sum``: of its detections' unit embeddings: in direction their count-weighted mean;
-    ``seen_from_sum``: of the horizontal unit vectors (2,) from each detection to who made it."""
-
-    id: int
-    shape: Shape
-    embedding_sum: NDArray[np.float32]
-    seen_from_sum: NDArray[np.float64]
-    first_seen_ns: int
-    last_seen_ns: int
-    label: str
-    confidence: float = 0.0
-    status: Status = "candidate"
-    reason: str = ""
-    evidence: Evidence = field(default_factory=Evidence)
-    sources: set[str] = field(default_factory=set)
-    n_detections: int = 0
-    history: deque[ObjectEvent] = field(default_factory=deque)
-    changed: bool = True  # since duplicates were last searched for
-    record: ObjectRecord | None = None  # as others see it, until something happens to it
 
 
 class _Objects(dict[int, MapObject]):
@@ -90,17 +45,18 @@ class _Objects(dict[int, MapObject]):
 
 
 class ObjectMap:
-    """All objects of a storey."""
+    """All objects of a floor."""
 
     def __init__(self, floor: str, floor_z_m: float, voxel_m: float, config: ObjectConfig) -> None:
         self._floor = floor
         self._floor_z_m = floor_z_m
         self._voxel_m = voxel_m
         self._config = config
+        self._confirmation = confirmation_of(config)
         self._objects = _Objects()
         self._next_id = 1
         self._views = 0
-        self._news: list[Happened] = []
+        self._changes: list[ObjectChange] = []
 
     def __len__(self) -> int:
         return len(self._objects)
@@ -121,8 +77,10 @@ class ObjectMap:
         # negative evidence: what should have been seen and wasn't
         if view.is_robot:
             self._note_misses(view, detections, {object_id for object_id, _ in seen})
+        # objects that turned out to be one
         self._views += 1
-        if self._views % self._config.merge_every == 0:
+        every = self._config.association.merge_every
+        if every is not None and self._views % every == 0:
             self._merge_duplicates(view)
         self._forget_weakest()
 
@@ -131,23 +89,15 @@ class ObjectMap:
         """Memory that the objects' voxels take."""
         return sum(o.shape.keys.nbytes + o.shape.coarse.nbytes for o in self._objects.values())
 
-    def take_news(self) -> list[Happened]:
+    def take_changes(self) -> list[ObjectChange]:
         """What happened to objects since the last call."""
-        news, self._news = self._news, []
-        return news
+        changes, self._changes = self._changes, []
+        return changes
 
     def state(self) -> dict[str, Any]:
         """All of it, as plain arrays and values, for ``of_state``."""
-        return {
-            "next_id": self._next_id, "views": self._views,
-            "objects": [
-                {
-                    "keys": o.shape.keys, "evidence": o.evidence.state(), "sources": sorted(o.sources),
-                    "history": list(o.history), **{name: getattr(o, name) for name in _PLAIN},
-                }
-                for o in self._objects.values()
-            ],
-        }  # fmt: skip
+        objects = [o.state() for o in self._objects.values()]
+        return {"next_id": self._next_id, "views": self._views, "objects": objects}
 
     @classmethod
     def of_state(
@@ -156,85 +106,71 @@ class ObjectMap:
         """The object map that ``state`` was taken of."""
         objects = cls(floor, floor_z_m, voxel_m, config)
         objects._next_id, objects._views = state["next_id"], state["views"]
-        for o in state["objects"]:
-            history = deque(msgspec.convert(o["history"], list[ObjectEvent]), maxlen=config.max_history)
-            objects._objects[o["id"]] = MapObject(
-                shape=Shape(o["keys"], voxel_m, config.overlap_voxel_m), evidence=Evidence.of_state(o["evidence"]),
-                sources=set(o["sources"]), history=history, **{name: o[name] for name in _PLAIN},
-            )  # fmt: skip
+        for of_object in state["objects"]:
+            objects._objects[of_object["id"]] = MapObject.of_state(of_object, voxel_m, config)
         return objects
 
-    def records(self) -> list[ObjectRecord]:
-        """The objects as others may see them, by id."""
-        return [self._record(o) for _, o in sorted(self._objects.items())]
-
-    def similarity(self, shape: Shape, embedding: NDArray[np.float32], other: MapObject) -> tuple[float, float]:
-        """(s, mutual): eq. 3's weighted sum, and the smaller of both overlaps."""
-        c = self._config
-        looks = c.w_visual * cosine(embedding, other.embedding_sum)
-        if apart(shape, other.shape, 2 * c.overlap_voxel_m):
-            return looks, 0.0
-        there, back = overlaps(shape, other.shape)
-        geometric = {
-            "overlap": lambda: max(there, back), "box_iou": lambda: box_iou(shape, other.shape),
-            "voxel_iou": lambda: voxel_iou(shape, other.shape),
-        }[c.geometry]()  # fmt: skip
-        return looks + c.w_geometric * geometric, min(there, back)
+    # --- association ----------------------------------------------------------------------------------------------
 
     def _associate(self, view: PosedView, sighting: Sighting, seen: set[tuple[int, str]]) -> None:
-        c, detected = self._config, sighting.detected
-        scored = [(*self.similarity(sighting.shape, detected.embedding, o), o) for o in self._around(sighting.shape)]
-        for s, mutual, candidate in sorted(scored, key=lambda item: (-max(item[0], _sure(item, c)), item[2].id)):
-            if (s < c.tau and mutual < c.tau_mutual) or self._outgrows(
-                candidate.label, candidate.shape, sighting.shape
-            ):
-                continue
-            if mutual < c.tau_mutual and self._outgrows(detected.label, sighting.shape, candidate.shape):
-                continue  # a tv on a cupboard is no part of it
-            if c.once_per_view and (candidate.id, detected.label) in seen:
-                if mutual >= min(c.tau_mutual, 1.0):
+        """Adds a detection to its object or to a new one. ``seen``: the (object, class) that this view showed, kept up
+        to date."""
+        c, label = self._config.association, sighting.detected.label
+        for found, candidate in self._matches(sighting):
+            if c.once_per_view and (candidate.id, label) in seen:
+                if found.mutual >= (1.0 if c.tau_mutual is None else c.tau_mutual):
                     return  # the same thing twice in one picture
                 continue
-            self._add_to(candidate, view, sighting, "matched", f"s = {s:.2f}")
-            seen.add((candidate.id, detected.label))
+            self._fuse(candidate, view, sighting, "matched", f"s = {found.s:.2f}")
+            seen.add((candidate.id, label))
             return
-        new = MapObject(
-            id=self._next_id, shape=sighting.shape, label=detected.label,
-            embedding_sum=np.zeros_like(detected.embedding), seen_from_sum=np.zeros(2),
-            first_seen_ns=view.stamp_ns, last_seen_ns=view.stamp_ns, history=deque(maxlen=c.max_history),
-        )  # fmt: skip
+        new = MapObject.of_sighting(self._next_id, view, sighting, self._config.max_history)
         self._next_id += 1
-        self._add_to(new, view, sighting, "created", "")
-        seen.add((new.id, detected.label))
+        self._fuse(new, view, sighting, "created", "")
+        seen.add((new.id, label))
 
-    def _add_to(self, obj: MapObject, view: PosedView, sighting: Sighting, what: What, note: str) -> None:
-        """Fuses a detection into an object: points, embedding, evidence."""
-        c, detected = self._config, sighting.detected
-        obj.shape = obj.shape.union(sighting.shape, c.max_voxels)
+    def _matches(self, sighting: Sighting) -> list[tuple[Similarity, MapObject]]:
+        """The objects that a detection may be of, most similar first: s reaches tau, or both lie in the same place."""
+        c, shape, detected = self._config.association, sighting.shape, sighting.detected
+        matches = []
+        for o in self._around(shape):
+            found = similarity(shape, detected.embedding, o.shape, o.embedding_sum, c)
+            together = same_place(found.mutual, c)
+            if found.s < c.tau and not together:
+                continue
+            if self._outgrows(o.label, o.shape, shape):
+                continue
+            if not together and self._outgrows(detected.label, shape, o.shape):
+                continue  # a tv on a cupboard is no part of it
+            matches.append((found, o))
+        return sorted(matches, key=lambda match: (-_rank(match[0], c), match[1].id))
+
+    def _around(self, shape: Shape) -> list[MapObject]:
+        """Objects that may reach the threshold: near ones only, unless looks alone would do."""
+        c = self._config.association
+        if c.w_visual >= c.tau:
+            return [o for _, o in sorted(self._objects.items())]
+        return [self._objects[i] for i in self._objects.boxes.touching(shape, 2 * c.overlap_voxel_m)]
+
+    # --- fusion and confirmation ----------------------------------------------------------------------------------
+
+    def _fuse(self, obj: MapObject, view: PosedView, sighting: Sighting, what: Change, note: str) -> None:
+        detected = sighting.detected
+        weight, near = self._confirmation.weigh(sighting.range_m, is_robot=view.is_robot)
+        obj.fuse(view, sighting, self._config.max_voxels, weight=weight, near=near)
         self._objects[obj.id] = obj
-        if obj.embedding_sum.shape == detected.embedding.shape:
-            obj.embedding_sum = obj.embedding_sum + detected.embedding
-        obj.seen_from_sum = obj.seen_from_sum + _towards(view, sighting.shape)
-        obj.first_seen_ns = min(obj.first_seen_ns, view.stamp_ns)
-        obj.last_seen_ns = max(obj.last_seen_ns, view.stamp_ns)
-        obj.n_detections += 1
-        obj.sources.add(view.source)
-        obj.changed = True
-        supports = obj.evidence.robot if view.is_robot else obj.evidence.surveillance
-        weight = min(1.0, (c.near_m / max(sighting.range_m, 1e-6)) ** 2)
-        near = view.is_robot and sighting.range_m <= c.near_m
-        supports.setdefault(detected.label, Support()).add(detected.score, weight, near, _place(view))
         self._log(obj, view, detected.label, detected.score, what, note, detected.box_px)
-        self._judge(obj, view)
+        self._confirm(obj, view)
 
-    def _judge(self, obj: MapObject, view: PosedView) -> None:
+    def _confirm(self, obj: MapObject, view: PosedView) -> None:
+        """Has the rule of confirmation look at an object anew."""
         obj.record = None
         before, flipped = obj.status, obj.evidence.flipped
-        verdict = judge(obj.evidence, before, self._config)
-        obj.label, obj.confidence = verdict.label, verdict.confidence
-        obj.status, obj.reason = verdict.status, verdict.reason
+        self._confirmation.settle(obj.evidence)
+        now = self._confirmation.assess(obj.evidence, before)
+        obj.label, obj.confidence, obj.status, obj.reason = now.label, now.confidence, now.status, now.reason
         if unfit := self._unfit(obj, obj.label):
-            obj.confidence *= self._config.misfit_factor
+            obj.confidence *= self._config.false_positives.misfit_factor
             if obj.status == "confirmed":
                 obj.status, obj.reason = "candidate", unfit
         if obj.evidence.flipped != flipped:
@@ -242,9 +178,26 @@ class ObjectMap:
         elif obj.status != before and obj.status != "candidate":
             self._log(obj, view, obj.label, obj.confidence, obj.status, obj.reason)
 
+    def _note_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
+        """Negative evidence on the objects in plain view of a robot that no detection shows."""
+        c, min_score = self._config.false_positives, self._config.points.min_score
+        before = (self._objects[i] for i in self._objects.boxes.before(view.T_world_camera, c.miss_far_m + 1.0))
+        objects = [o for o in before if o.id not in seen and o.status != "rejected"]
+        shares, pixels = in_plain_view(view, [o.shape.samples for o in objects], c.miss_near_m, c.miss_far_m)
+        for obj, share, pixel in zip(objects, shares, pixels, strict=True):
+            if share < c.miss_visible or any(
+                d.label == obj.label and d.score >= min_score and _holds(d, pixel) for d in detections
+            ):
+                continue
+            obj.evidence.misses += 1
+            self._log(obj, view, obj.label, 0.0, "not_seen", f"{share:.0%} of its points in plain view")
+            self._confirm(obj, view)
+
+    # --- sizes ----------------------------------------------------------------------------------------------------
+
     def _outgrows(self, label: str, shape: Shape, more: Shape) -> bool:
         """Whether a thing would be too large for its class with more points, and isn't yet: then they aren't its own."""
-        if not self._config.size_prior or outgrown(label, *self._extent(shape.p_min, shape.p_max)):
+        if not self._config.false_positives.size_prior or outgrown(label, *self._extent(shape.p_min, shape.p_max)):
             return False
         low, high = np.minimum(shape.p_min, more.p_min), np.maximum(shape.p_max, more.p_max)
         return bool(outgrown(label, *self._extent(low, high)))
@@ -256,62 +209,46 @@ class ObjectMap:
         return _triple(p_max - p_min), float(p_max[2]) - self._floor_z_m
 
     def _unfit(self, obj: MapObject, label: str) -> str:
-        return misfit(label, *self._extent(obj.shape.p_min, obj.shape.p_max)) if self._config.size_prior else ""
+        if not self._config.false_positives.size_prior:
+            return ""
+        return misfit(label, *self._extent(obj.shape.p_min, obj.shape.p_max))
 
-    def _note_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
-        c = self._config
-        before = (self._objects[i] for i in self._objects.boxes.before(view.T_world_camera, c.miss_far_m + 1.0))
-        objects = [o for o in before if o.id not in seen and o.status != "rejected"]
-        shares, pixels = in_plain_view(view, [o.shape.samples for o in objects], c.miss_near_m, c.miss_far_m)
-        for obj, share, pixel in zip(objects, shares, pixels, strict=True):
-            if share < c.miss_visible or any(
-                d.label == obj.label and d.score >= c.min_score and _holds(d, pixel) for d in detections
-            ):
-                continue
-            obj.evidence.misses += 1
-            self._log(obj, view, obj.label, 0.0, "not_seen", f"{share:.0%} of its points in plain view")
-            self._judge(obj, view)
+    # --- duplicates -----------------------------------------------------------------------------------------------
 
     def _merge_duplicates(self, view: PosedView) -> None:
         """Joins objects that turned out to be one. Looks only at those that changed: no spike as the map grows."""
-        c = self._config
         for obj in [o for _, o in sorted(self._objects.items()) if o.changed]:
             obj.changed = False
             if obj.id not in self._objects:
                 continue
             for other in self._around(obj.shape):
-                if other.id == obj.id:
-                    continue
-                there, back = overlaps(obj.shape, other.shape)
-                alike = cosine(obj.embedding_sum, other.embedding_sum) >= c.merge_visual
-                together = max(there, back) >= c.merge_overlap or box_overlap(obj.shape, other.shape) >= c.merge_box
-                if min(there, back) < c.tau_mutual and not (alike and together):
+                if other.id == obj.id or not self._are_one(obj, other):
                     continue
                 kept, gone = (obj, other) if obj.id < other.id else (other, obj)
-                if any(self._outgrows(a.label, a.shape, b.shape) for a, b in ((obj, other), (other, obj))):
-                    continue
                 self._absorb(kept, gone, view)
                 if gone is obj:
                     break
 
+    def _are_one(self, a: MapObject, b: MapObject) -> bool:
+        """Whether two objects overlap both ways, or look alike and one lies in the other; no class is outgrown by it."""
+        c = self._config.association
+        there, back = overlaps(a.shape, b.shape)
+        if not same_place(min(there, back), c):
+            alike = cosine(a.embedding_sum, b.embedding_sum) >= c.merge_visual
+            together = max(there, back) >= c.merge_overlap or (
+                c.merge_box is not None and box_overlap(a.shape, b.shape) >= c.merge_box
+            )
+            if not (alike and together):
+                return False
+        return not any(self._outgrows(x.label, x.shape, y.shape) for x, y in ((a, b), (b, a)))
+
     def _absorb(self, kept: MapObject, gone: MapObject, view: PosedView) -> None:
-        c = self._config
-        kept.shape = kept.shape.union(gone.shape, c.max_voxels)
+        kept.absorb(gone, self._config.max_voxels)
         self._objects[kept.id] = kept
-        if kept.embedding_sum.shape == gone.embedding_sum.shape:
-            kept.embedding_sum = kept.embedding_sum + gone.embedding_sum
-        kept.seen_from_sum = kept.seen_from_sum + gone.seen_from_sum
-        kept.first_seen_ns = min(kept.first_seen_ns, gone.first_seen_ns)
-        kept.last_seen_ns = max(kept.last_seen_ns, gone.last_seen_ns)
-        kept.n_detections += gone.n_detections
-        kept.sources |= gone.sources
-        kept.evidence.absorb(gone.evidence)
-        kept.history = deque(sorted([*kept.history, *gone.history], key=lambda e: e.stamp_ns), maxlen=c.max_history)
         del self._objects[gone.id]
-        self._log(
-            kept, view, gone.label, gone.confidence, "merged", f"object {gone.id} was the same thing", absorbed=gone.id
-        )
-        self._judge(kept, view)
+        note = f"object {gone.id} was the same thing"
+        self._log(kept, view, gone.label, gone.confidence, "merged", note, absorbed=gone.id)
+        self._confirm(kept, view)
 
     def _forget_weakest(self) -> None:
         while len(self._objects) > self._config.max_objects:
@@ -320,65 +257,43 @@ class ObjectMap:
             )
             del self._objects[min(of_worth)[1]]
 
-    def _around(self, shape: Shape) -> list[MapObject]:
-        """Objects that may reach the threshold: near ones only, unless looks alone would do."""
-        if self._config.w_visual >= self._config.tau:
-            return [o for _, o in sorted(self._objects.items())]
-        return [self._objects[i] for i in self._objects.boxes.touching(shape, 2 * self._config.overlap_voxel_m)]
+    # --- what others see ------------------------------------------------------------------------------------------
 
     def _log(
-        self, obj: MapObject, view: PosedView, label: str, score: float, what: What, note: str,
+        self, obj: MapObject, view: PosedView, label: str, score: float, what: Change, note: str,
         box_px: tuple[float, float, float, float] | None = None, absorbed: int = 0,
     ) -> None:  # fmt: skip
         event = ObjectEvent(
             view.stamp_ns, view.source, view.view, view.seq, label, round(float(score), 4), what, note, box_px
         )
         obj.history.append(event)
-        self._news.append(Happened(obj.id, event, absorbed))
+        self._changes.append(ObjectChange(obj.id, event, absorbed))
+
+    def records(self) -> list[ObjectRecord]:
+        """The objects as others may see them, by id; made anew only of those to which something happened."""
+        for o in self._objects.values():
+            o.record = o.record or self._record(o)
+        return [o.record for _, o in sorted(self._objects.items()) if o.record is not None]
 
     def _record(self, o: MapObject) -> ObjectRecord:
-        """As others may see it; made anew only after something happened to it (``_judge``)."""
-        o.record = o.record or self._recorded(o)
-        return o.record
-
-    def _recorded(self, o: MapObject) -> ObjectRecord:
-        c, points = self._config, o.shape.points
-        every = evenly(len(points), _RECORD_POINTS)
-        robot, cameras = o.evidence.confidences(True, c), o.evidence.confidences(False, c)
-        (label_robot, by_robot), (label_cameras, by_cameras) = o.evidence.best(True, c), o.evidence.best(False, c)
-        scores = {label: max(robot.get(label, 0.0), cameras.get(label, 0.0)) for label in sorted({*robot, *cameras})}
+        points, confidences = o.shape.points, self._confirmation.confidences(o.evidence)
+        (label_robot, by_robot), (label_cameras, by_cameras) = confidences.best_robot, confidences.best_surveillance
+        factor = self._config.false_positives.misfit_factor
         return ObjectRecord(
             id=o.id, floor=self._floor, label=o.label, status=o.status, confidence=o.confidence,
             confidence_robot=by_robot, confidence_surveillance=by_cameras, label_robot=label_robot,
             label_surveillance=label_cameras, n_detections=o.n_detections, n_points=len(points),
             center_m=_triple((o.shape.p_min + o.shape.p_max) / 2), size_m=_triple(o.shape.p_max - o.shape.p_min),
             first_seen_ns=o.first_seen_ns, last_seen_ns=o.last_seen_ns, sources=sorted(o.sources), reason=o.reason,
-            points=points[every].astype(np.float32).tobytes(), history=list(o.history),
-            label_scores={k: v * (c.misfit_factor if self._unfit(o, k) else 1.0) for k, v in scores.items()},
+            points=points[evenly(len(points), _RECORD_POINTS)].astype(np.float32).tobytes(), history=list(o.history),
+            label_scores={k: v * (factor if self._unfit(o, k) else 1.0) for k, v in confidences.by_class().items()},
             seen_from=(float(o.seen_from_sum[0]) / o.n_detections, float(o.seen_from_sum[1]) / o.n_detections),
         )  # fmt: skip
 
 
-def _sure(item: tuple[float, float, MapObject], config: ObjectConfig) -> float:
+def _rank(found: Similarity, config: AssociationConfig) -> float:
     """Overlap both ways counts as much as looks and place together."""
-    return config.tau + item[1] if item[1] >= config.tau_mutual else -math.inf
-
-
-def _place(view: PosedView) -> tuple[object, ...]:
-    """Where a view was taken from: a camera's view, or a robot's position to 0.25 m and direction to 15 degrees."""
-    if not view.is_robot:
-        return view.source, view.view
-    x, y, _ = view.T_world_camera[:3, 3]
-    forward = view.T_world_camera[:3, 2]
-    yaw = math.atan2(forward[1], forward[0])
-    return view.source, round(float(x) / 0.25), round(float(y) / 0.25), round(yaw / math.radians(15)) % 24
-
-
-def _towards(view: PosedView, shape: Shape) -> NDArray[np.float64]:
-    """The horizontal unit vector (2,) from a detection's middle to its camera; nothing right above or below."""
-    way: NDArray[np.float64] = view.T_world_camera[:2, 3] - (shape.p_min + shape.p_max)[:2] / 2
-    length_m = float(np.linalg.norm(way))
-    return way / length_m if length_m > 1e-6 else np.zeros(2)
+    return max(found.s, config.tau + found.mutual if same_place(found.mutual, config) else -math.inf)
 
 
 def _holds(detected: Detected, pixel: NDArray[np.float64]) -> bool:

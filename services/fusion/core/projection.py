@@ -113,7 +113,7 @@ def extent(reach_m: NDArray[np.floating]) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True, nogil=True)
-def sweep(reach_m, cx, cy, resolution_m, row0, col0, rows, cols):  # type: ignore[no-untyped-def]
+def azimuth_bins(reach_m, cx, cy, resolution_m, row0, col0, rows, cols):  # type: ignore[no-untyped-def]
     """The azimuth bin whose reach covers a cell, -1 where none does: (rows, cols) int16 of a window of world cells."""
     out = np.full((rows, cols), -1, np.int16)
     for row in range(rows):

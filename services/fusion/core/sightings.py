@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.fusion.core.association import Shape
 from services.fusion.core.clustering import largest_cluster
 from services.fusion.core.config import ObjectConfig
+from services.fusion.core.shape import Shape
 from surveilnav.geometry import transform_points
 from surveilnav.sensing.views import Detected, PosedView, box_cells
 
@@ -33,7 +33,7 @@ def locate_all(
 
 def locate(view: PosedView, detected: Detected, voxel_m: float, config: ObjectConfig) -> Sighting | None:
     """Back-projects a mask and keeps the largest DBSCAN cluster; None if too little is left of it."""
-    c, camera = config, view.camera
+    c, camera = config.points, view.camera
     if detected.score < c.min_score:
         return None
     x0, y0, x1, y1 = box_cells(detected.box_px, camera.width_px, camera.height_px)
@@ -60,4 +60,4 @@ def locate(view: PosedView, detected: Detected, voxel_m: float, config: ObjectCo
         return None
     p_world = transform_points(view.T_world_camera, p_camera[kept].astype(np.float64))
     range_m = float(np.median(np.linalg.norm(p_camera[kept], axis=1)))
-    return Sighting(detected, Shape.of_points(p_world, voxel_m, c.overlap_voxel_m), range_m)
+    return Sighting(detected, Shape.of_points(p_world, voxel_m, config.association.overlap_voxel_m), range_m)

@@ -22,7 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from services.fusion.core.config import ValueConfig
-from services.fusion.core.projection import AZIMUTHS, camera_position, extent, sweep
+from services.fusion.core.projection import AZIMUTHS, azimuth_bins, camera_position, extent
 from surveilnav.geometry import Grid
 from surveilnav.sensing.views import PosedView
 
@@ -59,7 +59,7 @@ class SeenView:
 
 
 class ValueMap:
-    """Keeps views of a storey, and the value layers of the targets asked for last, up to date."""
+    """Keeps views of a floor, and the value layers of the targets asked for last, up to date."""
 
     def __init__(self, config: ValueConfig) -> None:
         self._config = config
@@ -172,6 +172,7 @@ class _Layer:
         self._cells = np.zeros((2, 3, 0, 0), np.float32)  # robot or surveillance; value, weight, weight of the newest
 
     def add(self, view: SeenView) -> None:
+        """Projects the cosine of a view and the target (the paper's ``cos(f_v, f_t)``) onto the cells that it reaches."""
         if view.embedding.shape != self._unit.shape:  # another backend's: it says nothing about this text
             return
         score = float(view.embedding.astype(np.float32) @ self._unit)
@@ -183,7 +184,7 @@ class _Layer:
         part = self._cells[
             :, :, row0 - self._row0 : row0 - self._row0 + rows, col0 - self._col0 : col0 - self._col0 + cols
         ]
-        azimuths = sweep(view.reach_m.astype(np.float32), view.x_m, view.y_m, r, row0, col0, rows, cols)
+        azimuths = azimuth_bins(view.reach_m.astype(np.float32), view.x_m, view.y_m, r, row0, col0, rows, cols)
         rule = ("average", "confidence", "latest").index(self._config.fusion)
         # only eq. 2 keeps robot and surveillance apart
         _fuse(
@@ -207,6 +208,7 @@ class _Layer:
         return max(math.pow(2.0, max(halves, -200.0)), _FAINTEST)
 
     def on(self, grid: Grid) -> NDArray[np.float32]:
+        """The layer (rows, cols) float32 on ``grid``; NaN where nothing was seen."""
         out = np.full(grid.shape, np.nan, np.float32)
         top = self._row0 - round(grid.origin_y_m / self._r)
         left = self._col0 - round(grid.origin_x_m / self._r)
@@ -219,6 +221,7 @@ class _Layer:
         return out
 
     def _joint(self) -> NDArray[np.float32]:
+        """Robot and surveillance together (eq. 2)."""
         (robot, n_robot, w_robot), (surveillance, _, w_surveillance) = self._cells
         if self._config.fusion != "average":
             return np.where(n_robot > 0, robot, np.nan).astype(np.float32)

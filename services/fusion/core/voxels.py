@@ -43,6 +43,7 @@ class Index(NamedTuple):
 
 
 def new_index(n_blocks: int) -> Index:
+    """An empty index with room for so many blocks."""
     slots = 1 << (2 * n_blocks - 1).bit_length()
     return Index(
         np.zeros(2, np.int64), np.zeros(n_blocks, np.int64), np.zeros((n_blocks, 64), np.int32),
@@ -52,6 +53,7 @@ def new_index(n_blocks: int) -> Index:
 
 
 def grown(index: Index, n_blocks: int) -> Index:
+    """A copy of an index with room for so many blocks."""
     larger = new_index(n_blocks)
     larger.counts[:] = index.counts
     blocks, regions = index.counts
@@ -111,6 +113,7 @@ def _block(index, x, y, z, make):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def enter(voxels, index, start, stop):  # type: ignore[no-untyped-def]
+    """Enters the voxels from number ``start`` to ``stop`` in the index."""
     for i in range(start, stop):
         key = voxels[i].key
         x, y, z = key & MASK, (key >> BITS) & MASK, key >> (2 * BITS)
@@ -326,6 +329,7 @@ def sets_of(voxels, hits, joined):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def set_sources(voxels, hits, joined):  # type: ignore[no-untyped-def]
+    """Gives the voxels hit the set of sources that ``joined`` says for theirs."""
     for i in range(len(hits)):
         if hits[i] < 0:
             continue
@@ -335,6 +339,7 @@ def set_sources(voxels, hits, joined):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def means(voxels, voxel_m, carve_views, out):  # type: ignore[no-untyped-def]
+    """Writes mean position [m, world] and colour 0-1 of the voxels that are there to ``out`` (N, 6)."""
     n = 0
     for i in range(len(voxels)):
         voxel = voxels[i]

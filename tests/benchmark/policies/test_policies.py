@@ -31,7 +31,12 @@ def test_names_and_lines():
 def test_the_rule_alone_differs_in_belief_only(name):
     """What is believed: one sure detection, or as ours. The maps are the same otherwise."""
     as_written, verified = POLICIES[name].fusion, POLICIES[f"{name}-verified"].fusion
-    assert as_written.objects.min_detections == as_written.objects.confirm_robot_detections == 1
+    confirmation = as_written.objects.confirmation
+    assert (confirmation.rule, confirmation.paper.min_detections, confirmation.paper.flip_rejects) == (
+        "paper",
+        1,
+        False,
+    )
     assert verified.objects == POLICIES["surveilnav"].fusion.objects
     assert (verified.map, verified.value) == (as_written.map, as_written.value)
 

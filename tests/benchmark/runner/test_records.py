@@ -382,7 +382,7 @@ def test_a_ratio_is_that_of_resampled_pairs():
         (RunSettings(policy="best"), "there is no policy 'best'"),
         (RunSettings(perception="auto"), "perception is one of"),
         (RunSettings(max_steps=0), "1 to 5000 steps"),
-        (RunSettings(fusion={"objects": {"geometry": "sphere"}}), "geometry"),
+        (RunSettings(fusion={"objects": {"association": {"geometry": "sphere"}}}), "geometry"),
         (RunSettings(fusion={"clouds": {}}), "clouds"),
         (RunSettings(planning={"speed": 3}), "speed\n.*Unexpected"),
         (RunSettings(planner="warp"), "planner is one of fmm, sp, got 'warp'"),
@@ -398,10 +398,12 @@ def test_settings_that_cant_be_are_named(settings, said):
 
 
 def test_one_setting_is_changed_and_the_others_stay():
-    changed = RunSettings(fusion={"objects": {"geometry": "box_iou"}}).fusion_config()
+    changed = RunSettings(fusion={"objects": {"association": {"geometry": "box_iou"}}}).fusion_config()
     plain = RunSettings().fusion_config()
-    assert changed.objects.geometry == "box_iou"
-    assert changed.objects.model_copy(update={"geometry": plain.objects.geometry}) == plain.objects
+    changed_association, association = changed.objects.association, plain.objects.association
+    assert changed_association.geometry == "box_iou"
+    assert changed_association.model_copy(update={"geometry": association.geometry}) == association
+    assert changed.objects.model_copy(update={"association": association}) == plain.objects
     assert changed.map == plain.map
 
 

@@ -13,6 +13,7 @@ from benchmark.studies.association.page import Results, choose, page
 from benchmark.studies.association.replays import Player, good_detections, score, variants
 from benchmark.studies.recordings import TOURS, Facts, Recording, SeenView, Thing
 from services.fusion.core import FusionConfig, JointMap, ObjectConfig
+from services.fusion.core.config import AssociationConfig, PointsConfig
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
 from surveilnav.perception.closed_set import embed_image, embed_object
@@ -91,9 +92,9 @@ def test_masks_become_points_once_for_all_ways_to_associate_them(recording):
     player = Player(recording)
     first = player.play(ObjectConfig())
     calls, locate = [], player._located
-    player._located = lambda settings: calls.append(settings) or locate(settings)
-    player.play(ObjectConfig(tau=0.7, geometry="box_iou"))
-    player.play(ObjectConfig(dbscan_eps_m=0.2))
+    player._located = lambda *settings: calls.append(settings) or locate(*settings)
+    player.play(ObjectConfig(association=AssociationConfig(tau=0.7, geometry="box_iou")))
+    player.play(ObjectConfig(points=PointsConfig(dbscan_eps_m=0.2)))
     assert calls[0] != calls[1]
     assert locate.cache_info().misses == 2
     assert [o for o, _ in player.play(ObjectConfig()).objects] == [o for o, _ in first.objects]

@@ -87,7 +87,7 @@ def test_components_are_crossed_the_fewest_changes_first():
     assert arms[0].settings == RunSettings()
     said = {
         (
-            arm.settings.fusion_config().objects.geometry,
+            arm.settings.fusion_config().objects.association.geometry,
             arm.settings.fusion_config().value.fusion,
             arm.settings.planning.get("strategy", "region"),
         )

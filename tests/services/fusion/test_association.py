@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from services.fusion.core.association import BoxTable, Shape, box_iou, box_overlap, cosine, evenly, overlaps, voxel_iou
-from services.fusion.core.cloud import voxel_centres, voxel_keys
-from surveilnav.geometry import camera_pose
+from services.fusion.core.association import box_iou, box_overlap, cosine, overlaps, voxel_iou
+from services.fusion.core.shape import Shape
 
 points = hnp.arrays(np.float64, st.tuples(st.integers(1, 40), st.just(3)), elements=st.floats(-0.25, 0.25))
 
@@ -52,15 +51,6 @@ def test_against_the_definitions(p, q):
     assert box_overlap(a, b) == pytest.approx(inside / smaller, abs=1e-6)
 
 
-@given(points)
-def test_keys_round_trip(p):
-    keys = voxel_keys(p, 0.025)
-    centres = voxel_centres(keys, 0.025)
-    assert cells(centres, 0.025) == cells(p, 0.025)
-    np.testing.assert_array_equal(voxel_keys(centres, 0.025), keys)
-    assert np.all(np.diff(keys) > 0)
-
-
 @pytest.mark.parametrize(
     ("name", "a", "b", "box", "voxel", "overlap"),
     [
@@ -74,56 +64,6 @@ def test_table(name, a, b, box, voxel, overlap):
     assert box[0] <= box_iou(a, b) <= box[1] + 1e-9
     assert voxel[0] <= voxel_iou(a, b) <= voxel[1] + 1e-9
     assert overlap[0] <= max(overlaps(a, b)) <= overlap[1]
-
-
-def test_union_keeps_what_is_there_and_stops_at_the_limit():
-    a, b = block(0, 0, 0, 0.2, 0.2, 0.2), block(0.1, 0, 0, 0.2, 0.2, 0.2)
-    both = a.union(b, 10_000)
-    assert set(both.keys) == set(a.keys) | set(b.keys)
-    assert np.all(np.diff(both.keys) > 0)
-    capped = a.union(b, len(a.keys) + 5)
-    assert len(capped.keys) == len(a.keys) + 5
-    assert set(a.keys) < set(capped.keys)
-
-
-@given(points, points)
-def test_a_union_is_what_its_voxels_make(p, q):
-    a, b = shape(p), shape(q)
-    both, whole = a.union(b, 10_000), shape(np.concatenate([p, q]))
-    np.testing.assert_array_equal(both.keys, whole.keys)
-    np.testing.assert_array_equal(both.coarse, whole.coarse)
-    np.testing.assert_array_equal([both.p_min, both.p_max], [whole.p_min, whole.p_max])
-
-
-def test_samples_are_some_of_the_points_and_evenly_spaced():
-    whole = block(0, 0, 0, 0.4, 0.4, 0.4)
-    assert len(whole.points) > 64
-    assert {tuple(p) for p in whole.samples} < {tuple(p) for p in whole.points}
-    assert len(whole.samples) == 64
-    np.testing.assert_array_equal(evenly(5, 64), np.arange(5))
-    assert (evenly(1000, 3) == (0, 500, 999)).all() or (evenly(1000, 3) == (0, 499, 999)).all()
-
-
-@given(st.lists(st.tuples(st.sampled_from(["put", "drop"]), st.integers(1, 30), points), max_size=60), points)
-def test_the_table_of_boxes_finds_what_a_loop_finds(story, p):
-    table, shapes = BoxTable(), {}
-    for what, id_, q in story:
-        if what == "put":
-            shapes[id_] = shape(q + id_ % 5 * 0.3)
-            table.put(id_, shapes[id_])
-        elif id_ in shapes:
-            del shapes[id_]
-            table.drop(id_)
-    a = shape(p)
-    near = [i for i, s in shapes.items() if np.all(s.p_min <= a.p_max + 0.1) and np.all(s.p_max >= a.p_min - 0.1)]
-    assert table.touching(a, 0.1) == sorted(near)
-    T = camera_pose((0.1, 0.2, 0.3), 0.7, -0.2)
-    before = []
-    for i, s in shapes.items():
-        d = (s.p_min + s.p_max) / 2 - T[:3, 3]
-        if d @ T[:3, 2] > 0 and np.linalg.norm(d) <= 0.8:
-            before.append(i)
-    assert table.before(T, 0.8) == sorted(before)
 
 
 def test_cosine_of_what_cannot_be_compared_is_0():

@@ -11,17 +11,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.core import FusionConfig, JointMap, ObjectConfig
-from services.fusion.core.association import Shape
-from services.fusion.core.joint_map import canonical
+from services.fusion.core import FusionConfig, JointMap, ObjectConfig, in_order
+from services.fusion.core.association import similarity
+from services.fusion.core.config import AssociationConfig, FalsePositiveConfig
 from services.fusion.core.objects import ObjectMap
+from services.fusion.core.shape import Shape
 from services.fusion.core.sightings import Sighting
 from surveilnav.geometry import Pinhole
 from surveilnav.sensing.views import Detected, PosedView
 
-FINE, COARSE = 0.025, 0.05
+FINE, COARSE = 1 / 32, 1 / 16  # [m], powers of two: no rounding decides whether boxes touch
 CAMERA = Pinhole.from_hfov(32, 24, math.radians(79))
-ONLY_EQ3 = {"tau_mutual": 2.0, "once_per_view": False, "merge_every": 10**9, "size_prior": False}
+
+
+def only_eq3(**association):
+    """Nothing but eq. 3 makes objects of detections."""
+    return ObjectConfig(
+        association=AssociationConfig(
+            tau_mutual=None, once_per_view=False, merge_every=None, overlap_voxel_m=COARSE, **association
+        ),
+        false_positives=FalsePositiveConfig(size_prior=False),
+    )
 
 
 # --- the reference: lists, sets and loops ---------------------------------------------------------------------------
@@ -115,8 +125,8 @@ def sighting(points, embedding, number=0, label="chair", score=0.5):
     return Sighting(Detected(label, score, box, None, np.asarray(embedding, np.float32)), shape, 1.0)
 
 
-def through_the_map(detections, config):
-    objects = ObjectMap("0", 0.0, FINE, config)
+def through_the_map(detections, config, floor_z_m=0.0):
+    objects = ObjectMap("0", floor_z_m, FINE, config)
     for i, (points, embedding) in enumerate(detections):
         s = sighting(points, embedding, i)
         objects.add(view(i), (s.detected,), [s])
@@ -149,7 +159,7 @@ def test_detections_join_the_objects_that_the_paper_says(geometry, weights, dete
     wanted, objects, margins = reference_association(detections, geometry, *weights, tau)
     if min(margins, default=1.0) < 1e-5:  # a tie but for rounding: either is right
         return
-    config = ObjectConfig(geometry=geometry, w_visual=weights[0], w_geometric=weights[1], tau=tau, **ONLY_EQ3)
+    config = only_eq3(geometry=geometry, w_visual=weights[0], w_geometric=weights[1], tau=tau)
     got, made = through_the_map(detections, config)
     assert got == wanted
     for (cells, embeddings), obj in zip(objects, made._objects.values(), strict=True):
@@ -165,13 +175,13 @@ def test_detections_join_the_objects_that_the_paper_says(geometry, weights, dete
 @given(scenes())
 @settings(max_examples=30, deadline=None)
 def test_similarity_is_the_weighted_sum_and_symmetric(geometry, detections):
-    config = ObjectConfig(geometry=geometry, w_visual=0.7, w_geometric=1.3, **ONLY_EQ3)
-    objects = ObjectMap("0", 0.0, FINE, config)
+    config = only_eq3(geometry=geometry, w_visual=0.7, w_geometric=1.3)
     (p, e), (q, f) = detections[0], detections[-1]
 
     def s(points, embedding, other_points, other_embedding):
         one = through_the_map([(other_points, other_embedding)], config)[1]._objects[1]
-        return objects.similarity(Shape.of_points(np.array(points), FINE, COARSE), embedding, one)[0]
+        shape = Shape.of_points(np.array(points), FINE, COARSE)
+        return similarity(shape, embedding, one.shape, one.embedding_sum, config.association).s
 
     there, back = s(p, e, q, f), s(q, f, p, e)
     assert there == pytest.approx(back, abs=1e-6)
@@ -185,9 +195,9 @@ def test_similarity_is_the_weighted_sum_and_symmetric(geometry, detections):
 def test_moving_the_world_by_whole_voxels_changes_nothing(geometry, detections, cells):
     shift = np.array(cells) * COARSE  # whole coarse voxels are whole fine ones, too
     centred = [(np.array(centres(voxels(p, FINE))), e) for p, e in detections]
-    config = ObjectConfig(geometry=geometry, tau=1.3)
+    config = ObjectConfig(association=AssociationConfig(geometry=geometry, tau=1.3, overlap_voxel_m=COARSE))
     before, _ = through_the_map(centred, config)
-    after, _ = through_the_map([(p + shift, e) for p, e in centred], config)
+    after, _ = through_the_map([(p + shift, e) for p, e in centred], config, shift[2])
     assert before == after
 
 
@@ -199,7 +209,10 @@ def box(low, high, n=400, seed=0):
 def test_a_thing_is_not_swallowed_by_what_would_make_it_too_large(tools, size_prior, n_objects):
     """A tv on a cupboard up to the ceiling, which includes it: together they'd be no tv, so they stay two, also when
     duplicates are searched for."""
-    config = ObjectConfig(size_prior=size_prior, w_geometric=2.0, merge_every=1)
+    config = ObjectConfig(
+        association=AssociationConfig(w_geometric=2.0, merge_every=1),
+        false_positives=FalsePositiveConfig(size_prior=size_prior),
+    )
     objects = ObjectMap("0", 0.0, FINE, config)
     things = {"tv": box((0, 0, 0.8), (1.0, 0.3, 1.4), 3000), "cupboard": box((-0.6, 0, 0.4), (1.6, 0.4, 2.5), 30_000)}
     for i, label in enumerate(["tv", "cupboard"]):
@@ -285,7 +298,7 @@ def test_views_of_one_revision_give_the_same_objects_in_whatever_order_they_came
 
     def objects(views):
         said, joint = {id(v): p for v, p in views}, JointMap()
-        for v in canonical(v for v, _ in views):
+        for v in in_order(v for v, _ in views):
             joint.integrate(v, said[id(v)])
         return joint.objects("0")
 

@@ -250,6 +250,6 @@ def test_names_come_with_views_that_were_taken_and_are_bounded(seen_some, world)
             seen_some.integrate(far_off(world.view(2.6, 2, 0.4, floor="attic", floor_z=floor_z)), None)
     assert seen_some._name_of == before
     for i in range(300):
-        seen_some._remember_name(world.view(2.6, 2, 0.4, floor=f"f{i}"), seen_some._storeys["0"])
+        seen_some._remember_name(world.view(2.6, 2, 0.4, floor=f"f{i}"), seen_some._floors["0"])
     assert len(seen_some._name_of) == 256
     assert (seen_some.knows("f0"), seen_some.knows("f299")) == (True, False)

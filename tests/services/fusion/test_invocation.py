@@ -29,15 +29,15 @@ def test_equals_the_equation(robots, cameras):
         for j, (z, offset) in enumerate(cameras):
             if abs(z_robot - (z - offset)) <= 0.4:
                 alpha[f"c{j}"] = 1
-    assert active_cameras(robots, infos) == sorted(c for c, a in alpha.items() if a)
+    assert active_cameras(robots, infos, TAU) == sorted(c for c, a in alpha.items() if a)
 
 
 def test_the_camera_upstairs_stays_asleep():
     infos = [info("here", 1.8, 1.8), info("split_level", 2.15, 1.8), info("upstairs", 4.6, 1.8)]
-    assert active_cameras([0.0], infos) == ["here", "split_level"]
+    assert active_cameras([0.0], infos, TAU) == ["here", "split_level"]
     assert active_cameras([0.0], infos, tau_z_m=0.1) == ["here"]
-    assert active_cameras([], infos) == []
-    assert active_cameras([0.0], [info("just", 0.4, 0.0)]) == ["just"]  # tau_z itself is near enough
+    assert active_cameras([], infos, TAU) == []
+    assert active_cameras([0.0], [info("just", 0.4, 0.0)], TAU) == ["just"]  # tau_z itself is near enough
 
 
 TAU, RELEASE = 0.4, 0.6

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.fusion.core import JointMap, canonical
+from services.fusion.core import JointMap, in_order
 from surveilnav.sensing.views import Detected
 
 
@@ -69,7 +69,7 @@ def test_a_broken_view_is_refused_and_changes_nothing(world, tools, what):
     with pytest.raises(ValueError):
         joint.integrate(view, perception)
     assert joint.revision == 0
-    assert all(len(s.geometry.cloud.array()) == 0 for s in joint._storeys.values())
+    assert all(len(s.geometry.cloud.array()) == 0 for s in joint._floors.values())
 
 
 def test_a_view_without_any_depth_is_no_problem(world, tools):
@@ -80,12 +80,12 @@ def test_a_view_without_any_depth_is_no_problem(world, tools):
     assert np.isnan(joint.layer("0", "value", tools.unit(0))[1]).all()
 
 
-def test_the_canonical_order(world):
+def test_the_order_of_integration(world):
     views = [
         replace(world.view(1, 1, 0, source=s, view=v), stamp_ns=t)
         for t, s, v in ((2, "robot/a", 0), (1, "robot/b", 0), (1, "camera/z", 1), (1, "camera/z", 0))
     ]
-    assert [(v.stamp_ns, v.source, v.view) for v in canonical(views)] == [
+    assert [(v.stamp_ns, v.source, v.view) for v in in_order(views)] == [
         (1, "camera/z", 0), (1, "camera/z", 1), (1, "robot/b", 0), (2, "robot/a", 0),
     ]  # fmt: skip
 
@@ -94,7 +94,7 @@ def test_the_canonical_order(world):
 
 
 def climb(joint, world, way, seq=0):
-    """A robot's views along (x, altitude, floor name); the storeys that they went to."""
+    """A robot's views along (x, altitude, floor name); the floors that they went to."""
     return [
         joint.accept(world.view(x, 2, 0.3, seq=seq + i, floor=floor, floor_z=z), None).floor
         for i, (x, z, floor) in enumerate(way)
@@ -103,8 +103,8 @@ def climb(joint, world, way, seq=0):
 
 @pytest.mark.parametrize("renamed_at", [0.3, 1.0, 2.0, 2.7, 9.9])
 @pytest.mark.parametrize("step_m", [0.25, 0.08])
-def test_a_stair_litters_no_storeys(world, renamed_at, step_m):
-    """Whenever the robot changes its mind about where it is, there are two storeys at the end."""
+def test_a_stair_litters_no_floors(world, renamed_at, step_m):
+    """Whenever the robot changes its mind about where it is, there are two floors at the end."""
     joint = JointMap()
     stair = [(1 + 1.2 * z / 2.8, z, "0" if z < renamed_at else "1") for z in np.arange(0.0, 2.8, 0.7 * step_m)]
     went = climb(joint, world, [(1.0, 0.0, "0"), *stair])
@@ -116,7 +116,7 @@ def test_a_stair_litters_no_storeys(world, renamed_at, step_m):
     assert joint.floor_revision("1") > joint.floor_revision("0")
 
 
-def test_a_camera_upstairs_makes_the_storey_that_the_robot_arrives_on(world):
+def test_a_camera_upstairs_makes_the_floor_that_the_robot_arrives_on(world):
     joint = JointMap()
     climb(joint, world, [(1.0, 0.0, "0"), (1.2, 0.45, "0"), (1.4, 0.9, "0"), (1.6, 1.4, "1")])
     camera = world.view(5, 3, -2, -0.5, height=1.8, source="camera/c", floor="1", floor_z=2.8)
@@ -127,7 +127,7 @@ def test_a_camera_upstairs_makes_the_storey_that_the_robot_arrives_on(world):
     assert joint.floors == {"0": 0.0, "1": pytest.approx(2.8)}
 
 
-def test_a_split_level_becomes_a_storey_of_its_own_once_a_robot_walks_on_it(world):
+def test_a_split_level_becomes_a_floor_of_its_own_once_a_robot_walks_on_it(world):
     joint = JointMap()
     up = [(1.0, 0.0, "0"), (1.2, 0.3, "0"), (1.4, 0.6, "0"), (1.6, 0.9, "0")]
     level = [(1.6 + 0.25 * i, 0.9, "0") for i in range(1, 8)]
@@ -137,22 +137,22 @@ def test_a_split_level_becomes_a_storey_of_its_own_once_a_robot_walks_on_it(worl
     assert climb(joint, world, [(3.4, 0.9, "0"), (3.2, 0.5, "0"), (3.0, 0.0, "0")], seq=20) == ["0-2", "0-2", "0"]
 
 
-def test_looking_around_on_a_landing_makes_no_storey_unless_it_has_a_name(world):
+def test_looking_around_on_a_landing_makes_no_floor_unless_it_has_a_name(world):
     up = [(1.0, 0.0, "0"), (1.2, 0.5, "0"), (1.4, 1.0, "0"), (1.6, 1.4, "0")]
-    for name, storeys in (("0", {"0"}), ("landing", {"0", "landing"})):
+    for name, floors in (("0", {"0"}), ("landing", {"0", "landing"})):
         joint = JointMap()
         climb(joint, world, [*up, *[(1.6, 1.4, name)] * 12])
-        assert set(joint.floors) == storeys
+        assert set(joint.floors) == floors
 
 
-def test_a_lift_or_a_camera_opens_a_storey_at_once(world):
+def test_a_lift_or_a_camera_opens_a_floor_at_once(world):
     joint = JointMap()
     assert climb(joint, world, [(1.0, 0.0, "0"), (1.0, 5.6, "2")]) == ["0", "2"]
     camera = world.view(5, 3, -2, -0.5, height=1.8, source="camera/c", floor="0", floor_z=0.9)
     assert joint.accept(camera, None).floor == "0-2"
 
 
-def test_a_name_called_too_early_still_finds_its_storey_later(world):
+def test_a_name_called_too_early_still_finds_its_floor_later(world):
     joint = JointMap()
     climb(joint, world, [(1.0, 0.0, "0"), (1.2, 0.3, "1"), (1.4, 3.0, "1")])
     assert joint.floor_revision("1") == 3

@@ -8,11 +8,20 @@ import numpy as np
 import pytest
 
 from services.fusion.core import FusionConfig, JointMap, ObjectConfig
+from services.fusion.core.config import AssociationConfig, FalsePositiveConfig
 from services.fusion.core.sizes import misfit
 from surveilnav.sensing.views import Detected
 
 SOFA = ((3.0, 1.2, 0.0), (3.8, 2.8, 0.8))
 STOOL = ((2.0, 0.4, 0.0), (2.4, 0.8, 0.5))
+
+
+def associating(**settings):
+    return JointMap(FusionConfig(objects=ObjectConfig(association=AssociationConfig(**settings))))
+
+
+def with_sizes(**settings):
+    return JointMap(FusionConfig(objects=ObjectConfig(false_positives=FalsePositiveConfig(**settings))))
 
 
 @pytest.fixture
@@ -58,7 +67,7 @@ def test_a_mask_becomes_an_object_where_the_thing_is(furnished, tools):
 
 
 def test_an_object_knows_from_where_it_was_seen(furnished, tools):
-    one_side, all_sides = JointMap(), JointMap(FusionConfig(objects=ObjectConfig(merge_every=1)))
+    one_side, all_sides = JointMap(), associating(merge_every=1)
     for view in around(furnished, SOFA):
         one_side.integrate(view, tools.seen(furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))))
     for k in range(12):
@@ -75,7 +84,7 @@ def test_an_object_knows_from_where_it_was_seen(furnished, tools):
 @pytest.mark.parametrize(("label", "fits"), [("bed", False), ("chair", True), ("unheard of", True)])
 def test_only_what_has_the_size_of_its_class_is_confirmed(furnished, tools, label, fits):
     for size_prior in (True, False):
-        joint = JointMap(FusionConfig(objects=ObjectConfig(size_prior=size_prior)))
+        joint = with_sizes(size_prior=size_prior)
         for view in around(furnished, STOOL, radius=1.3):
             joint.integrate(view, tools.seen(furnished.detect(view, "stool", label, 0.9, tools.unit(0))))
         (stool,) = joint.objects("0")
@@ -111,7 +120,7 @@ def test_what_has_not_the_size_of_a_class_is_believed_less_to_be_it(furnished, t
     """A stool taken for a bed by half the views: as a bed it counts half, as a chair in full."""
     scores = {}
     for factor in (1.0, 0.5):
-        joint = JointMap(FusionConfig(objects=ObjectConfig(misfit_factor=factor)))
+        joint = with_sizes(misfit_factor=factor)
         for i, view in enumerate(around(furnished, STOOL, radius=1.3)):
             label = "bed" if i % 2 else "chair"
             joint.integrate(view, tools.seen(furnished.detect(view, "stool", label, 0.9, tools.unit(0))))
@@ -153,7 +162,7 @@ def test_one_thing_twice_in_a_picture_counts_once(furnished, tools):
     joint.integrate(view, tools.seen(again, once))
     (sofa,) = joint.objects("0")
     assert (sofa.n_detections, sofa.confidence) == (1, pytest.approx(0.8))
-    literal = JointMap(FusionConfig(objects=ObjectConfig(once_per_view=False)))
+    literal = associating(once_per_view=False)
     literal.integrate(view, tools.seen(again, once))
     assert [o.n_detections for o in literal.objects("0")] == [2]
 
@@ -171,7 +180,7 @@ def test_another_class_on_the_same_points_is_a_vote_not_an_object(furnished, too
 
 def test_partial_views_join_by_overlap_and_split_by_box_iou(furnished, tools):
     def halves(geometry, tau):
-        joint = JointMap(FusionConfig(objects=ObjectConfig(geometry=geometry, tau=tau, tau_mutual=2.0)))
+        joint = associating(geometry=geometry, tau=tau, tau_mutual=None)
         view = around(furnished, SOFA)[3]
         whole = furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))
         x0, y0, x1, y1 = whole.box_px
@@ -186,8 +195,7 @@ def test_partial_views_join_by_overlap_and_split_by_box_iou(furnished, tools):
 
 
 def test_duplicates_are_merged_when_views_have_joined_them(furnished, tools):
-    config = FusionConfig(objects=ObjectConfig(merge_every=2))
-    joint = JointMap(config)
+    joint = associating(merge_every=2)
     view = around(furnished, SOFA)[3]
     whole = furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))
     (x0, y0, x1, y1), mask = whole.box_px, whole.mask
@@ -246,7 +254,7 @@ def test_history_objects_and_points_are_bounded(furnished, tools):
     assert "couch" in {o.label for o in objects}
     for o in objects:
         assert len(o.history) <= 5
-        assert o.n_points <= config.max_points
+        assert o.n_points <= config.points.max_points
 
 
 @pytest.mark.parametrize("score", [0.1, 0.2])

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.fusion.core.projection import AZIMUTHS, extent, reach, sample_stride, sweep, world_points
+from services.fusion.core.projection import AZIMUTHS, azimuth_bins, extent, reach, sample_stride, world_points
 from surveilnav.geometry import camera_pose, inverse, transform_points
 
 
@@ -101,7 +101,7 @@ def test_sweep_covers_what_a_literal_test_of_each_cell_covers():
     rng = np.random.default_rng(1)
     ranges = np.sort(rng.uniform(0, 3, (AZIMUTHS, 2)), axis=1).astype(np.float32)
     ranges[rng.random(AZIMUTHS) < 0.3] = 0
-    found = sweep(ranges, 0.12, -0.33, 0.1, -30, -25, 50, 60)
+    found = azimuth_bins(ranges, 0.12, -0.33, 0.1, -30, -25, 50, 60)
     for row in range(50):
         for col in range(60):
             x, y = (col - 25 + 0.5) * 0.1 - 0.12, (row - 30 + 0.5) * 0.1 + 0.33
@@ -109,7 +109,7 @@ def test_sweep_covers_what_a_literal_test_of_each_cell_covers():
             inside = ranges[k, 0] <= math.hypot(x, y) <= ranges[k, 1] and ranges[k, 1] > 0
             assert found[row, col] == (k if inside else -1)
     x0, y0, x1, y1 = extent(ranges)
-    wide = sweep(ranges, 0.0, 0.0, 0.1, -40, -40, 80, 80) >= 0
+    wide = azimuth_bins(ranges, 0.0, 0.0, 0.1, -40, -40, 80, 80) >= 0
     rows, cols = np.nonzero(wide)
     assert x0 <= (cols.min() - 39.5) * 0.1
     assert (cols.max() - 39.5) * 0.1 <= x1

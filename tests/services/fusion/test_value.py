@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.fusion.core import FusionConfig, JointMap, ValueConfig
-from services.fusion.core.projection import reach, sweep, world_points
+from services.fusion.core.projection import azimuth_bins, reach, world_points
 from services.fusion.core.value import ValueMap
 from surveilnav.geometry import Grid, Pinhole, camera_pose
 from surveilnav.sensing.views import PosedView
@@ -49,7 +49,7 @@ def footprint(view, grid):
     reach_m = reach(points, view.T_world_camera[:3, 3], c.explored_max_m).astype(np.float16).astype(np.float32)
     row0, col0 = round(grid.origin_y_m / grid.resolution_m), round(grid.origin_x_m / grid.resolution_m)
     x, y, _ = view.T_world_camera[:3, 3]
-    return sweep(reach_m, x, y, grid.resolution_m, row0, col0, grid.rows, grid.cols)
+    return azimuth_bins(reach_m, x, y, grid.resolution_m, row0, col0, grid.rows, grid.cols)
 
 
 def test_average_is_equation_2(story, tools):
@@ -127,7 +127,7 @@ def test_robot_views_are_forgotten_beyond_the_limit(world, tools):
     joint.integrate(world.view(1, 1, 0, source="camera/c"), tools.seen(image=tools.unit(0)))
     for i in range(5):
         joint.integrate(world.view(3, 2, i, seq=i), tools.seen(image=tools.unit(0)))
-    assert len(joint._storeys["0"].value) == 3
+    assert len(joint._floors["0"].value) == 3
     grid, found = joint.layer("0", "value", tools.unit(0))
     row, col = grid.cells_of((4.0, 1.0))
     assert np.isfinite(found[row, col])  # the camera's view is kept

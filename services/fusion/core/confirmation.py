@@ -1,0 +1,43 @@
+"""Joint object confirmation: is a candidate what it is taken for?
+
+Two rules: the paper's (``PaperConfirmation``) and ours (``EvidenceConfirmation``). Both look at the evidence of one object
+and answer with an ``Assessment``.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from services.fusion.core.assessment import Assessment, Status
+from services.fusion.core.confidences import Confidences
+from services.fusion.core.config import ObjectConfig
+from services.fusion.core.evidence import Evidence
+from services.fusion.core.evidence_confirmation import EvidenceConfirmation
+from services.fusion.core.paper_confirmation import PaperConfirmation
+
+
+class Confirmation(Protocol):
+    """A rule of confirmation. Whoever adds evidence calls ``settle``, then asks ``assess``."""
+
+    def weigh(self, range_m: float, *, is_robot: bool) -> tuple[float, bool]:
+        """Weight of a detection from ``range_m`` away, and whether it is a near one that can confirm."""
+        ...
+
+    def confidences(self, evidence: Evidence) -> Confidences:
+        """Confidence in each class."""
+        ...
+
+    def settle(self, evidence: Evidence) -> None:
+        """Settles the class of an object, or changes it, where the evidence is enough for that. Updates the evidence."""
+        ...
+
+    def assess(self, evidence: Evidence, was: Status) -> Assessment:
+        """What follows from the evidence on an object that ``was`` of some status before. Changes nothing."""
+        ...
+
+
+def confirmation_of(config: ObjectConfig) -> Confirmation:
+    """The rule that the settings name."""
+    if config.confirmation.rule == "paper":
+        return PaperConfirmation(config.confirmation.paper)
+    return EvidenceConfirmation(config.confirmation.evidence, config.false_positives)

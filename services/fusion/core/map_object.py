@@ -1,0 +1,138 @@
+"""One object of the joint map, and what changes it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from services.fusion.core.assessment import Status
+from services.fusion.core.config import ObjectConfig
+from services.fusion.core.evidence import Evidence
+from services.fusion.core.shape import Shape
+from services.fusion.core.sightings import Sighting
+from surveilnav.messages.maps import ObjectEvent, ObjectRecord
+from surveilnav.sensing.views import PosedView
+
+Change = Literal["created", "matched", "merged", "confirmed", "rejected", "flipped", "not_seen"]
+_STATE = (
+    "id", "embedding_sum", "seen_from_sum", "first_seen_ns", "last_seen_ns", "label", "confidence", "status", "reason",
+    "n_detections", "changed",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectChange:
+    """What happened to an object; ``absorbed``: the object that was found to be the same, 0 for none."""
+
+    object_id: int
+    event: ObjectEvent
+    absorbed: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class MapObject:
+    """One object.
+
+    Attributes:
+        embedding_sum: of its detections' unit embeddings (D,): in direction their mean, weighted by counts.
+        seen_from_sum: of the horizontal unit vectors (2,) from each detection to who made it.
+        changed: since duplicates were last searched for.
+        record: as others see it, until something happens to it.
+    """
+
+    id: int
+    shape: Shape
+    embedding_sum: NDArray[np.float32]
+    seen_from_sum: NDArray[np.float64]
+    first_seen_ns: int
+    last_seen_ns: int
+    label: str
+    confidence: float = 0.0
+    status: Status = "candidate"
+    reason: str = ""
+    evidence: Evidence = field(default_factory=Evidence)
+    sources: set[str] = field(default_factory=set)
+    n_detections: int = 0
+    history: deque[ObjectEvent] = field(default_factory=deque)
+    changed: bool = True
+    record: ObjectRecord | None = None
+
+    @classmethod
+    def of_sighting(cls, id_: int, view: PosedView, sighting: Sighting, max_history: int) -> MapObject:
+        """A new object, before its first sighting is fused into it."""
+        detected = sighting.detected
+        return cls(
+            id=id_, shape=sighting.shape, label=detected.label, embedding_sum=np.zeros_like(detected.embedding),
+            seen_from_sum=np.zeros(2), first_seen_ns=view.stamp_ns, last_seen_ns=view.stamp_ns,
+            history=deque(maxlen=max_history),
+        )  # fmt: skip
+
+    def fuse(self, view: PosedView, sighting: Sighting, max_voxels: int, *, weight: float, near: bool) -> None:
+        """Adds a detection: its points, its embedding, its evidence (the paper's joint object fusion)."""
+        detected = sighting.detected
+        self.shape = self.shape.union(sighting.shape, max_voxels)
+        if self.embedding_sum.shape == detected.embedding.shape:
+            self.embedding_sum = self.embedding_sum + detected.embedding
+        self.seen_from_sum = self.seen_from_sum + _towards(view, sighting.shape)
+        self.first_seen_ns = min(self.first_seen_ns, view.stamp_ns)
+        self.last_seen_ns = max(self.last_seen_ns, view.stamp_ns)
+        self.n_detections += 1
+        self.sources.add(view.source)
+        self.changed = True
+        self.evidence.add(
+            detected.label, detected.score, weight=weight, near=near, place=_place(view), is_robot=view.is_robot
+        )
+
+    def absorb(self, other: MapObject, max_voxels: int) -> None:
+        """Adds all that was known of another object, which is the same thing."""
+        self.shape = self.shape.union(other.shape, max_voxels)
+        if self.embedding_sum.shape == other.embedding_sum.shape:
+            self.embedding_sum = self.embedding_sum + other.embedding_sum
+        self.seen_from_sum = self.seen_from_sum + other.seen_from_sum
+        self.first_seen_ns = min(self.first_seen_ns, other.first_seen_ns)
+        self.last_seen_ns = max(self.last_seen_ns, other.last_seen_ns)
+        self.n_detections += other.n_detections
+        self.sources |= other.sources
+        self.evidence.absorb(other.evidence)
+        events = sorted([*self.history, *other.history], key=lambda e: e.stamp_ns)
+        self.history = deque(events, maxlen=self.history.maxlen)
+
+    def state(self) -> dict[str, Any]:
+        """All of it, as plain arrays and values, for ``of_state``."""
+        return {
+            "keys": self.shape.keys, "evidence": self.evidence.state(), "sources": sorted(self.sources),
+            "history": list(self.history), **{name: getattr(self, name) for name in _STATE},
+        }  # fmt: skip
+
+    @classmethod
+    def of_state(cls, state: dict[str, Any], voxel_m: float, config: ObjectConfig) -> MapObject:
+        """The object that ``state`` was taken of."""
+        history = deque(msgspec.convert(state["history"], list[ObjectEvent]), maxlen=config.max_history)
+        return cls(
+            shape=Shape(state["keys"], voxel_m, config.association.overlap_voxel_m),
+            evidence=Evidence.of_state(state["evidence"]), sources=set(state["sources"]), history=history,
+            **{name: state[name] for name in _STATE},
+        )  # fmt: skip
+
+
+def _place(view: PosedView) -> tuple[object, ...]:
+    """Where a view was taken from: a camera's view, or a robot's position to 0.25 m and direction to 15 degrees."""
+    if not view.is_robot:
+        return view.source, view.view
+    x, y, _ = view.T_world_camera[:3, 3]
+    forward = view.T_world_camera[:3, 2]
+    yaw = math.atan2(forward[1], forward[0])
+    return view.source, round(float(x) / 0.25), round(float(y) / 0.25), round(yaw / math.radians(15)) % 24
+
+
+def _towards(view: PosedView, shape: Shape) -> NDArray[np.float64]:
+    """The horizontal unit vector (2,) from a detection's middle to its camera; nothing right above or below."""
+    way: NDArray[np.float64] = view.T_world_camera[:2, 3] - (shape.p_min + shape.p_max)[:2] / 2
+    length_m = float(np.linalg.norm(way))
+    return way / length_m if length_m > 1e-6 else np.zeros(2)

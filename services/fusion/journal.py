@@ -1,0 +1,196 @@
+"""The write-ahead log of views, the snapshots of the maps, and the events of objects.
+
+A view is logged before the maps take it. Whatever a revision or a reply says can therefore be made again: from the newest
+snapshot that can be read, and the views logged since, in their order. What can't be read is said and set aside.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from services.fusion.config import FusionSettings
+from services.fusion.core.map_object import ObjectChange
+from services.fusion.core.snapshot import SnapshotError, pack, unpack
+from services.fusion.records import PerceivedView
+from services.fusion.store import Entry, Store, StoredEvent, StoreError
+from surveilnav.bus import Node
+from surveilnav.errors import WireError
+from surveilnav.messages import FrameHeader, InferReply
+from surveilnav.messages.maps import ObjectEvent
+from surveilnav.sensing.packing import decode_frame, perception_from_wire
+
+State = dict[str, Any]
+
+_HEADER = msgspec.msgpack.Decoder(FrameHeader)
+_REPLY = msgspec.msgpack.Decoder(InferReply)
+_ROW_BYTES = 1024  # of a view in the log, beside its picture: about
+
+
+class Journal:
+    """One file; used by the loop alone, but for ``history``.
+
+    Attributes:
+        number: of the newest view taken, in the log.
+        problem: why views can't be logged now; empty while they can.
+    """
+
+    def __init__(self, node: Node, settings: FusionSettings) -> None:
+        self._node, self._settings = node, settings
+        self._store = Store(Path(settings.store), max_events=settings.max_events)
+        self.number = 0
+        self.problem = ""
+        self._events: list[StoredEvent] = []  # not written yet
+        self._since_snapshot = (0, 0)  # views taken and bytes logged
+        self._again_s = 0.0
+        self._saving: threading.Thread | None = None
+
+    @property
+    def rests(self) -> bool:
+        """Whether it waits a while after the file couldn't be written."""
+        return time.monotonic() < self._again_s
+
+    # --- views and events -----------------------------------------------------------------------------------------
+
+    def append(self, views: Sequence[PerceivedView]) -> list[int]:
+        """Commits views; returns their numbers. StoreError: none was written."""
+        numbers = self._store.append([_entry(p) for p in views])
+        self.problem = ""
+        return numbers
+
+    def hold_up(self, error: StoreError) -> None:
+        """Says that views wait, and rests."""
+        self.problem = f"views wait, the store can't be written: {error}"
+        self._again_s = time.monotonic() + self._settings.retry_s
+        self._node.warn_seldom("the store can't be written", error=str(error))
+
+    def note(
+        self, number: int, perceived: PerceivedView, floor: str, changes: Sequence[ObjectChange], *, taken: bool
+    ) -> None:
+        """Notes a logged view that the maps took or refused, and what it changed. A refused one buys no snapshot, but its
+        bytes do: the log is bounded."""
+        self.number = number
+        views, n_bytes = self._since_snapshot
+        self._since_snapshot = views + taken, n_bytes + len(perceived.payload) + _ROW_BYTES
+        self._events += [
+            StoredEvent(number, k, floor, change.object_id, change.absorbed, change.event)
+            for k, change in enumerate(changes)
+        ]
+
+    def write_events(self) -> None:
+        """Commits the events noted. If that fails they wait; the views that made them are logged."""
+        if not self._events:
+            return
+        try:
+            self._store.add_events(self._events)
+            self._events = []
+        except StoreError as error:
+            self._node.warn_seldom("events can't be written", error=str(error))
+
+    def history(self, floor: str, object_id: int) -> list[ObjectEvent]:
+        """Everything that ever happened to an object. StoreError: it can't be read."""
+        return self._store.history(floor, object_id)
+
+    # --- snapshots ------------------------------------------------------------------------------------------------
+
+    @property
+    def snapshot_is_due(self) -> bool:
+        """Whether enough was logged since the last one, and none is being written."""
+        views, n_bytes = self._since_snapshot
+        enough = views >= self._settings.snapshot_views or n_bytes >= self._settings.snapshot_mb << 20
+        busy = self._saving is not None and self._saving.is_alive()
+        return enough and not busy and not self._events
+
+    def save(self, state: State) -> None:
+        """Saves a snapshot of the maps beside the loop; ``state`` must not change any more."""
+        self._since_snapshot = 0, 0
+        self._saving = threading.Thread(target=self._save, args=(state, self.number), name="snapshot", daemon=True)
+        self._saving.start()
+
+    def save_first(self, state: State) -> None:
+        """Saves a snapshot in a file that was begun anew, before any view goes into it. StoreError: it wasn't written."""
+        self._since_snapshot = 0, 0
+        self._store.save(pack(state), 0)
+
+    def _save(self, state: State, up_to: int) -> None:
+        try:
+            self._store.save(pack(state), up_to)
+        except Exception as error:  # the log goes on from the one before
+            self._node.warn_seldom("a snapshot can't be written", error=f"{type(error).__name__}: {error}")
+
+    def close(self) -> None:
+        """Ends a snapshot that is being written, and closes the file."""
+        self._end_saving()
+        self._store.close()
+
+    def _end_saving(self) -> None:
+        if self._saving is not None:
+            self._saving.join()
+
+    # --- reading it again -----------------------------------------------------------------------------------------
+
+    def load(self, restore: Callable[[State], None]) -> None:
+        """Gives ``restore`` the newest snapshot that can be read; damaged ones are said.
+
+        Raises:
+            SnapshotError: it is of another version or other settings. StoreError.
+        """
+        damaged = []
+        for up_to, data in self._store.snapshots():
+            try:
+                if data is None:
+                    raise SnapshotError("corrupt", "its bytes aren't those that were written")
+                restore(unpack(data))
+                self.number = up_to
+                return
+            except SnapshotError as error:
+                if error.name != "corrupt":
+                    raise
+                self._node.log.warning("snapshot_corrupt", up_to=up_to, error=str(error))
+                damaged.append(up_to)
+        first = next((number for number, _ in self._store.log(0)), 0 if damaged else 1)
+        if first != 1 or 0 in damaged:  # the next snapshots take the place of what somebody may still repair
+            aside = self._store.set_aside("snapshots_lost", copy=True)
+            self._node.log.warning("snapshots_lost", log_begins_at=first, copied_to=str(aside))
+
+    def replay(self, take: Callable[[int, PerceivedView], None]) -> None:
+        """Gives ``take`` the views logged since, with their numbers; damaged and missing ones are said. StoreError."""
+        after = self.number
+        for number, entry in self._store.log(after):
+            if number > after + 1:
+                self._node.log.warning("log_gap", after=after, next=number)
+            after = number
+            try:
+                if entry is None:
+                    raise WireError("its bytes aren't those that were written")
+                take(number, _perceived(entry))
+            except Exception as error:  # a view that ended the last process must not end this one, too
+                self._node.log.warning("log_view_lost", number=number, error=f"{type(error).__name__}: {error}")
+        self.write_events()
+
+    def begin_anew(self, reason: str) -> Path:
+        """Sets a file aside that is of no use any more; returns where to. StoreError: it can't be moved."""
+        self._end_saving()  # into the old file
+        aside = self._store.set_aside(reason)
+        self.number = 0
+        return aside
+
+
+def _entry(p: PerceivedView) -> Entry:
+    source, view = p.key
+    return Entry(source, view, msgspec.msgpack.encode(p.header), bytes(p.payload), p.reply, p.digest, p.fault)
+
+
+def _perceived(entry: Entry) -> PerceivedView:
+    """What was logged. WireError, msgspec.DecodeError: it can't be read."""
+    key, header = (entry.source, entry.view), _HEADER.decode(entry.header)
+    if entry.fault or not entry.payload:
+        return PerceivedView(key, header, fault=entry.fault)
+    view = decode_frame(header, entry.payload)
+    perception = perception_from_wire(_REPLY.decode(entry.reply), header.camera) if entry.reply else None
+    return PerceivedView(key, header, view, perception, entry.payload, entry.reply, entry.digest)

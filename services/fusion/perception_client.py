@@ -1,0 +1,202 @@
+"""Asks perception about views, off the main loop, until it answers: an outage delays views and loses none.
+
+Robots and cameras have a thread each, so a robot waits for one camera's picture at most. One slot for every view:
+a newer picture takes the place of one that still waits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import queue
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import msgspec
+
+from services.fusion.config import FusionSettings
+from services.fusion.records import PerceivedView, ViewKey
+from surveilnav.bus import Node, Received, Refused, clock_ns
+from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
+from surveilnav.errors import BusError, PerceptionError, WireError
+from surveilnav.messages import FrameHeader, InferReply, InferRequest, WorkerLoad
+from surveilnav.sensing.packing import decode_frame, perception_from_wire, unpack_embedding
+from surveilnav.sensing.views import ViewPerception
+
+#: Refusals that have to do with the moment, not with the picture.
+_PASSING = {"busy", "too_late", "no_truth"}
+_ATTEMPTS = 3  # at a picture that perception refuses for its own sake
+_STEEP = math.radians(75)  # looking down more steeply than this shows nothing that a detector knows
+
+
+@dataclass(slots=True)
+class _Lane:
+    """The waiting pictures of one kind of source, and the finished ones (few: decoded pictures are large)."""
+
+    done: queue.Queue[PerceivedView]
+    waiting: OrderedDict[ViewKey, Received[FrameHeader]] = field(default_factory=OrderedDict)
+    problem: str = ""
+
+
+class PerceptionClient:
+    """Views in by ``submit``, out by ``robots`` and ``cameras``."""
+
+    def __init__(self, node: Node, settings: FusionSettings, is_held: Callable[[ViewKey, bytes], bool]) -> None:
+        """``is_held``: whether the maps hold the picture of a camera's view with this digest; asked from any thread."""
+        self._node, self._settings = node, settings
+        self._workers = node.table(PERCEPTION_LOAD)
+        self._lock = threading.Condition()
+        self._robots = _Lane(queue.Queue(maxsize=8))
+        self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
+        self._is_held = is_held
+        self._texts: OrderedDict[tuple[str, str], bytes] = OrderedDict()
+        node.alive("perception")  # the first call starts watching
+        for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
+            threading.Thread(target=self._work, args=(lane,), name=f"perception-{name}", daemon=True).start()
+
+    @property
+    def problem(self) -> str:
+        """Why perception doesn't answer now; empty while it does."""
+        return self._robots.problem or self._cameras.problem
+
+    def submit(self, frame: Received[FrameHeader]) -> None:
+        """Takes a picture in."""
+        header = frame.message
+        lane = self._robots if header.source.startswith("robot/") else self._cameras
+        with self._lock:
+            lane.waiting[header.source, header.view] = frame
+            self._lock.notify_all()
+
+    def withdraw(self, source: str) -> None:
+        """Forgets the waiting pictures of a source."""
+        with self._lock:
+            for lane in (self._robots, self._cameras):
+                for key in [k for k in lane.waiting if k[0] == source]:
+                    del lane.waiting[key]
+
+    def robots(self) -> list[PerceivedView]:
+        """All finished views of robots."""
+        return _drained(self._robots.done, 1000)
+
+    def cameras(self, most: int) -> list[PerceivedView]:
+        """Up to ``most`` finished views of cameras."""
+        return _drained(self._cameras.done, most)
+
+    def text_embedding(self, text: str) -> bytes:
+        """The embedding of a text, from memory where the same backend gave it before.
+
+        Raises:
+            PerceptionError: no worker answers.
+            Refused: the worker won't, e.g. because it doesn't know the class.
+        """
+        load = self._least_loaded()
+        key = load.backend, text
+        if key not in self._texts:
+            request = InferRequest(stamp_ns=clock_ns(), texts=[text])
+            reply = self._node.ask(PERCEPTION_TEXT, request, worker=load.worker, timeout_s=5.0).message
+            if len(reply.embeddings) != 1:
+                raise WireError(f"expected one embedding, got {len(reply.embeddings)}")
+            unpack_embedding(reply.embeddings[0])
+            embedding: bytes = reply.embeddings[0]
+            with self._lock:
+                self._texts[key] = embedding
+                while len(self._texts) > 256:
+                    self._texts.popitem(last=False)
+            return embedding
+        return self._texts[key]
+
+    def _work(self, lane: _Lane) -> None:
+        while not self._node.stopping.is_set():
+            with self._lock:
+                if not lane.waiting:
+                    self._lock.wait(timeout=0.2)
+                    continue
+                _, frame = lane.waiting.popitem(last=False)
+            try:
+                finished = self._perceive(lane, frame)
+            except WireError as error:
+                self._node.reject("frame", f"{frame.message.source} view {frame.message.view}: {error}")
+                header = frame.message
+                finished = PerceivedView((header.source, header.view), header, fault=f"unreadable: {error}")
+            except Exception as error:  # this thread is fusion's only pair of eyes on its lane
+                self._node.warn_seldom("a view could not be perceived", error=f"{type(error).__name__}: {error}")
+                self._node.stopping.wait(self._settings.retry_s)
+                with self._lock:
+                    lane.waiting.setdefault((frame.message.source, frame.message.view), frame)
+                continue
+            while finished is not None and not self._node.stopping.is_set():
+                try:
+                    lane.done.put(finished, timeout=0.2)
+                    self._node.wake.set()
+                    break
+                except queue.Full:
+                    continue
+
+    def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
+        """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""
+        header, key = frame.message, (frame.message.source, frame.message.view)
+        digest = hashlib.blake2b(repr((header.T_world_camera, header.camera)).encode(), digest_size=16)
+        digest.update(frame.payload)
+        if self._is_held(key, digest.digest()):
+            return PerceivedView(key, header)
+        view = decode_frame(header, frame.payload)
+        reply, perception, attempts = b"", None, 0
+        looks_down = view.T_world_camera[2, 2] < -math.sin(_STEEP)
+        while not looks_down and attempts < _ATTEMPTS:
+            try:
+                reply, perception = self._ask(frame)
+                break
+            except (Refused, WireError) as error:
+                attempts += not (isinstance(error, Refused) and error.name in _PASSING)
+                if lane is self._robots:  # a camera's view that has to wait is no outage
+                    lane.problem = f"perception can't tell what {header.source} sees: {error}"
+            except (BusError, PerceptionError) as error:
+                lane.problem = f"perception is down: {error}"
+            self._node.wake.set()
+            self._node.stopping.wait(self._settings.retry_s)
+            with self._lock:
+                if self._node.stopping.is_set() or key in lane.waiting:
+                    return None
+        lane.problem = ""
+        return PerceivedView(key, header, view, perception, frame.payload, reply, digest.digest())
+
+    def _ask(self, frame: Received[FrameHeader]) -> tuple[bytes, ViewPerception]:
+        """A worker's reply, as it was sent and as it is understood."""
+        header, timeout_s = frame.message, self._settings.infer_timeout_s
+        request = InferRequest(
+            stamp_ns=clock_ns(), source=header.source, view=header.view, seq=header.seq, camera=header.camera,
+            image=header.image, depth=header.depth, depth_range_m=header.depth_range_m,
+            prompts=self._settings.prompts, deadline_ms=int(900 * timeout_s),
+        )  # fmt: skip
+        worker = self._least_loaded().worker
+        reply: InferReply = self._node.ask(
+            PERCEPTION_INFER, request, payload=frame.payload, timeout_s=timeout_s, worker=worker
+        ).message
+        if (reply.source, reply.view, reply.seq) != (header.source, header.view, header.seq):
+            raise WireError(f"worker {worker} answered about another view")
+        return msgspec.msgpack.encode(reply), perception_from_wire(reply, header.camera)
+
+    def _least_loaded(self) -> WorkerLoad:
+        rows = self._workers.rows(max_age_s=PERCEPTION_LOAD.max_age_ms / 1000)
+        # what a load says of itself is believed only of a worker that lives, and only if it can be
+        alive = self._node.alive("perception")
+        loads: list[WorkerLoad] = [
+            r.message
+            for r in rows
+            if r.message.worker == r.ids["worker"] and r.ids["worker"] in alive and r.message.queued >= 0
+        ]
+        if not loads:
+            raise PerceptionError("no worker is there")
+        return min(loads, key=lambda w: (w.queued, w.latency_ms, w.worker))
+
+
+def _drained(finished: queue.Queue[PerceivedView], most: int) -> list[PerceivedView]:
+    out: list[PerceivedView] = []
+    while len(out) < most:
+        try:
+            out.append(finished.get_nowait())
+        except queue.Empty:
+            break
+    return out

@@ -1,0 +1,123 @@
+"""Answers to queries: layers of the maps, and objects."""
+
+from __future__ import annotations
+
+from typing import Literal, cast
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from services.fusion.core import FusionConfig, JointMap
+from services.fusion.durable_map import DurableMap
+from services.fusion.perception_client import PerceptionClient
+from services.fusion.robot_places import RobotPlaces
+from services.fusion.store import StoreError
+from surveilnav.bus import Answer, Refused, Request, clock_ns
+from surveilnav.errors import BusError, PerceptionError
+from surveilnav.messages import DEFAULT_LAYERS, LayerHeader, ObjectList, ObjectRecord
+from surveilnav.messages.maps import LayerName
+from surveilnav.sensing.packing import pack_array, unpack_embedding
+
+DType = Literal["uint8", "float32", "int64"]
+
+
+class Replies:
+    """Called from the threads that serve queries."""
+
+    def __init__(
+        self, config: FusionConfig, maps: DurableMap, perception: PerceptionClient, places: RobotPlaces
+    ) -> None:
+        self._config, self._maps, self._perception, self._places = config, maps, perception, places
+
+    # --- layers ---------------------------------------------------------------------------------------------------
+
+    def layer(self, request: Request) -> Answer:
+        """One layer of a floor; the value layer is of the target that the parameter ``target`` names."""
+        floor, layer, target = request.ids.get("floor"), request.ids.get("layer"), request.parameters.get("target", "")
+        if floor is None or layer not in DEFAULT_LAYERS:
+            raise Refused("unknown_layer", f"ask for map/FLOOR/LAYER, with a layer of {', '.join(DEFAULT_LAYERS)}")
+        text_embedding = self._text_embedding(target) if layer == "value" else None
+        try:
+            if text_embedding is not None:
+                self._build_value(floor, text_embedding)
+            with self._maps.lock:
+                joint = self._joint_with(floor)
+                grid, array = joint.layer(floor, layer, text_embedding)
+                revision = joint.floor_revision(floor)
+                source_sets = joint.source_sets(floor) if layer == "provenance" else []
+        except KeyError as error:
+            raise Refused("unknown_floor", str(error.args[0])) from error
+        header = LayerHeader(
+            stamp_ns=clock_ns(), floor=floor, layer=cast("LayerName", layer), revision=revision, grid=grid,
+            dtype=cast("DType", str(array.dtype)), shape=array.shape, target=target, source_sets=source_sets,
+        )  # fmt: skip
+        return Answer(header, pack_array(array))
+
+    def _build_value(self, floor: str, text_embedding: NDArray[np.float32]) -> None:
+        """A new target's layer takes every view kept: it is built while the maps go on."""
+        with self._maps.lock:
+            pending = self._joint_with(floor).pending_value(floor, text_embedding)
+        if pending is not None:
+            pending.build()
+            with self._maps.lock:
+                self._joint_with(floor).adopt_value(floor, pending)
+
+    def _joint_with(self, floor: str) -> JointMap:
+        """The joint maps, or ones that know nothing of a floor where a robot stands whose views were all refused."""
+        joint, place = self._maps.joint, self._places.on(floor)
+        held = any(last.floor == floor for last in list(self._maps.contents.robots.values()))
+        if joint.knows(floor) or place is None or not held:
+            return joint
+        return JointMap.unseen(floor, place.z_m, (place.x_m, place.y_m), self._config)
+
+    def _text_embedding(self, target: str) -> NDArray[np.float32]:
+        if not 1 <= len(target) <= 200:
+            raise Refused("bad_target", "the value layer belongs to a target: add the parameter target=NAME")
+        try:
+            return unpack_embedding(self._perception.text_embedding(f"seems like there is a {target}"))
+        except Refused:
+            raise
+        except (BusError, PerceptionError) as error:
+            raise Refused("perception_down", f"no value map of {target!r} without perception: {error}") from error
+
+    # --- objects --------------------------------------------------------------------------------------------------
+
+    def objects(self, request: Request) -> list[Answer]:
+        """All objects of one floor or of all; ``object=ID``: only that one; both it and ``history=all``: all events."""
+        floor, wanted = request.ids.get("floor"), request.parameters.get("object", "")
+        if wanted and not (wanted.isascii() and wanted.isdigit() and floor is not None):
+            raise Refused("unknown_object", "ask objects/FLOOR?object=ID, ID a number")
+        answers = []
+        for name, objects, revision in self._objects_of(floor):
+            if wanted:
+                objects = [o for o in objects if o.id == int(wanted)]
+                if not objects:
+                    raise Refused("unknown_object", f"floor {name!r} has no object {wanted} (any more)")
+            if wanted or request.parameters.get("history") == "all":
+                objects = [self._with_history(o) for o in objects]
+            message = ObjectList(stamp_ns=clock_ns(), floor=name, revision=revision, objects=objects)
+            answers.append(Answer(message, ids={"floor": name}))
+        return answers
+
+    def _objects_of(self, floor: str | None) -> list[tuple[str, list[ObjectRecord], int]]:
+        """(floor, its objects, its revision) of one floor, or of all."""
+        with self._maps.lock:
+            found = []
+            for name in [floor] if floor is not None else sorted(self._maps.joint.floors):
+                try:
+                    joint = self._joint_with(name)
+                    found.append((name, joint.objects(name), joint.floor_revision(name)))
+                except KeyError as error:
+                    raise Refused("unknown_floor", str(error.args[0])) from error
+        return found
+
+    def _with_history(self, record: ObjectRecord) -> ObjectRecord:
+        try:
+            history = self._maps.history(record.floor, record.id)
+        except StoreError as error:
+            raise Refused("store_down", f"the whole history can't be read: {error}") from error
+        # after trouble with the file, or once its oldest events went, the record may know more
+        if not history or (record.history and record.history[0] not in history):
+            return record
+        return msgspec.structs.replace(record, history=history)
