@@ -104,7 +104,7 @@ def _speed(clearance_m: NDArray[np.float32], explored: NDArray[np.bool_], config
     speed = (config.wall_speed + (1.0 - config.wall_speed) * np.clip(rise, 0.0, 1.0)).astype(np.float64)
     speed[~explored] *= config.unknown_speed
     speed[clearance_m < config.robot_radius_m] = config.tight_speed
-    return speed
+    return np.asarray(speed)
 
 
 def _blocked(
@@ -115,7 +115,7 @@ def _blocked(
     _paint(blocked, grid, state.here.visited, config.visited_radius_m, value=0)
     _paint(blocked, grid, [(robot.x_m, robot.y_m)], config.escape_radius_m, value=0)
     _paint(blocked, grid, state.here.collisions, 0.0)
-    return blocked != 0
+    return np.asarray(blocked != 0)
 
 
 def travel_time_m(
