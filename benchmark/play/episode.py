@@ -188,11 +188,17 @@ def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
 
 
 def _accepted(joint: JointMap, seen: Sighted) -> Integrated | None:
-    """What the maps made of a view, by the same guard as on the bus; None: they hold it already, or it shows nothing."""
+    """What the maps made of a view, by the same guard as on the bus; None: they hold it already.
+
+    A search may begin right before a wall, where not one pixel has a depth: such a view is taken all the same, so that there
+    are maps to decide on.
+    """
     try:
         return joint.accept(seen.view, seen.perception)
-    except ViewError:  # right before a wall not one pixel has a depth
-        return None
+    except ViewError as error:
+        if error.name != "no_depth":
+            raise
+        return joint.integrate(seen.view, seen.perception)
 
 
 def map_view(joint: JointMap, floor: str, text: np.ndarray) -> MapView:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,12 +11,16 @@ import pytest
 
 from benchmark.play import episode
 from benchmark.play.episode import REASONS, Episode, _was_seen, reason_of
-from benchmark.play.sight import PoseError, Sight
+from benchmark.play.sight import PoseError, Sight, Sighted
 from benchmark.policies import Task, policy_of
+from services.fusion.core import JointMap
+from services.fusion.core.guard import ViewError
 from services.planner.core.motion.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import find_goals, sample_start
+from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.sensing.views import PosedView
 
 # --- why it failed ------------------------------------------------------------------------------------------------
 
@@ -138,3 +142,16 @@ def test_a_camera_that_is_wrong_about_its_place_sees_the_same_and_says_another(f
     assert np.linalg.norm(T_said[:3, 3] - T_true[:3, 3]) == pytest.approx(0.1)
     turn = T_said[:3, :3] @ T_true[:3, :3].T
     assert math.degrees(math.acos((np.trace(turn) - 1) / 2)) == pytest.approx(3.0)
+
+
+def test_a_view_without_any_depth_is_taken_so_that_a_search_may_begin_before_a_wall():
+    depth_m = np.zeros((48, 64), np.float32)
+    camera = Pinhole.from_hfov(64, 48, math.radians(79.0))
+    T_world_camera = camera_pose((0.0, 0.0, 0.88), 0.0, 0.0)
+    rgb = np.zeros((48, 64, 3), np.uint8)
+    view = PosedView("robot/r1", 0, 0, 1, "0", T_world_camera, camera, 0.88, rgb, depth_m, (0.5, 5.0))
+    joint = JointMap()
+    assert episode._accepted(joint, Sighted(view, None, 0)).floor == "0"
+    assert list(joint.floors) == ["0"]
+    with pytest.raises(ViewError, match=r"shape|size|depth"):
+        episode._accepted(joint, Sighted(replace(view, depth_m=depth_m[:4]), None, 0))
