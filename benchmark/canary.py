@@ -104,7 +104,7 @@ def digest_of(searches: Sequence[Search]) -> str:
 def play(search: Search) -> Outcome:
     """Plays one. Raises what opening its building may, and PerceptionError where its detector can't be had."""
     from benchmark.play.episode import Episode
-    from benchmark.play.oracle import OraclePlanner
+    from benchmark.play.shortest_path import ShortestPathPlanner
     from benchmark.play.sight import PoseError, Sight
     from benchmark.policies import Task, Truth, policy_of
     from services.planner.core.motion.drive import FmmPlanner
@@ -127,7 +127,7 @@ def play(search: Search) -> Outcome:
     p_m = (at.x_m, at.y_m, navigation.floors[at.floor].z_m)
     start = Start(p_m, at.floor, at.yaw_rad, goals.field.at((at.x_m, at.y_m), at.floor))
     task = Task(
-        goals.label, 1, settings.max_steps, OraclePlanner(navigation) if settings.planner == "sp" else FmmPlanner(),
+        goals.label, 1, settings.max_steps, ShortestPathPlanner(navigation) if settings.planner == "sp" else FmmPlanner(),
         Truth(goals, navigation) if policy.needs_truth else None, goal_on_floor=at.floor in goals.viewpoints,
         planning=settings.planning,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from benchmark.dataset.build import open_scene
 from benchmark.dataset.format import HabitatEpisode
 from benchmark.dataset.load import SceneData, load_scene, start_of
 from benchmark.play.episode import Episode, EpisodeResult, FusedCameras
-from benchmark.play.oracle import OraclePlanner
+from benchmark.play.shortest_path import ShortestPathPlanner
 from benchmark.play.sight import PoseError, Sight
 from benchmark.policies import Task, Truth, policy_of
 from benchmark.runner.basis import Basis
@@ -66,7 +66,7 @@ class ScenePlayer:
         if label not in self._goals:
             self._goals[label] = self._data.goals(label, building.scene, building.navigation)
         goals = self._goals[label]
-        driver = OraclePlanner(building.navigation) if s.planner == "sp" else FmmPlanner()
+        driver = ShortestPathPlanner(building.navigation) if s.planner == "sp" else FmmPlanner()
         truth = Truth(goals, building.navigation) if self._policy.needs_truth else None
         outcome = Episode(
             self._sight, goals, start_of(episode, building.scene),

@@ -2,7 +2,7 @@
 
 Per floor, cells of 5 cm, free or not (``free_ground``). Stairs are transits between floors with a length of their own.
 
-Only simulator, camera placement, the success check and the oracle planner ``sp`` may use this: it is ground truth.
+Only simulator, camera placement, the success check and the planner ``sp`` may use this: it is ground truth.
 """
 
 from __future__ import annotations

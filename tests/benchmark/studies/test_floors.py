@@ -79,7 +79,7 @@ def test_over_the_stairs(house, downstairs, planner):
     The robot takes it for sure that upstairs has no tv: else it would look there first.
     """
     from benchmark.play.episode import Episode
-    from benchmark.play.oracle import OraclePlanner
+    from benchmark.play.shortest_path import ShortestPathPlanner
     from benchmark.play.sight import Sight
     from benchmark.policies.mission import Mission
     from benchmark.policies.policy import Task
@@ -88,7 +88,7 @@ def test_over_the_stairs(house, downstairs, planner):
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import Start
 
-    driver = OraclePlanner(house.navigation) if planner == "sp" else FmmPlanner()
+    driver = ShortestPathPlanner(house.navigation) if planner == "sp" else FmmPlanner()
     mission = Mission(Task("tv", 0, 80, driver), PlannerConfig(floor_chances={"tv": 0.0}), summaries=True)
     head = house.navigation.transits[0].end_on("1")
     at = house.navigation.snap((head[0], head[1] + 0.8, head[2]), "1")

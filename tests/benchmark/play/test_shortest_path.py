@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmark.play.oracle import OraclePlanner
+from benchmark.play.shortest_path import ShortestPathPlanner
 from services.planner.core import MapView, MissionState, PlannerConfig, RobotView
 from services.planner.core.motion.drive import FmmPlanner
 from services.planner.core.motion.terrain import build_terrain
@@ -63,7 +63,7 @@ def test_drives_the_true_shortest_way(navigation, seed):
     a, b = np.random.default_rng(seed).choice(len(cells), 2, replace=False)
     start, goal = (tuple(float(v) for v in floor.grid.centres_of(cells[i])) for i in (a, b))
     shortest_m = navigation.distance_field({"0": [goal]}).at(start, "0")
-    assert drive(navigation, OraclePlanner(navigation), start, goal) <= 1.06 * shortest_m + 0.3
+    assert drive(navigation, ShortestPathPlanner(navigation), start, goal) <= 1.06 * shortest_m + 0.3
 
 
 def test_it_knows_what_the_map_does_not(navigation):
@@ -75,4 +75,4 @@ def test_it_knows_what_the_map_does_not(navigation):
     terrain = blank(navigation, state)
     goals = terrain.disc(*floor.grid.centres_of(blocked), 0.03)
     assert FmmPlanner().route(terrain, goals, view_of(state), CONFIG) is not None
-    assert OraclePlanner(navigation).route(terrain, goals, view_of(state), CONFIG) is None
+    assert ShortestPathPlanner(navigation).route(terrain, goals, view_of(state), CONFIG) is None

@@ -19,7 +19,7 @@ from simulator.world.distance_field import DistanceField
 from simulator.world.navigation import NavigationMap
 
 
-class OraclePlanner:
+class ShortestPathPlanner:
     """A ``LocalPlanner`` that knows the building."""
 
     def __init__(self, navigation: NavigationMap) -> None:
