@@ -1,4 +1,4 @@
-"""The page on the paper says what is in the code: files, names and numbers."""
+"""The page on the paper says what is in the code: files, names and numbers. So do links of the pages on extending."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ from services.planner.core import PlannerConfig
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "understand" / "paper.md"
 TEXT = PAGE.read_text()
-#: [text](target) of links into this repository.
-LINKS = re.findall(r"\[([^\]]+)\]\(((?!https?://)[^)]*)\)", TEXT)
-NAMED = [(text[1:-1], target) for text, target in LINKS if text.startswith("`")]
+#: (page, text, target) of links into this repository; a text in code font is a name in the target.
+LINKS = [
+    (page.name, text, (page.parent / target).resolve() if not target.startswith("#") else target)
+    for page in (PAGE, *sorted((ROOT / "docs" / "extend").glob("*.md")))
+    for text, target in re.findall(r"\[([^\]]+)\]\(((?!https?://)[^)]*)\)", page.read_text())
+]
 ROWS = [
     [cell.strip() for cell in line.strip("|").split("|")]
     for line in TEXT.partition("## Parameters")[2].partition("\n## ")[0].splitlines()
@@ -101,25 +104,32 @@ def same(a: object, b: object) -> bool:
     return math.isclose(a, b, rel_tol=1e-9) if isinstance(a, float) and isinstance(b, float) else a == b
 
 
-def test_the_page_is_read():
-    assert len(NAMED) > 150
+def named(text: str) -> bool:
+    return text.startswith("`")
+
+
+def test_the_pages_are_read():
+    assert sum(named(text) for page, text, _ in LINKS if page == PAGE.name) > 150
+    assert len({page for page, _, _ in LINKS}) == 5
     assert len(ROWS) > 35
 
 
-@pytest.mark.parametrize("target", sorted({target for _, target in LINKS}))
-def test_every_link_leads_somewhere(target):
+@pytest.mark.parametrize(("page", "target"), sorted({(page, str(target)) for page, _, target in LINKS}))
+def test_every_link_leads_somewhere(page, target):
     if target.startswith("#"):
         headings = [
             re.sub(r"[^\w\- ]", "", h).strip().lower().replace(" ", "-") for h in re.findall("(?m)^#+ (.*)", TEXT)
         ]
         assert target[1:] in headings
     else:
-        assert (PAGE.parent / target).is_file(), f"there is no {target}"
+        assert Path(target).is_file(), f"{page}: there is no {target}"
 
 
-@pytest.mark.parametrize(("name", "target"), sorted(set(NAMED)))
-def test_every_name_is_in_its_file(name, target):
-    assert is_in(name, (PAGE.parent / target).resolve()), f"{target} has no {name}: was it renamed?"
+@pytest.mark.parametrize(
+    ("page", "name", "file"), sorted({(page, text[1:-1], target) for page, text, target in LINKS if named(text)})
+)
+def test_every_name_is_in_its_file(page, name, file):
+    assert is_in(name, file), f"{page}: {file.relative_to(ROOT)} has no {name}; was it renamed?"
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
