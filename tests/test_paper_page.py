@@ -152,3 +152,14 @@ def test_a_name_that_isnt_there_is_noticed(tmp_path):
     )
     assert all(is_in(name, file) for name in ("LIMIT", "LIMIT.real", "Map", "Map.cell_m", "Map.add", "Map.size"))
     assert not any(is_in(name, file) for name in ("Limit", "Map.remove", "add", "Plan", "Map.add.size"))
+
+
+@pytest.mark.parametrize("name", ["Verdict", "judge", "Backend", "canonical", "ShortestPathPlanner"])
+def test_a_word_that_means_one_thing_is_defined_once(name):
+    files = [
+        file
+        for package in ("shared", "services", "simulator", "benchmark", "cli")
+        for file in (ROOT / package).rglob("*.py")
+        if name in names_in(file)
+    ]
+    assert len(files) == 1, f"{name} is defined in {[str(file.relative_to(ROOT)) for file in files]}"
