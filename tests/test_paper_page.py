@@ -154,7 +154,7 @@ def test_a_name_that_isnt_there_is_noticed(tmp_path):
     assert not any(is_in(name, file) for name in ("Limit", "Map.remove", "add", "Plan", "Map.add.size"))
 
 
-@pytest.mark.parametrize("name", ["Verdict", "judge", "Backend", "canonical", "ShortestPathPlanner"])
+@pytest.mark.parametrize("name", ["Oracle", "Verdict", "judge", "Backend", "canonical", "ShortestPathPlanner"])
 def test_a_word_that_means_one_thing_is_defined_once(name):
     files = [
         file

@@ -5,9 +5,9 @@ from __future__ import annotations
 from benchmark.policies.apexnav import APEXNAV
 from benchmark.policies.frontier import FRONTIER
 from benchmark.policies.l3mvn import L3MVN, L3MVN_VERIFIED
-from benchmark.policies.oracle import ORACLE
 from benchmark.policies.policy import Policy, Searcher, Task, Truth
 from benchmark.policies.random_places import RANDOM_SAMPLES, RANDOM_WALK
+from benchmark.policies.shortest_path import SHORTEST_PATH
 from benchmark.policies.surveilnav import OURS, PAPER
 from benchmark.policies.vlfm import VLFM, VLFM_VERIFIED
 from surveilnav.errors import ConfigError
@@ -25,7 +25,7 @@ POLICIES: dict[str, Policy] = {
         L3MVN,
         L3MVN_VERIFIED,
         APEXNAV,
-        ORACLE,
+        SHORTEST_PATH,
     )
 }
 

@@ -15,7 +15,7 @@ from simulator.world.navigation import NavigationMap
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The simulator's own truth, which only the oracle may see."""
+    """The simulator's own truth, which only the upper bound may see."""
 
     goals: Goals
     navigation: NavigationMap

@@ -67,7 +67,7 @@ def _main() -> Table:
         Arm("ours, without surveillance, SP", _run("val", planner="sp", surveillance=False), (68.7, 28.0)),
         Arm("the paper to the letter, with surveillance, FMM", _run("val", policy="surveilnav-paper"), (67.4, 34.5)),
     ]
-    bounds = [Arm("oracle: shortest path, same actions", _run("val", policy="oracle", surveillance=False))]
+    bounds = [Arm("shortest path, same actions", _run("val", policy="shortest-path", surveillance=False))]
     baselines = [Arm(label, _run("val", policy=p, surveillance=False), paper) for label, p, paper in others]
     return Table(
         "main", "Main comparison",

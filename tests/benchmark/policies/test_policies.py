@@ -15,7 +15,9 @@ CHANCE = ("random-walk", "random-samples")
 
 def test_a_wrong_name_is_told_the_right_ones():
     assert policy_of("vlfm") is POLICIES["vlfm"]
-    with pytest.raises(ConfigError, match=r"'vlfn'.*surveilnav.*random-walk.*frontier.*vlfm.*l3mvn.*apexnav.*oracle"):
+    with pytest.raises(
+        ConfigError, match=r"'vlfn'.*surveilnav.*random-walk.*frontier.*vlfm.*l3mvn.*apexnav.*shortest-path"
+    ):
         policy_of("vlfn")
 
 
@@ -63,7 +65,7 @@ def test_it_finds_what_is_there(flat, search, name):
     assert run.searcher.steps == run.state.steps
 
 
-@pytest.mark.parametrize("name", [name for name in POLICIES if name != "oracle"])
+@pytest.mark.parametrize("name", [name for name in POLICIES if name != "shortest-path"])
 def test_it_ends_where_there_is_nothing(flat, search, name):
     """The target is never recognised: the steps bound the search, or it ends by itself, and nothing is claimed."""
     goals = flat.goals("toilet")
@@ -89,6 +91,6 @@ def test_the_same_seed_gives_the_same_actions(flat, search, name):
     assert (actions(2) != first) == (name in CHANCE)
 
 
-def test_the_oracle_needs_the_truth():
+def test_the_shortest_path_needs_the_truth():
     with pytest.raises(ValueError, match="truth"):
-        POLICIES["oracle"].begin(Task("bed", 0, 500, FmmPlanner()))
+        POLICIES["shortest-path"].begin(Task("bed", 0, 500, FmmPlanner()))

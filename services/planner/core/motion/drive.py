@@ -29,8 +29,7 @@ class Route:
 
 
 class LocalPlanner(Protocol):
-    """Drives to the nearest of some goal cells. ``FmmPlanner`` knows only the map; one that knows the
-    building (the benchmark's ``sp``) can stand in for it."""
+    """Drives to the nearest of some goal cells. ``FmmPlanner`` knows only the map; one that knows the building may stand in."""
 
     def route(
         self, terrain: Terrain, goals: NDArray[np.bool_], robot: RobotView, config: PlannerConfig

@@ -37,12 +37,12 @@ class _Step:
     end: _Place
 
 
-class Oracle:
+class ShortestPath:
     """See ``Searcher``. Plans whole steps once for every floor, without a collision, and follows the plan."""
 
     def __init__(self, task: Task) -> None:
         if task.truth is None:
-            raise ValueError("the oracle needs Task.truth: begin it only where Policy.needs_truth is honoured")
+            raise ValueError("the shortest path needs Task.truth: begin it only where Policy.needs_truth is honoured")
         self._truth: Truth = task.truth
         self._max_steps, self._config = task.max_steps, PlannerConfig()
         self._plan: deque[_Step] = deque()
@@ -133,10 +133,10 @@ def _failure(error: str, message: str) -> Decision:
     return Decision(None, "finished", message, finished=True, error=error)
 
 
-ORACLE = Policy(
-    "oracle",
+SHORTEST_PATH = Policy(
+    "shortest-path",
     "no method but the bound: the shortest way to the nearest goal with the same actions",
-    Oracle,
+    ShortestPath,
     FusionConfig(),
     needs_truth=True,
 )

@@ -10,7 +10,7 @@ from benchmark.policies import POLICIES
 from benchmark.studies.floors import start_on
 from surveilnav.errors import TargetError
 
-ORACLE = POLICIES["oracle"]
+SHORTEST_PATH = POLICIES["shortest-path"]
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -21,7 +21,7 @@ def test_spl(house, search, seed):
             goals = house.goals(target)
         except TargetError:
             continue
-        run = search(house, ORACLE, goals, house.start(goals, seed=seed))
+        run = search(house, SHORTEST_PATH, goals, house.start(goals, seed=seed))
         verdict = run.run()
         assert verdict.success, (target, run.last.message)
         assert run.searcher.steps == run.state.steps
@@ -36,7 +36,7 @@ def test_over_the_stairs(house, search, below, seed):
     only = {below: goals.viewpoints[below]}
     goals = replace(goals, viewpoints=only, field=house.navigation.distance_field(only))
     start = start_on(house.navigation, goals, "1" if below == "0" else "0", seed)
-    run = search(house, ORACLE, goals, start)
+    run = search(house, SHORTEST_PATH, goals, start)
     verdict = run.run()
     assert verdict.success
     assert "take_stairs" in run.actions
@@ -46,7 +46,7 @@ def test_over_the_stairs(house, search, below, seed):
 
 def test_it_never_bumps_and_counts_its_steps(house, search):
     goals = house.goals("toilet")
-    run = search(house, ORACLE, goals, house.start(goals, seed=5), max_steps=4)
+    run = search(house, SHORTEST_PATH, goals, house.start(goals, seed=5), max_steps=4)
     while run.step():
         assert not run.state.collided
     assert (run.last.error, run.searcher.steps) == ("out_of_steps", 4)
@@ -57,7 +57,7 @@ def test_it_gets_out_of_corners(flat, search):
     goals = flat.goals("toilet")
     for seed in range(12):
         start = flat.start(goals, seed=seed)
-        verdict = search(flat, ORACLE, goals, start).run()
+        verdict = search(flat, SHORTEST_PATH, goals, start).run()
         assert verdict.success
         assert verdict.spl >= 0.8
 
@@ -66,6 +66,6 @@ def test_unreachable_goals_are_said_to_be(house, search):
     goals = house.goals("bed")
     start = house.start(goals)
     nowhere = replace(goals, field=house.navigation.distance_field({}))
-    run = search(house, ORACLE, nowhere, start)
+    run = search(house, SHORTEST_PATH, nowhere, start)
     assert not run.step()
     assert run.last.error == "unreachable"
