@@ -31,7 +31,7 @@ console = Console(stderr=True, highlight=False)
 DEFAULT_CAMERAS = 4
 
 
-class Backend(StrEnum):
+class PerceptionName(StrEnum):
     auto = "auto"
     onnx_coco = "onnx-coco"
     oracle = "oracle"
@@ -49,7 +49,9 @@ Building = Annotated[
 Seed = Annotated[int, typer.Option(min=0, help="Draws furniture models, textures, start and sensor noise.")]
 Cameras = Annotated[int | None, typer.Option(min=0, max=10_000, help="So many cameras in all (4 if no area is given).")]
 Area = Annotated[float | None, typer.Option(min=1.0, help="One camera for so many square metres of floor.")]
-Perception = Annotated[Backend, typer.Option(help="What looks at the pictures; auto takes the best that can run.")]
+Perception = Annotated[
+    PerceptionName, typer.Option(help="What looks at the pictures; auto takes the best that can run.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
 Url = Annotated[str, typer.Option(envvar="SURVEILNAV_URL", help="The gateway.")]
 DEFAULT_URL = "http://127.0.0.1:8080"
@@ -69,7 +71,7 @@ def demo(
     target: Annotated[
         str, typer.Option(help="What to find: bed, couch, chair, toilet, tv, potted plant, ...")
     ] = "couch",
-    perception: Perception = Backend.auto,
+    perception: Perception = PerceptionName.auto,
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
     cameras: Cameras = None,
     area_per_camera: Area = None,
@@ -94,7 +96,7 @@ def demo(
 def up(
     building: Building = "2_bedroom",
     seed: Seed = 0,
-    perception: Perception = Backend.auto,
+    perception: Perception = PerceptionName.auto,
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
     cameras: Cameras = None,
     area_per_camera: Area = None,

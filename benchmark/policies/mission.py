@@ -28,7 +28,7 @@ class Mission:
     """A searcher made of the planner's core.
 
     ``summaries`` False: what the cameras of other floors report isn't looked at. Floors are then searched one by one:
-    when nothing is left to explore on one, ``floors.leave`` sends the robot to the nearest that isn't searched, unless
+    when nothing is left to explore on one, the stage ``next_floor`` sends the robot to the nearest that isn't searched, unless
     the task says that the first one has a goal.
     """
 

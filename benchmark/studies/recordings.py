@@ -1,7 +1,7 @@
 """What robots and cameras saw of a home, kept: the same detections for every way to make objects of them.
 
 A recording holds, for every view, pose, depth as it travels on the bus, what perception said as a worker replies it,
-and (for the judge alone) which instance each detection shows. The robot's tour: places of a floor by farthest-point
+and (for the study alone) which instance each detection shows. The robot's tour: places of a floor by farthest-point
 sampling, visited nearest first by the shortest ways, a look around at each.
 """
 
@@ -106,7 +106,7 @@ class SeenView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A home as it was seen; ``views`` in canonical order, cameras first."""
+    """A home as it was seen; ``views`` in the order in which they are integrated, cameras first."""
 
     facts: Facts
     things: dict[int, Thing]

@@ -1,1 +1,5 @@
-"""Perception on request: detector, masks and embeddings behind one interface."""
+"""Perception on request: detector, masks and embeddings behind one interface.
+
+service         answers queries, one view at a time; the backends themselves are in ``surveilnav.perception``
+truth_channel   instance ids for the two backends that a simulator tells the truth
+"""

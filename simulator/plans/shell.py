@@ -281,12 +281,12 @@ def _arc_points(wall: PlanWall) -> list[tuple[float, float]]:
     cx, cy = (xs + xe) / 2 + distance * math.cos(normal), (ys + ye) / 2 + distance * math.sin(normal)
     radius, first = math.hypot(xs - cx, ys - cy), math.atan2(ys - cy, xs - cx)
 
-    def miss(sweep: float) -> float:
-        return math.dist((cx + radius * math.cos(first + sweep), cy + radius * math.sin(first + sweep)), (xe, ye))
+    def miss(turn_rad: float) -> float:
+        return math.dist((cx + radius * math.cos(first + turn_rad), cy + radius * math.sin(first + turn_rad)), (xe, ye))
 
-    sweep = min((extent, -extent), key=miss)
-    count = max(4, math.ceil(abs(sweep) / _ARC_STEP_RAD))
-    angles = [first + sweep * i / count for i in range(count + 1)]
+    turn_rad = min((extent, -extent), key=miss)
+    count = max(4, math.ceil(abs(turn_rad) / _ARC_STEP_RAD))
+    angles = [first + turn_rad * i / count for i in range(count + 1)]
     points = [(cx + radius * math.cos(a), -(cy + radius * math.sin(a))) for a in angles]
     points[0], points[-1] = wall.start_m, wall.end_m
     return points

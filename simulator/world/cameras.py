@@ -25,7 +25,7 @@ from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 MOUNTING_M = 1.8
 AZIMUTHS = 12
 TILT_RAD = math.radians(-30.0)
-#: The paper gives 1280x1280; the field of view is ours.
+#: The paper's: 1280x1280 pixels, 100 degrees (section V-A).
 CAMERA = Pinhole.from_hfov(1280, 1280, math.radians(100.0))
 
 _CANDIDATES = 600

@@ -1,1 +1,1 @@
-"""Where a camera's pictures come from, behind one protocol."""
+"""Where a camera's pictures come from: the protocol ``Source`` (``source``), and a simulated building (``simulated``)."""

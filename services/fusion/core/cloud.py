@@ -1,5 +1,7 @@
 """The joint point cloud: voxels with a mean position and colour, who saw them when, and whether they are still there.
 
+The paper's section IV-C.1.
+
 Voxels stand one after the other in an array; blocks of 4x4x4 voxels know where theirs stand, and regions of 8x8x8
 blocks know their blocks. The cost of a point doesn't depend on the size of the map, and neither does that of a view
 that looks for voxels which it sees through: it asks the regions before it only.

@@ -1,4 +1,4 @@
-"""One floor: point cloud, obstacle map and exploration map, from counts of what views saw."""
+"""One floor: point cloud, obstacle map and exploration map (the paper's section IV-C.2), from counts of what views saw."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frontiers: where what is known to be free borders on what nobody has seen."""
+"""Frontiers: where what is known to be free borders on what nobody has seen (the paper's section IV-C.2)."""
 
 from __future__ import annotations
 

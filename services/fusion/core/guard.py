@@ -101,7 +101,7 @@ def _check_perception(perception: ViewPerception, camera: Pinhole) -> None:
 
 @dataclass(frozen=True, slots=True)
 class LastView:
-    """What is remembered of a view, to judge the next of the same source and view by."""
+    """What is remembered of a view, to check the next of the same source and view by."""
 
     seq: int
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""Active camera invocation: which cameras matter now (eq. 1), and until when."""
+"""Active camera invocation (the paper's section IV-B): which cameras matter now (eq. 1), and until when."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Where a detection stands in the world: its mask back-projected, without the background that leaked in."""
+"""Where a detection stands in the world: its mask back-projected, without the background that leaked in.
+
+The paper's section IV-D.1; clusters of DBSCAN as its section V-A says.
+"""
 
 from __future__ import annotations
 

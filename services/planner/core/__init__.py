@@ -1,9 +1,10 @@
 """Pure planning: ``step(state, maps, robot, config)`` gives the next action of a mission. No bus, no clock.
 
 goals/    what the robot may go to: objects, frontiers, floors (questions)
-motion/   how it gets there: terrain, fast marching, driving, looking, stopping
-stages/   in which order waypoints are tried, one file each
+motion/   how it gets there: terrain, fast marching, driving; ``approach`` looks at an object and decides the stop
+stages/   in which order waypoints are tried (``rounds``), one file each
 memory    everything that changes what a mission remembers
+config    every number
 """
 
 from services.planner.core.config import PlannerConfig

@@ -31,7 +31,7 @@ class FrontierChoice:
 
 
 class FrontierRule(Protocol):
-    """Which frontier to explore next; ``goals.frontiers.best_frontier`` is ours, those of others can stand in for it."""
+    """Which frontier to explore next; ``goals.frontier_choice.best_frontier`` is ours, those of others can stand in for it."""
 
     def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
         """One of ``frontiers()``, which may be none; None: nothing is left to explore."""

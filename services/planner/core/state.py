@@ -128,7 +128,7 @@ class FloorMemory:
         visited: where the robot stood [m, world]. ``collisions``: where its centre can't go;
             ``bumps``: (x, y, yaw) of the headings that ended there.
         blacklist: frontiers and objects given up for a while or for good. ``put_off``: frontiers left for the end, because
-            only tight gaps lead there. ``dropped``: objects judged not to be the target, by id: (x, y, why).
+            only tight gaps lead there. ``dropped``: objects found not to be the target, by id: (x, y, why).
         inspected: turns spent on looking at an object within ``inspect_m``; ``looks``: extra looks spent, by object.
         wavered: how often an object ceased to be promising while the robot was on its way to it.
         last_resort: the object to be accepted on weaker evidence because nothing else is left.

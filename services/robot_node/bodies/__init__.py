@@ -1,1 +1,1 @@
-"""What moves and sees, behind one protocol."""
+"""What moves and sees: the protocol ``Body`` (``body``), and a robot in a simulated building (``simulated``)."""

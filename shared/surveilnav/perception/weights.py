@@ -18,7 +18,7 @@ _TIMEOUT = httpx.Timeout(60.0, connect=5.0)
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """One file of weights: family (``core.detectors.load``), size, hash, public address, licence."""
+    """One file of weights: family (``detectors.load``), size, hash, public address, licence."""
 
     name: str
     family: str

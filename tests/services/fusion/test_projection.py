@@ -97,7 +97,7 @@ def test_a_gap_of_one_degree_is_bridged_by_what_both_sides_agree_on():
     assert found[13:20].max() == 0.0
 
 
-def test_sweep_covers_what_a_literal_test_of_each_cell_covers():
+def test_azimuth_bins_cover_what_a_literal_test_of_each_cell_covers():
     rng = np.random.default_rng(1)
     ranges = np.sort(rng.uniform(0, 3, (AZIMUTHS, 2)), axis=1).astype(np.float32)
     ranges[rng.random(AZIMUTHS) < 0.3] = 0

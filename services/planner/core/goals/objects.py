@@ -17,7 +17,7 @@ _HELD = 0.6
 def candidates(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> list[ObjectRecord]:
     """Objects that may be the target, confirmed ones first, then by relevance.
 
-    What was judged not to be the target stays out, also under a new id at the same place, unless the robot
+    What was found not to be the target stays out, also under a new id at the same place, unless the robot
     itself has confirmed it since, or accepted it as a last resort.
     """
     found = []
@@ -46,7 +46,7 @@ def _is_promising(record: ObjectRecord, state: MissionState, config: PlannerConf
 
 def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> list[ObjectRecord]:
     """What may be taken for the target when nothing else is left, likeliest first: objects of this floor with a chance of
-    ``last_resort_chance`` that nobody judged yet, or that the robot itself takes for the target though they were rejected or
+    ``last_resort_chance`` that nobody ruled out yet, or that the robot itself takes for the target though they were rejected or
     dropped (detectors that see a couch from afar and a bed from near by make fusion reject what it is). What was given
     up for good stays so. The one accepted before stays, whatever more views say.
     """
@@ -55,7 +55,7 @@ def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: P
     found = []
     for record, confirmed in _may_be(objects, state.target):
         held = record.id == state.here.last_resort
-        if not held and was_judged(record, state, config) and record.label_robot != state.target:
+        if not held and was_ruled_out(record, state, config) and record.label_robot != state.target:
             continue
         if memory.is_given_up(state, *record.center_m[:2], config, confirmed=confirmed):
             continue
@@ -73,7 +73,7 @@ def _may_be(objects: Iterable[ObjectRecord], target: str) -> Iterator[tuple[Obje
             yield record, confirmed
 
 
-def was_judged(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:
+def was_ruled_out(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:
     """Whether fusion rejected an object, or the robot dropped it or another at its place."""
     return record.status == "rejected" or record.id in state.here.dropped or _near_dropped(record, state, config)
 

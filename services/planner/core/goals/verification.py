@@ -1,4 +1,7 @@
-"""Two-level verification (the paper's section on object verification): when to believe that an object is the target."""
+"""Two-level verification: when to believe that an object is the target.
+
+The paper has one level, fusion's joint object confirmation, and stops at what that confirms: ``verification="paper"``.
+"""
 
 from __future__ import annotations
 

@@ -40,11 +40,11 @@ def approach(context: StepContext, record: ObjectRecord, choice: Choice) -> Deci
 
 
 def _verified(context: StepContext, record: ObjectRecord) -> Verification:
-    """What the joint map says now. Of an accepted last resort that was judged before, more of the views that disagreed
+    """What the joint map says now. Of an accepted last resort that was ruled out before, more of the views that disagreed
     decide nothing."""
     verification = verify(record, context.state.target, context.config)
     accepted = record.id == context.state.here.last_resort
-    if verification == "contradicted" and accepted and objects.was_judged(record, context.state, context.config):
+    if verification == "contradicted" and accepted and objects.was_ruled_out(record, context.state, context.config):
         return "open"
     return verification
 

@@ -1,4 +1,4 @@
-"""Fast Marching (Sethian 1996), first order, with an untidy priority queue: O(n) in the cells.
+"""Fast Marching (Sethian 1996; the paper's section IV-E), first order, with an untidy priority queue: O(n) in the cells.
 
 The queue is a ring of buckets, each as wide as half a cell takes at full speed (Yatziv, Bartesaghi, Sapiro 2006: "O(N)
 implementation of the fast marching algorithm"). Cells of one bucket are accepted in any order, which costs far less

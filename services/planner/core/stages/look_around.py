@@ -1,4 +1,4 @@
-"""The first look around on a floor."""
+"""The first look around on a floor (the paper's "initialization", section IV-E)."""
 
 from __future__ import annotations
 
