@@ -57,8 +57,8 @@ bench-calibration: $(READY) ## the simulated detector fitted to the real one; re
 bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
 	$(BIN)/python -m benchmark.studies.association $(ARGS)
 
-docs: $(READY) ## write docs/contract.md from the contract table
-	$(BIN)/python -m surveilnav.contract > docs/contract.md
+docs: $(READY) ## write the generated pages: docs/understand/contract.md, docs/use/settings.md
+	$(BIN)/python -m surveilnav.contract > docs/understand/contract.md
 
 clean: ## remove caches; .venv and runs/ stay
 	rm -rf .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache build dist
