@@ -17,6 +17,7 @@ from services.fusion.core.guard import ViewError
 from services.planner.core import Decision, MapView, RobotView
 from services.robot_node import core as robot
 from simulator.world.goals import Goals, Start, Verdict, judge
+from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.views import PosedView
 
 _MISSION = "episode"
@@ -105,7 +106,7 @@ class Episode:
         self._stairs = tuple(robot.stairs_of(self._navigation))
         self._reports = surveillance and summaries and len(self._navigation.floors) > 1
         self._reported = sight.by_floor() if self._reports else _NO_SUMMARIES
-        self._text = sight.backend.embed_texts([f"seems like there is a {goals.label}"])[0]
+        self._text = sight.backend.embed_texts([value_prompt(goals.label)])[0]
         self._joint: JointMap | None = None
         self._floor = start.floor  # as the maps call it
         self._invoked: dict[str, int] = {}

@@ -7,7 +7,6 @@ depth and instance ids alone, at a fraction of the resolution; a camera's bytes 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -27,13 +26,13 @@ from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
 from surveilnav.geometry import Matrix4, Pinhole, Pose
 from surveilnav.messages import CameraInfo, CameraSummary, CameraViewInfo, FrameHeader, Observation
 from surveilnav.perception import Backend
+from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.sensing.packing import decode_frame, encode_rgbd
-from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception
+from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
 
 Way = Literal["pixels", "depth"]
 Views = Literal["panoramic", "half"]
 
-_NADIR_RAD = math.radians(-75.0)
 _BUILDING = "building"
 ROBOT = "r1"
 
@@ -143,7 +142,7 @@ class Sight:
             )
             view = PosedView(
                 f"robot/{ROBOT}", 0, state.seq, state.seq, state.floor, T_world_camera, self._lens(robot.CAMERA),
-                robot.CAMERA_HEIGHT_M, rendered.rgb, rendered.depth_m, robot.DEPTH_RANGE_M,
+                CAMERA_HEIGHT_M, rendered.rgb, rendered.depth_m, robot.DEPTH_RANGE_M,
             )  # fmt: skip
             return Sighted(view, self._perceive(view, rendered, key), 0)
         rendered = self.building.robot_view(T_world_camera, robot.CAMERA, robot.DEPTH_RANGE_M, state.seq)
@@ -151,7 +150,7 @@ class Sight:
         header = Observation(
             stamp_ns=state.seq, source=f"robot/{ROBOT}", view=0, seq=state.seq, floor=state.floor,
             T_world_camera=Pose.from_matrix(T_world_camera), camera=robot.CAMERA,
-            mounting_offset_m=robot.CAMERA_HEIGHT_M, depth_range_m=robot.DEPTH_RANGE_M, image=image, depth=depth,
+            mounting_offset_m=CAMERA_HEIGHT_M, depth_range_m=robot.DEPTH_RANGE_M, image=image, depth=depth,
             T_world_base=Pose.from_matrix(robot.base_pose_of(state)), last_action=state.last_action,  # type: ignore[arg-type]
             collided=state.collided, path_m=state.path_m,
         )  # fmt: skip
@@ -213,8 +212,7 @@ class Sight:
 
     def _perceive(self, view: PosedView, rendered: Rendered, key: tuple[object, ...]) -> ViewPerception | None:
         """What perception says of a view; None for one that looks straight down, which detectors can't read."""
-        forward = view.T_world_camera[:3, 2]
-        if math.asin(float(np.clip(forward[2], -1, 1))) < _NADIR_RAD:
+        if looks_straight_down(view.T_world_camera):
             return None
         told = TrueInstances(rendered.instance_ids, self._labels, view.T_world_camera)
         truth = told if self.backend.needs_truth else None

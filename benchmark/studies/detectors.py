@@ -33,6 +33,7 @@ from surveilnav.config import cache_dir
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
+from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.sensing.views import Detected, TrueInstances
 
 ROBOT = Pinhole.from_hfov(640, 480, math.radians(79))
@@ -66,7 +67,7 @@ def views_of(name: str, seed: int, n_robot: int, n_camera: int) -> Iterator[Rend
     for i in range(n_robot):
         x, y, z = navigation.random_point(rng, floors[i % len(floors)])
         pitch = -math.pi / 6 if i % 2 else 0.0
-        poses.append(("robot", camera_pose((x, y, z + 0.88), rng.uniform(-math.pi, math.pi), pitch)))
+        poses.append(("robot", camera_pose((x, y, z + CAMERA_HEIGHT_M), rng.uniform(-math.pi, math.pi), pitch)))
     if n_camera:
         from simulator.world.cameras import place_cameras
 

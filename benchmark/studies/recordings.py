@@ -18,13 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.play.sight import Sight, Sighted
-from services.robot_node.core import FORWARD_M, TURN_RAD, RobotState
+from services.robot_node.core import RobotState
 from simulator.simulation import SimulatedBuilding
 from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Scene
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import InferReply
 from surveilnav.perception import Backend
+from surveilnav.robot_body import STEP_M, TURN_RAD
 from surveilnav.sensing.packing import decode_depth, encode_depth, perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import Detected, PosedView, TrueInstances, ViewPerception, box_cells
 from surveilnav.stored import read_parts, write_parts
@@ -48,7 +49,7 @@ class Tour:
 #: ``sparse``: much of a home in few views. ``dense``: a view after every action, as a robot that searches has them.
 TOURS = {
     "sparse": Tour(200, math.radians(60.0), 0.75),
-    "dense": Tour(500, TURN_RAD, FORWARD_M),
+    "dense": Tour(500, TURN_RAD, STEP_M),
 }
 
 

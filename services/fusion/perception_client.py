@@ -7,7 +7,6 @@ a newer picture takes the place of one that still waits.
 from __future__ import annotations
 
 import hashlib
-import math
 import queue
 import threading
 from collections import OrderedDict
@@ -23,12 +22,11 @@ from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TE
 from surveilnav.errors import BusError, PerceptionError, WireError
 from surveilnav.messages import FrameHeader, InferReply, InferRequest, WorkerLoad
 from surveilnav.sensing.packing import decode_frame, perception_from_wire, unpack_embedding
-from surveilnav.sensing.views import ViewPerception
+from surveilnav.sensing.views import ViewPerception, looks_straight_down
 
 #: Refusals that have to do with the moment, not with the picture.
 _PASSING = {"busy", "too_late", "no_truth"}
 _ATTEMPTS = 3  # at a picture that perception refuses for its own sake
-_STEEP = math.radians(75)  # looking down more steeply than this shows nothing that a detector knows
 
 
 @dataclass(slots=True)
@@ -143,7 +141,7 @@ class PerceptionClient:
             return PerceivedView(key, header)
         view = decode_frame(header, frame.payload)
         reply, perception, attempts = b"", None, 0
-        looks_down = view.T_world_camera[2, 2] < -math.sin(_STEEP)
+        looks_down = looks_straight_down(view.T_world_camera)
         while not looks_down and attempts < _ATTEMPTS:
             try:
                 reply, perception = self._ask(frame)

@@ -17,6 +17,7 @@ from surveilnav.bus import Answer, Refused, Request, clock_ns
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.messages import DEFAULT_LAYERS, LayerHeader, ObjectList, ObjectRecord
 from surveilnav.messages.maps import LayerName
+from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.packing import pack_array, unpack_embedding
 
 DType = Literal["uint8", "float32", "int64"]
@@ -75,7 +76,7 @@ class Replies:
         if not 1 <= len(target) <= 200:
             raise Refused("bad_target", "the value layer belongs to a target: add the parameter target=NAME")
         try:
-            return unpack_embedding(self._perception.text_embedding(f"seems like there is a {target}"))
+            return unpack_embedding(self._perception.text_embedding(value_prompt(target)))
         except Refused:
             raise
         except (BusError, PerceptionError) as error:

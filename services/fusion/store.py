@@ -116,12 +116,6 @@ class Store:
             after, *fields, checksum = row
             yield after, _entry(fields, checksum)
 
-    def log_size(self) -> tuple[int, int]:
-        """(views, bytes of their pictures) in the log. StoreError."""
-        with self._reading() as db:
-            n, n_bytes = db.execute("SELECT COUNT(*), COALESCE(SUM(LENGTH(payload)), 0) FROM view").fetchone()
-            return n, n_bytes
-
     def add_events(self, events: Iterable[StoredEvent]) -> None:
         """Commits events; those that came before, with the same numbers, stay. StoreError."""
         rows = [(e.number, e.k, e.floor, e.object_id, e.absorbed, msgspec.msgpack.encode(e.event)) for e in events]

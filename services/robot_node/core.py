@@ -16,17 +16,12 @@ from numpy.typing import ArrayLike
 
 from surveilnav.geometry import Matrix4, Pinhole, Pose, base_pose, camera_pose
 from surveilnav.messages import ACTIONS, RobotStatus, Stair
+from surveilnav.robot_body import CAMERA_HEIGHT_M, LOOK_RAD, STAIR_REACH_M, STEP_M, TURN_RAD
 
 StateName = Literal["ready", "moving", "stopped", "error"]
 
-FORWARD_M = 0.25
-TURN_RAD = math.radians(30.0)
-LOOK_RAD = math.radians(30.0)
 MAX_PITCH_RAD = math.radians(60.0)
-#: How near (on the floor) to the end of a stair a robot must be to take it.
-STAIR_REACH_M = 0.5
-#: Habitat's ObjectNav sensor: HM3D's height, 640x480 at 79 degrees, depth from 0.5 to 5 m.
-CAMERA_HEIGHT_M = 0.88
+#: Habitat's ObjectNav sensor: 640x480 at 79 degrees, depth from 0.5 to 5 m.
 CAMERA = Pinhole.from_hfov(640, 480, math.radians(79.0))
 DEPTH_RANGE_M = (0.5, 5.0)
 #: A robot stops this far before a contact, so that it never stands in the blocked cell itself.
@@ -176,17 +171,17 @@ def act(state: RobotState, action: str, navigation: NavigationLike, to_floor: st
 
 def _moved(state: RobotState, navigation: NavigationLike) -> RobotState:
     """0.25 m ahead, or up to the first contact."""
-    dx, dy = FORWARD_M * math.cos(state.yaw_rad), FORWARD_M * math.sin(state.yaw_rad)
+    dx, dy = STEP_M * math.cos(state.yaw_rad), STEP_M * math.sin(state.yaw_rad)
     share = navigation.way_free(state.p_world, (state.x_m + dx, state.y_m + dy), state.floor)
     collided = share < 1.0
     if collided:
-        share = max(0.0, share - _CLEARANCE_M / FORWARD_M)
+        share = max(0.0, share - _CLEARANCE_M / STEP_M)
         # Right at a corner a millimetre back may still be blocked: then it doesn't move.
         if not navigation.is_navigable((state.x_m + share * dx, state.y_m + share * dy), state.floor):
             share = 0.0
     return replace(
         state, x_m=state.x_m + share * dx, y_m=state.y_m + share * dy,
-        path_m=state.path_m + share * FORWARD_M, collided=collided,
+        path_m=state.path_m + share * STEP_M, collided=collided,
     )  # fmt: skip
 
 
@@ -199,7 +194,7 @@ def _over_stairs(state: RobotState, navigation: NavigationLike, to_floor: str | 
     length_m = math.hypot(near[0] - state.x_m, near[1] - state.y_m) + transit.length_m
     return replace(
         state, x_m=far[0], y_m=far[1], z_m=far[2], floor=to_floor, path_m=state.path_m + length_m,
-        steps=state.steps - 1 + max(1, math.ceil(length_m / FORWARD_M - 1e-9)),
+        steps=state.steps - 1 + max(1, math.ceil(length_m / STEP_M - 1e-9)),
     )  # fmt: skip
 
 

@@ -25,8 +25,8 @@ from simulator.world.raycast import RayCaster
 from simulator.world.scene import Instance, Scene
 from surveilnav.categories import canonical
 from surveilnav.errors import TargetError
+from surveilnav.robot_body import CAMERA_HEIGHT_M
 
-EYE_HEIGHT_M = 0.88
 VIEWPOINT_REACH_M = 1.0
 SUCCESS_M = 0.1
 #: Share of an object's surface (all sides, so half is hidden at best) that a viewpoint must see.
@@ -181,7 +181,7 @@ def _visible_share(caster: RayCaster, eyes: NDArray[np.float32], surface: NDArra
 
 def _eyes(floor: FloorNavigation, cells: NDArray[np.int64]) -> NDArray[np.float32]:
     xy = floor.grid.centres_of(cells)
-    return np.column_stack([xy, np.full(len(xy), floor.z_m + EYE_HEIGHT_M)]).astype(np.float32)
+    return np.column_stack([xy, np.full(len(xy), floor.z_m + CAMERA_HEIGHT_M)]).astype(np.float32)
 
 
 def _viewpoints(

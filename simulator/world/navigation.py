@@ -24,10 +24,10 @@ from simulator.world.raycast import RayCaster
 from simulator.world.scene import Scene, Stair
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
+from surveilnav.robot_body import RADIUS_M
 from surveilnav.stored import replacing
 
 #: Habitat's robot.
-RADIUS_M = 0.18
 #: Raised by one with every change of what is computed: old caches are then built anew.
 _FORMAT = 2
 

@@ -17,6 +17,7 @@ from benchmark.studies.calibration.views import Looks, Rows, rows_of, simulated
 from simulator.truth.error_model import FEATURES, ErrorModel, Floats, Kind, Luck, visible_rad
 from surveilnav.categories import TARGETS
 from surveilnav.perception import closed_set
+from surveilnav.perception.prompts import value_prompt
 
 _NEAR_CHORD, _NEAR_M = 0.52, 1.0  # 30 degrees
 CHORDS = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0)
@@ -114,7 +115,7 @@ class Side:
         """(views, 6) cosine of every view with the text of every target."""
         images = np.concatenate([self.presence, np.full((len(self.presence), 1), 0.3, np.float32)], axis=1)
         images /= np.linalg.norm(images, axis=1, keepdims=True)
-        texts = closed_set.embed_texts([f"seems like there is a {target}" for target in TARGETS])
+        texts = closed_set.embed_texts([value_prompt(target) for target in TARGETS])
         return np.asarray(images @ texts.T, np.float64)
 
 

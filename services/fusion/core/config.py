@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from surveilnav import robot_body
+
 GeometricSimilarity = Literal["box_iou", "voxel_iou", "overlap"]
 ValueFusion = Literal["average", "confidence", "latest"]
 
@@ -69,7 +71,7 @@ class MapConfig(_Part):
         description="what a camera sees farther off isn't explored: detectors miss most of what is there (one bed in ten)",
     )
     explored_max_m: float = Field(default=1.2, description="rays explore only where they run below this height")
-    robot_radius_m: float = Field(default=0.18, ge=0, description="where a robot stands is free")
+    robot_radius_m: float = Field(default=robot_body.RADIUS_M, ge=0, description="where a robot stands is free")
     frontier: Literal["boundary", "literal"] = Field(
         default="boundary", description="of explored free space; `literal`: dilated obstacles minus what is explored"
     )

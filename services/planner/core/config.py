@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from services.planner.core.class_priors import PRIORS
+from surveilnav import robot_body
 
 
 class PlannerConfig(BaseModel):
@@ -30,12 +32,12 @@ class PlannerConfig(BaseModel):
 
     # --- the robot ---
     robot_radius_m: float = Field(
-        0.18, description="its footprint is a disc of this radius (Habitat's ObjectNav robot)"
+        robot_body.RADIUS_M, description="its footprint is a disc of this radius (Habitat's ObjectNav robot)"
     )
-    step_m: float = Field(0.25, description="how far move_forward goes")
-    turn_rad: float = Field(math.radians(30.0), description="how far turn_left and turn_right turn")
+    step_m: float = Field(robot_body.STEP_M, description="how far move_forward goes")
+    turn_rad: float = Field(robot_body.TURN_RAD, description="how far turn_left and turn_right turn")
     half_fov_rad: float = Field(0.66, description="what lies within this of its heading is well in its camera's view")
-    camera_height_m: float = Field(0.88, description="of its camera above the floor")
+    camera_height_m: float = Field(robot_body.CAMERA_HEIGHT_M, description="of its camera above the floor")
 
     # --- terrain ---
     comfort_m: float = Field(0.45, description="farther than this from obstacles it drives at full speed")
@@ -78,9 +80,7 @@ class PlannerConfig(BaseModel):
     explore_m: float = Field(3.0, description="what exploring beyond a frontier costs, beside the way to it")
     explore_chance: float = Field(0.08, description="how likely exploring one frontier finds the target")
     explore_chances: Mapping[str, float] = Field(
-        {"chair": 0.27, "potted plant": 0.2},
-        description="the same by class. Without cameras, searches of training buildings find one every 9 m of exploring (chair), "
-        "12 (potted plant), 23 (bed), 27 to 33 (tv, toilet, couch)",
+        PRIORS.explore_chance, description="the same by class (``class_priors``)"
     )
     objects_first: bool = Field(False, description="any promising object comes before exploring, however far it is")
     reached_m: float = Field(0.45, description="so near to a frontier or a place to look from the robot has arrived")
@@ -118,9 +118,8 @@ class PlannerConfig(BaseModel):
     )
     even_relevance: float = Field(0.30, description="an object of this relevance is the target as often as not")
     even_relevances: Mapping[str, float] = Field(
-        {"bed": 0.40, "chair": 0.15, "couch": 0.15, "potted plant": 0.19, "toilet": 0.32, "tv": 0.32},
-        description="the same by class: chairs mostly are what they look like, beds are not. Fitted, as the next three, to "
-        "objects of searches in training buildings",
+        PRIORS.even_relevance,
+        description="the same by class (``class_priors``)",
     )
     single_shift: float = Field(0.095, description="a single detection needs so much more relevance")
     other_shift: float = Field(0.15, description="what looks more like something else needs so much more")
@@ -155,10 +154,7 @@ class PlannerConfig(BaseModel):
     floor_chance: float = Field(
         0.8, description="how often a floor has a target that its cameras don't see; 1: surely, the robot never leaves"
     )
-    floor_chances: Mapping[str, float] = Field(
-        {"bed": 0.6, "chair": 0.5, "couch": 0.55, "potted plant": 0.95, "toilet": 0.95, "tv": 0.75},
-        description="the same by class, of training buildings, before the robot explored any of the floor",
-    )
+    floor_chances: Mapping[str, float] = Field(PRIORS.floor_chance, description="the same by class (``class_priors``)")
     stairs_reach_m: float = Field(
         0.45, description="so near to its end a stair can be taken; halved with every refusal"
     )

@@ -114,7 +114,7 @@ def commit(state: MissionState, chosen: Candidate, config: PlannerConfig, *, las
         return
     state.peeks = 0
     state.waypoint = CurrentWaypoint(
-        chosen.kind, chosen.x_m, chosen.y_m, state.step, None, state.step, chosen.object_id, last_resort
+        chosen.kind, chosen.x_m, chosen.y_m, None, state.step, chosen.object_id, last_resort
     )
 
 

@@ -83,7 +83,6 @@ class CurrentWaypoint:
     kind: WaypointKind
     x_m: float
     y_m: float
-    since_step: int
     best_m: float | None
     best_step: int
     object_id: int | None = None

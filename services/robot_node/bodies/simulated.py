@@ -13,6 +13,7 @@ from simulator.simulation import SimulatedBuilding
 from simulator.world.goals import find_goals, sample_start
 from surveilnav.errors import ConfigError
 from surveilnav.messages import Stair
+from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.sensing.views import TrueInstances
 
 
@@ -48,7 +49,7 @@ class SimulatedBody:
         view = self._building.robot_view(T_world_camera, core.CAMERA, core.DEPTH_RANGE_M, state.seq)
         truth = TrueInstances(view.instance_ids, self._labels, T_world_camera)
         return Look(
-            state, T_world_camera, core.CAMERA, core.CAMERA_HEIGHT_M, core.DEPTH_RANGE_M, view.rgb, view.depth_m, truth
+            state, T_world_camera, core.CAMERA, CAMERA_HEIGHT_M, core.DEPTH_RANGE_M, view.rgb, view.depth_m, truth
         )
 
 

@@ -20,7 +20,7 @@ class Part(msgspec.Struct, frozen=True):
 class FrameHeader(Message, frozen=True, kw_only=True):
     """Describes an RGB-D picture; travels as attachment, its payload is ``image`` then ``depth``.
 
-    ``T_world_camera`` maps the OpenCV camera frame to the world; ``floor`` names the storey the source
+    ``T_world_camera`` maps the OpenCV camera frame to the world; ``floor`` names the floor the source
     stands on; ``mounting_offset_m`` is the sensor's height above that floor; ``depth_range_m`` is
     (nearest, farthest) measurable depth.
     """

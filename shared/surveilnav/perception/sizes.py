@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
+from surveilnav.perception.class_priors import class_priors
 from surveilnav.sensing.views import box_cells
 
-#: Smallest and largest extent [m] along the camera's axes that something of a class shows; generous, because views
-#: are partial and boxes loose. Ordinary furniture, not fitted to any building.
-SIZES_M: dict[str, tuple[float, float]] = {
-    "bed": (0.5, 3.3),
-    "chair": (0.28, 1.5),
-    "couch": (0.45, 3.3),
-    "potted plant": (0.12, 2.5),
-    "toilet": (0.3, 1.1),
-    "tv": (0.3, 2.0),
-}
+
+class PerceptionPriors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``extent_m``: by class, the smallest and the largest extent [m] along the camera's axes that something of it shows;
+    generous, because views are partial and boxes loose. Ordinary furniture, not fitted to any building."""
+
+    extent_m: dict[str, tuple[float, float]]
+
+
+SIZES_M = class_priors("perception", PerceptionPriors).extent_m
 
 #: What the score of a thing is multiplied with whose size isn't its class's.
 WRONG_SIZE = 0.4

@@ -26,7 +26,7 @@ class PosedView:
         view: index of the view of a camera (0-12); 0 for a robot.
         seq: grows by one with every observation of a source.
         stamp_ns: time of capture.
-        floor: the storey that the source says it stands on.
+        floor: the floor that the source says it stands on.
         T_world_camera: (4, 4) float64, OpenCV camera.
         camera: intrinsics of both pictures (registered).
         mounting_offset_m: height of the sensor above its floor (the paper's delta z).

@@ -415,7 +415,7 @@ def test_the_way_to_the_stairs_is_left_only_for_what_is_clearly_worth_more(make_
     alone = promising_object(context_with(candidate, MissionState("chair")))
     state = MissionState("chair", floor_goal=FloorGoal("1", "cameras", share * alone.worth))
     assert stage.promising_candidate(context_with(candidate, state)) is candidate  # not on the way yet
-    state.waypoint = CurrentWaypoint("stairs", 9.0, 9.0, 0, None, 0)
+    state.waypoint = CurrentWaypoint("stairs", 9.0, 9.0, None, 0)
     assert (stage.promising_candidate(context_with(candidate, state)) is None) == kept
 
 

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from services.robot_node.core import (
     CAMERA,
-    FORWARD_M,
     RobotState,
     act,
     base_pose_of,
@@ -22,6 +21,7 @@ from services.robot_node.core import (
 from simulator.world.geodesic import first_blocked
 from simulator.world.navigation import Transit
 from surveilnav.geometry import yaw_of
+from surveilnav.robot_body import STEP_M
 
 STAIR = Transit("0", "1", (2.0, 2.0, 0.0), (4.0, 4.0, 2.7), 3.1)
 
@@ -115,7 +115,7 @@ def test_it_never_leaves_the_free_cells_and_path_is_the_sum_of_displacements(x, 
         assert after.seq == after.steps == n
         assert after.path_m == pytest.approx(walked)
         if action == "move_forward":
-            assert after.collided == (moved < FORWARD_M - 1e-6)
+            assert after.collided == (moved < STEP_M - 1e-6)
         state = after
 
 

@@ -72,55 +72,59 @@ def goal_region(
 ) -> GoalRegion | None:  # fmt: skip
     """Where to stand before an object; None if no way leads within ``farthest_stop_m`` of it.
 
-    Rings are tried from near to far, one farther off only if the way there is clearly shorter: known ground in sight of
-    the object first (over what it stands on where it was seen from one side only), then ground from which only the
-    furniture that it stands on is in between, unknown ground while the place hasn't been seen, then the same in places
-    that are too tight by the map, by a cell first (maps are thicker than walls by as much), at last known ground without
-    sight (a low shelf in between hides nothing from a camera above it). ``travel_time_m``: from the robot (the
-    terrain's shape); ``floor_z_m``: altitude of the floor.
+    Rings are tried from near to far, one farther off only if the way there is clearly shorter. ``travel_time_m``: from the
+    robot (the terrain's shape); ``floor_z_m``: altitude of the floor.
     """
-    points = footprint(record, floor_z_m)
-    cells = terrain.grid.cells_of(points)
-    cells = cells[terrain.grid.contains(cells)]
-    if not len(cells):
+    around = _Around.of(terrain, record, config, floor_z_m)
+    if around is None:
         return None
-    near_m = max(config.farthest_stop_m, config.inspect_m, config.standoff_m, config.stop_m, 1.0)
-    part = _Part.around(terrain, cells, near_m)
-    r = terrain.grid.resolution_m
-    mask = np.ones(part.shape, dtype=np.uint8)
-    mask[cells[:, 0] - part.row0, cells[:, 1] - part.col0] = 0
-    distance, nearest = cv2.distanceTransformWithLabels(mask, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    distance_m = (distance * r).astype(np.float32)
-    way_m = travel_time_m[part.window]
+    part, distance_m, way_m = around.part, around.distance_m, travel_time_m[around.part.window]
     reachable = np.isfinite(way_m)
     near = reachable & (distance_m <= config.farthest_stop_m)
     if (here := part.cell(terrain.cell(robot.x_m, robot.y_m))) is not None:
         near[here] = distance_m[here] <= config.inspect_m
-    first = over = sight = _sight(terrain, part, mask, nearest, near, points)
-    if record.center_m[2] - record.size_m[2] / 2 - floor_z_m >= _RAISED_M:
-        # a wall isn't furniture: what hangs on its other side is seen from there only
-        one_side = math.hypot(*record.seen_from) >= _ONE_SIDE
-        before = near & _on_the_side_seen(terrain, part, record) if one_side else near
-        over = sight | _sight(terrain, part, mask, nearest, before, points, _FURNITURE_M)
-        first = over if one_side else sight
-    known = terrain.known[part.window]
-    clearance_m = terrain.clearance_m[part.window]
-    roomy, nearly = (clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, r))
-    rings_m = config.standoff_m, config.stop_m, _RING_M
-    for tries_m, ground in (
-        (rings_m, first & known & roomy), (rings_m, over & known & roomy), ((_RING_M,), sight & roomy),
-        (rings_m, sight & known & nearly), (rings_m, over & known & nearly), (rings_m, sight & known),
-        ((_RING_M,), sight), ((config.farthest_stop_m,), over & known), ((1.0,), known & roomy), ((1.0,), known),
-    ):  # fmt: skip
+    sight, over, first = _sights(around, record, near, floor_z_m)
+    for tries_m, ground in _grounds(part, sight, over, first, config):
         places = [(ring_m, ground & reachable & (distance_m <= ring_m)) for ring_m in tries_m]
         ways_m = [float(way_m[goals].min(initial=math.inf)) for _, goals in places]
         for (ring_m, goals), least_m in zip(places, ways_m, strict=True):
             if math.isfinite(least_m) and least_m <= ways_m[-1] + _NEARER_M:
-                far_m = np.float32(np.inf)
-                return GoalRegion(
-                    part.whole(goals, False), part.whole(distance_m, far_m), part.whole(over, False), ring_m
-                )
+                whole_m = part.whole(distance_m, np.float32(np.inf))
+                return GoalRegion(part.whole(goals, False), whole_m, part.whole(over, False), ring_m)
     return None
+
+
+def _sights(
+    around: _Around, record: ObjectRecord, near: NDArray[np.bool_], floor_z_m: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """From which cells near an object it is in sight (each of the part's shape): with nothing in between, also over the
+    furniture that it stands on, and which of both comes first: over it where the object was seen from one side only."""
+    sight = _sight(around, near)
+    if record.center_m[2] - record.size_m[2] / 2 - floor_z_m < _RAISED_M:
+        return sight, sight, sight
+    # a wall isn't furniture: what hangs on its other side is seen from there only
+    one_side = math.hypot(*record.seen_from) >= _ONE_SIDE
+    before = near & _on_the_side_seen(around.part, record) if one_side else near
+    over = sight | _sight(around, before, _FURNITURE_M)
+    return sight, over, over if one_side else sight
+
+
+def _grounds(
+    part: _Part, sight: NDArray[np.bool_], over: NDArray[np.bool_], first: NDArray[np.bool_], config: PlannerConfig
+) -> tuple[tuple[tuple[float, ...], NDArray[np.bool_]], ...]:
+    """Rings [m] and cells to stand on, best first: known ground in sight of the object, then ground from which only the
+    furniture that it stands on is in between, unknown ground while the place hasn't been seen, then the same in places that
+    are too tight by the map, by a cell first (maps are thicker than walls by as much), at last known ground without sight
+    (a low shelf in between hides nothing from a camera above it)."""
+    known, clearance_m = part.terrain.known[part.window], part.terrain.clearance_m[part.window]
+    a_cell_m = part.terrain.grid.resolution_m
+    roomy, nearly = (clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, a_cell_m))
+    rings_m = config.standoff_m, config.stop_m, _RING_M
+    return (
+        (rings_m, first & known & roomy), (rings_m, over & known & roomy), ((_RING_M,), sight & roomy),
+        (rings_m, sight & known & nearly), (rings_m, over & known & nearly), (rings_m, sight & known),
+        ((_RING_M,), sight), ((config.farthest_stop_m,), over & known), ((1.0,), known & roomy), ((1.0,), known),
+    )  # fmt: skip
 
 
 class _Part(NamedTuple):
@@ -156,29 +160,53 @@ class _Part(NamedTuple):
         return array
 
 
-def _on_the_side_seen(terrain: Terrain, part: _Part, record: ObjectRecord) -> NDArray[np.bool_]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Around:
+    """An object's surroundings: ``points`` (N, 2) [m, world] of it, ``mask`` 0 in its cells, ``distance_m`` to them and the
+    label of the ``nearest`` one, as OpenCV numbers them; arrays of the part's shape."""
+
+    part: _Part
+    points: NDArray[np.float64]
+    mask: NDArray[np.uint8]
+    distance_m: NDArray[np.float32]
+    nearest: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, terrain: Terrain, record: ObjectRecord, config: PlannerConfig, floor_z_m: float) -> _Around | None:
+        """None: the object lies outside of the terrain."""
+        points = footprint(record, floor_z_m)
+        cells = terrain.grid.cells_of(points)
+        cells = cells[terrain.grid.contains(cells)]
+        if not len(cells):
+            return None
+        near_m = max(config.farthest_stop_m, config.inspect_m, config.standoff_m, config.stop_m, 1.0)
+        part = _Part.around(terrain, cells, near_m)
+        mask = np.ones(part.shape, dtype=np.uint8)
+        mask[cells[:, 0] - part.row0, cells[:, 1] - part.col0] = 0
+        distance, nearest = cv2.distanceTransformWithLabels(mask, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        return cls(part, points, mask, (distance * terrain.grid.resolution_m).astype(np.float32), nearest)
+
+
+def _on_the_side_seen(part: _Part, record: ObjectRecord) -> NDArray[np.bool_]:
     """Cells (the part's shape) on the side of an object from which it was seen."""
     x, y = record.seen_from
     rows, cols = np.indices(part.shape, sparse=True)
-    r, grid = terrain.grid.resolution_m, terrain.grid
+    r, grid = part.terrain.grid.resolution_m, part.terrain.grid
     along_x = (grid.origin_x_m + (cols + part.col0 + 0.5) * r - record.center_m[0]) * x
     along_y = (grid.origin_y_m + (rows + part.row0 + 0.5) * r - record.center_m[1]) * y
     return np.asarray(along_x + along_y > 0.0)
 
 
-def _sight(
-    terrain: Terrain, part: _Part, mask: NDArray[np.uint8], nearest: NDArray[np.int32], near: NDArray[np.bool_],
-    points: NDArray[np.float64], furniture_m: float = 0.0,
-) -> NDArray[np.bool_]:  # fmt: skip
+def _sight(around: _Around, near: NDArray[np.bool_], furniture_m: float = 0.0) -> NDArray[np.bool_]:
     """For cells of the part in ``near``: whether the straight line to the object's nearest cell is free of obstacles, but
     for those next to the object that reach no farther than ``furniture_m``.
 
-    Obstacles inside the object's own box (one cell wider) are the object itself. ``nearest`` labels the zero cells of
-    ``mask`` as OpenCV numbers them.
+    Obstacles inside the object's own box (one cell wider) are the object itself.
     """
-    r = terrain.grid.resolution_m
+    part, nearest, points = around.part, around.nearest, around.points
+    terrain, r = part.terrain, part.terrain.grid.resolution_m
     of_label = np.zeros((int(nearest.max()) + 1, 2), dtype=np.int64)
-    zeros = np.argwhere(mask == 0)
+    zeros = np.argwhere(around.mask == 0)
     of_label[nearest[zeros[:, 0], zeros[:, 1]]] = zeros
     start = np.argwhere(near)
     end = of_label[nearest[start[:, 0], start[:, 1]]]

@@ -77,10 +77,7 @@ def build_terrain(
 ) -> Terrain:  # fmt: skip
     """Crops the map to what is known and to ``places_m`` (plus a margin) and rates every cell.
 
-    Obstacles grow by ``tight_m``; up to the robot's radius it is hard to pass (``tight_speed``), beyond that the speed
-    rises from ``wall_speed`` to 1 at ``comfort_m``.
-    Unknown space is slower by ``unknown_speed``. Where the robot stands and has stood is never blocked, so a
-    robot that starts inside a grown obstacle can leave it.
+    Where the robot stands and has stood is never blocked, so a robot that starts inside a grown obstacle can leave it.
     """
     r = maps.grid.resolution_m
     row0, row1, col0, col1 = _known_window(maps, robot, places_m, config)
@@ -89,32 +86,36 @@ def build_terrain(
 
     occupancy = np.ascontiguousarray(maps.occupancy[window] != 0).astype(np.uint8)
     _paint(occupancy, grid, state.here.visited[-200:], 0.0, value=0)
-    explored = maps.explored[window] != 0
-
+    occupied, explored = occupancy != 0, maps.explored[window] != 0
     clearance_m = cv2.distanceTransform(1 - occupancy, cv2.DIST_L2, 5) * r
+    speed = _speed(clearance_m, explored, config)
+    speed[_blocked(clearance_m, grid, robot, state, config) | occupied] = 0.0
+    here = grid.cells_of((robot.x_m, robot.y_m))
+    if grid.contains(here):
+        speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
+    bumps = np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3))
+    return Terrain(grid, row0, col0, occupied, explored & ~occupied, clearance_m, speed, bumps)
+
+
+def _speed(clearance_m: NDArray[np.float32], explored: NDArray[np.bool_], config: PlannerConfig) -> NDArray[np.float64]:
+    """Up to the robot's radius from an obstacle it is hard to pass (``tight_speed``), beyond that the speed rises from
+    ``wall_speed`` to 1 at ``comfort_m``; unknown space is slower by ``unknown_speed``."""
     rise = (clearance_m - config.robot_radius_m) / (config.comfort_m - config.robot_radius_m)
     speed = (config.wall_speed + (1.0 - config.wall_speed) * np.clip(rise, 0.0, 1.0)).astype(np.float64)
     speed[~explored] *= config.unknown_speed
-    tight = clearance_m < config.robot_radius_m
-    speed[tight] = config.tight_speed
+    speed[clearance_m < config.robot_radius_m] = config.tight_speed
+    return np.asarray(speed)
+
+
+def _blocked(
+    clearance_m: NDArray[np.float32], grid: Grid, robot: RobotView, state: MissionState, config: PlannerConfig
+) -> NDArray[np.bool_]:
+    """Nearer than ``tight_m`` to an obstacle, but where the robot stands or has stood; and what it bumped into."""
     blocked = (clearance_m < min(config.tight_m, config.robot_radius_m)).astype(np.uint8)
     _paint(blocked, grid, state.here.visited, config.visited_radius_m, value=0)
     _paint(blocked, grid, [(robot.x_m, robot.y_m)], config.escape_radius_m, value=0)
     _paint(blocked, grid, state.here.collisions, 0.0)
-    speed[(blocked != 0) | (occupancy != 0)] = 0.0
-    here = grid.cells_of((robot.x_m, robot.y_m))
-    if grid.contains(here):
-        speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
-    return Terrain(
-        grid,
-        row0,
-        col0,
-        occupancy != 0,
-        explored & (occupancy == 0),
-        clearance_m,
-        speed,
-        np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3)),
-    )
+    return np.asarray(blocked != 0)
 
 
 def travel_time_m(
