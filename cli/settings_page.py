@@ -31,16 +31,19 @@ _BEGINNING = """\
 
 Generated from the settings classes by `make docs`; don't edit.
 
-Every setting is an environment variable. Lists and tables are JSON. Yes and no are `true` and `false`.
-A name or a value that can't be ends the process with one line that says what was expected.
+Every setting is an environment variable. Lists and tables are JSON; yes and no are `true` and `false`. A value that can't be ends
+the process with one line that says what was expected.
 
 ```
 SURVEILNAV_PLANNER__CORE__STRATEGY=greedy surveilnav up       # one number of the planner's core
 SURVEILNAV_FUSION__PRESET=paper surveilnav demo               # joint maps to the letter of the paper
+SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is null in JSON
 ```
 
-Command line options are stronger than the environment where both say something. `surveilnav demo --help` lists them.
-A description that begins with `...` goes on from the row above.
+- `surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options, whatever the
+  environment says. `--help` lists the options.
+- A name that doesn't exist is an error below a part (`FUSION__MAP__...`, `PLANNER__CORE__...`), and ignored elsewhere.
+- A description that begins with `...` goes on from the row above.
 
 ## Folders and addresses
 
@@ -169,7 +172,7 @@ def _row(setting: Setting) -> str:
         words = "one of " + ", ".join(f"`{c}`" for c in setting.choices)
         what = f"{what} ({words})" if what else words
     cells = f"`{setting.variable}`", setting.default, what
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("<", "&lt;") for cell in cells) + " |"
 
 
 if __name__ == "__main__":
