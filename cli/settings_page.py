@@ -40,8 +40,8 @@ SURVEILNAV_FUSION__PRESET=paper surveilnav demo               # joint maps to th
 SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is null in JSON
 ```
 
-- `surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options, whatever the
-  environment says. `--help` lists the options.
+- `surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options,
+  whatever the environment says. `--help` lists the options.
 - A name that doesn't exist is an error below a part (`FUSION__MAP__...`, `PLANNER__CORE__...`), and ignored elsewhere.
 - A description that begins with `...` goes on from the row above.
 

@@ -15,6 +15,7 @@ from benchmark.runner.records import kept, read_facts
 from benchmark.runner.settings import run_id
 from benchmark.tables.arms import TABLES, Arm
 from benchmark.tables.page import Line
+from surveilnav.errors import ConfigError
 
 PUBLISHED = Path("docs/results/bench/records")
 #: Okabe and Ito's colours, which people with any colour vision can tell apart.
@@ -47,8 +48,10 @@ def published(folder: Path = PUBLISHED) -> Iterator[Line]:
         arm = arms[label]
         run = folder / run_id(arm.settings)
         facts = read_facts(run)
-        found = kept(run, arm.settings, Basis(facts["dataset"], facts["program"]))
-        yield Line.of(arm, found.records if found else ())
+        found = facts and kept(run, arm.settings, Basis(facts["dataset"], facts["program"]))
+        if not found:
+            raise ConfigError(f"expected the published run of {label!r} in {run}, found none")
+        yield Line.of(arm, found.records)
 
 
 def plot(lines: Sequence[Line], file: IO[bytes]) -> None:
