@@ -57,8 +57,10 @@ bench-calibration: $(READY) ## the simulated detector fitted to the real one; re
 bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
 	$(BIN)/python -m benchmark.studies.association $(ARGS)
 
-docs: $(READY) ## write docs/contract.md from the contract table
-	$(BIN)/python -m surveilnav.contract > docs/contract.md
+docs: $(READY) ## write what is generated: the contract, the settings, the README's plot
+	$(BIN)/python -m surveilnav.contract > docs/understand/contract.md
+	$(BIN)/python -m cli.settings_page > docs/use/settings.md
+	$(BIN)/python -m benchmark.tables.readme docs/images/results.png
 
 clean: ## remove caches; .venv and runs/ stay
 	rm -rf .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache build dist

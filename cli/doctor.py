@@ -75,7 +75,7 @@ def _weights() -> Finding:
     names = sorted(p.name for p in folder.glob("*.onnx"))
     if not names:
         return Finding(
-            "detector weights", "note", f"no .onnx in {folder}", "see docs/perception.md for the files and their hashes"
+            "detector weights", "note", f"no .onnx in {folder}", "docs/understand/perception.md lists the files"
         )
     return Finding("detector weights", "ok", ", ".join(names))
 

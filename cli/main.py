@@ -66,11 +66,9 @@ def _density(cameras: int | None, area_per_camera_m2: float | None) -> dict[str,
 
 @app.command()
 def demo(
-    building: Building = "2_bedroom",
+    building: Building = "3_bedroom",
     seed: Seed = 0,
-    target: Annotated[
-        str, typer.Option(help="What to find: bed, couch, chair, toilet, tv, potted plant, ...")
-    ] = "couch",
+    target: Annotated[str, typer.Option(help="What to find: bed, couch, chair, toilet, tv, potted plant, ...")] = "tv",
     perception: Perception = PerceptionName.auto,
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
     cameras: Cameras = None,

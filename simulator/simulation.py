@@ -52,7 +52,9 @@ class SimulationSettings(BaseSettings):
     area_per_camera_m2: float = Field(100.0, gt=0, description="one camera for so much floor")
     cameras: int | None = Field(None, ge=0, le=10_000, description="this many cameras in all instead")
     depth_noise: bool = Field(True, description="noise on depth; without it bandwidth figures lie")
-    lighting: str = Field("baked", pattern="baked|flat|shadowed")
+    lighting: str = Field(
+        "baked", pattern="baked|flat|shadowed", description="light from a cache, none, or shadow rays for every view"
+    )
 
 
 class SimulatedBuilding:

@@ -1,7 +1,7 @@
 """Which buildings make which split, and how many episodes. ``train`` shares neither plans nor furniture with ``val``.
 
 Settings and the error model of ``simulated`` were fitted on ``train``; the generator's room statistics come from its homes.
-(The score thresholds of ``onnx-coco`` were chosen on six homes, of which ``val`` has two: docs/perception.md.)
+(The score thresholds of ``onnx-coco`` were chosen on six homes, of which ``val`` has two: docs/understand/perception.md.)
 """
 
 from __future__ import annotations

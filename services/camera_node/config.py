@@ -12,8 +12,8 @@ class CameraSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_CAMERA__", extra="ignore")
 
     id: str = Field("", description="a camera of the plan; empty: lease any free slot of it")
-    jpeg_quality: int = Field(85, ge=10, le=100)
-    thumbnail_width_px: int = Field(480, ge=64, le=1280)
+    jpeg_quality: int = Field(85, ge=10, le=100, description="of the frames it sends")
+    thumbnail_width_px: int = Field(480, ge=64, le=1280, description="of the pictures made for people")
     perception: str = Field(
         "none",
         pattern="^(none|auto|onnx-coco|oracle|simulated)$",

@@ -16,7 +16,7 @@ class PlannerSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PLANNER__", env_nested_delimiter="__", extra="ignore")
 
-    core: PlannerConfig = PlannerConfig()
+    core: PlannerConfig = Field(default=PlannerConfig(), description="how it plans")
     store: str = Field(
         default="", description="the SQLite file that missions are kept in; empty: they don't outlive the planner"
     )

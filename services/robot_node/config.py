@@ -13,7 +13,7 @@ class RobotSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_ROBOT__", extra="ignore")
 
-    id: str = Field("r1", pattern=ID_PATTERN)
+    id: str = Field("r1", pattern=ID_PATTERN, description="its name in its keys")
     start: str = Field("", description="x,y,floor,yaw_deg in the world; empty: a place drawn by the seed")
     start_for: str = Field("", description="begin out of sight and at least 5 m away from this target")
-    jpeg_quality: int = Field(90, ge=10, le=100)
+    jpeg_quality: int = Field(90, ge=10, le=100, description="of its observations")

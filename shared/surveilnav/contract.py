@@ -1,7 +1,7 @@
 """THE table: every key expression of the system, what it carries, who owns it, how fresh it must be.
 
-A key string appears nowhere else. ``docs/contract.md`` is generated from this file
-(``python -m surveilnav.contract > docs/contract.md``); a test keeps them equal.
+A key string appears nowhere else. ``docs/understand/contract.md`` is generated from this file
+(``make docs``); a test keeps them equal.
 """
 
 from __future__ import annotations
@@ -171,11 +171,11 @@ STREAMS: tuple[Stream, ...] = tuple(v for v in list(globals().values()) if isins
 
 
 def markdown() -> str:
-    """docs/contract.md."""
+    """docs/understand/contract.md."""
     lines = [
         "# The contract",
         "",
-        "Generated from `shared/surveilnav/contract.py`; don't edit (`python -m surveilnav.contract > docs/contract.md`).",
+        "Generated from `shared/surveilnav/contract.py` by `make docs`; don't edit.",
         f"Every key lies below `{ROOT}/`. Liveliness tokens: `{LIVELINESS}`.",
         "",
         "| stream | key | kind | owner | message (request) | rate | stale after | priority | carries |",

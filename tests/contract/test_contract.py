@@ -96,7 +96,7 @@ def test_every_message_is_used_by_the_table_or_named_as_a_part():
 
 
 def test_the_page_is_generated_from_the_table():
-    assert (ROOT / "docs/contract.md").read_text() == contract.markdown(), "run: make docs"
+    assert (ROOT / "docs/understand/contract.md").read_text() == contract.markdown(), "run: make docs"
 
 
 def test_no_key_string_outside_the_table():

@@ -26,8 +26,8 @@ class BusSettings(BaseSettings):
     connect_timeout_s: float = Field(30.0, description="how long to wait for the router at start; -1: for ever")
     lease_ms: int = Field(2000, description="a peer silent for so long counts as gone")
     health_file: Path | None = Field(None, description="touched every second while the service is healthy")
-    log_format: Literal["console", "json"] = "console"
-    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    log_format: Literal["console", "json"] = Field("console", description="how a log line is written")
+    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="lines below it are left out")
 
     @field_validator("router")
     @classmethod

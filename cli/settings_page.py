@@ -1,0 +1,179 @@
+"""docs/use/settings.md: every setting that the environment can make, from the classes that read it.
+
+python -m cli.settings_page > docs/use/settings.md    # make docs
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import typing
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_settings import BaseSettings
+
+from services.camera_node.config import CameraSettings
+from services.fusion.config import FusionSettings
+from services.fusion.core.config import FusionConfig
+from services.gateway.config import GatewaySettings
+from services.perception.config import PerceptionSettings
+from services.planner.config import PlannerSettings
+from services.robot_node.config import RobotSettings
+from simulator.simulation import SimulationSettings
+from surveilnav.bus import BusSettings
+
+_BEGINNING = """\
+# Settings
+
+Generated from the settings classes by `make docs`; don't edit.
+
+Every setting is an environment variable. Lists and tables are JSON; yes and no are `true` and `false`. A value that can't be ends
+the process with one line that says what was expected.
+
+```
+SURVEILNAV_PLANNER__CORE__STRATEGY=greedy surveilnav up       # one number of the planner's core
+SURVEILNAV_FUSION__PRESET=paper surveilnav demo               # joint maps to the letter of the paper
+SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is null in JSON
+```
+
+- `surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options,
+  whatever the environment says. `--help` lists the options.
+- A name that doesn't exist is an error below a part (`FUSION__MAP__...`, `PLANNER__CORE__...`), and ignored elsewhere.
+- A description that begins with `...` goes on from the row above.
+
+## Folders and addresses
+
+| variable | default | what |
+|---|---|---|
+| `SURVEILNAV_CACHE_DIR` | `~/.cache/surveilnav` | what can be made or downloaded again: furniture, baked light, views |
+| `SURVEILNAV_MODELS_DIR` | not set | a folder with detector weights ([perception](../understand/perception.md)) |
+| `SURVEILNAV_URL` | `http://127.0.0.1:8080` | the gateway that `surveilnav find` and `surveilnav status` ask |
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A heading of the page and the classes below it. ``config``: what the settings class takes as free tables."""
+
+    title: str
+    module: str
+    settings: type[BaseSettings]
+    config: type[BaseModel] | None = None
+
+
+SECTIONS = (
+    Section("The bus: every process", "shared/surveilnav/bus/settings.py", BusSettings),
+    Section("The simulated building", "simulator/simulation.py", SimulationSettings),
+    Section("Camera", "services/camera_node/config.py", CameraSettings),
+    Section("Robot", "services/robot_node/config.py", RobotSettings),
+    Section("Perception", "services/perception/config.py", PerceptionSettings),
+    Section("Fusion", "services/fusion/config.py", FusionSettings, FusionConfig),
+    Section("Planner", "services/planner/config.py", PlannerSettings),
+    Section("Gateway", "services/gateway/config.py", GatewaySettings),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A row of the page: the variable, its default as it would be written, and what it decides."""
+
+    variable: str
+    default: str
+    choices: tuple[str, ...]
+    description: str
+
+
+def settings_of(section: Section) -> Iterator[tuple[str, list[Setting]]]:
+    """Tables of settings by heading: the service's own first, then one for each part of its core."""
+    prefix = str(section.settings.model_config["env_prefix"])
+    fields = dict(section.settings.model_fields)
+    parts: dict[str, FieldInfo] = dict(section.config.model_fields) if section.config else {}
+    parts |= {name: field for name, field in fields.items() if _is_part(field)}
+    own = [_setting(prefix, name, field) for name, field in fields.items() if name not in parts]
+    yield section.title, own
+    for name, field in parts.items():
+        yield from _tables(f"{section.title}: {name}", f"{prefix}{name.upper()}__", _part(field))
+
+
+def _tables(title: str, prefix: str, part: type[BaseModel]) -> Iterator[tuple[str, list[Setting]]]:
+    """The tables of a part and of the parts in it, the outer first."""
+    own = {name: field for name, field in part.model_fields.items() if not _is_part(field)}
+    if own:
+        yield title, [_setting(prefix, name, field) for name, field in own.items()]
+    for name, field in part.model_fields.items():
+        if name not in own:
+            yield from _tables(f"{title}, {name}", f"{prefix}{name.upper()}__", _part(field))
+
+
+def _is_part(field: FieldInfo) -> bool:
+    return isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
+
+
+def _part(field: FieldInfo) -> type[BaseModel]:
+    assert isinstance(field.annotation, type)
+    assert issubclass(field.annotation, BaseModel)
+    return field.annotation
+
+
+def _setting(prefix: str, name: str, field: FieldInfo) -> Setting:
+    return Setting(
+        prefix + name.upper(), _written(field.get_default(call_default_factory=True)), tuple(_choices(field)),
+        field.description or "",
+    )  # fmt: skip
+
+
+def _choices(field: FieldInfo) -> Iterator[str]:
+    """The words that a setting may be; none where it is free."""
+    if typing.get_origin(field.annotation) is typing.Literal:
+        yield from map(str, typing.get_args(field.annotation))
+        return
+    for rule in field.metadata:
+        words = re.fullmatch(r"\^?\(?([a-z-]+(?:\|[a-z-]+)+)\)?\$?", str(getattr(rule, "pattern", None) or ""))
+        if words:
+            yield from words[1].split("|")
+
+
+def _written(value: Any) -> str:
+    """A default as it would stand in the environment."""
+    match value:
+        case bool():
+            return str(value).lower()
+        case float() if math.isfinite(value):
+            return f"{value:.6g}"
+        case None | "" | [] | {}:
+            return "not set"
+        case Mapping():
+            return "; ".join(f"{k} {_written(v)}" for k, v in value.items())
+        case list() | tuple():
+            return ", ".join(map(_written, value))
+        case _:
+            return str(value)
+
+
+def markdown() -> str:
+    """docs/use/settings.md."""
+    text = [_BEGINNING]
+    for section in SECTIONS:
+        for title, settings in settings_of(section):
+            text += [f"## {title}", ""]
+            if title == section.title:
+                text += [f"[`{section.module}`](../../{section.module})", ""]
+            text += ["| variable | default | what |", "|---|---|---|", *map(_row, settings), ""]
+    return "\n".join(text)
+
+
+def _row(setting: Setting) -> str:
+    what = setting.description
+    if setting.choices:
+        words = "one of " + ", ".join(f"`{c}`" for c in setting.choices)
+        what = f"{what} ({words})" if what else words
+    cells = f"`{setting.variable}`", setting.default, what
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("<", "&lt;") for cell in cells) + " |"
+
+
+if __name__ == "__main__":
+    print(markdown(), end="")
