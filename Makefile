@@ -4,6 +4,8 @@ BIN := .venv/bin
 READY := .venv/.set-up
 # More arguments for a target's command: make demo ARGS="--target couch", make test ARGS="-k fusion -x".
 ARGS ?=
+# Processes among which `make test` divides the tests.
+TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
 .PHONY: help setup check test canary test-compose demo dataset bench bench-core bench-render bench-homes bench-association bench-calibration docs clean
@@ -23,8 +25,8 @@ check: $(READY) ## format, lint, types, import rules
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: $(READY) ## all tests that need no Docker engine, on real Zenoh
-	$(BIN)/python -m pytest -q -m "not compose" $(ARGS)
+test: $(READY) ## all tests that need no Docker engine, on real Zenoh; TEST_WORKERS=0 runs them in one process
+	$(BIN)/python -m pytest -q -m "not compose" -n $(TEST_WORKERS) --dist worksteal $(ARGS)
 
 canary: $(READY) ## a dozen fixed searches, action by action as written in benchmark/canary.json (2 minutes)
 	$(BIN)/python -m benchmark.canary $(ARGS)

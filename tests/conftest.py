@@ -1,8 +1,10 @@
-"""Fixtures for all tests: a router of their own, detector weights, and random numbers from fixed seeds."""
+"""Fixtures for all tests: a router of their own, what is made once a run, detector weights, fixed random numbers."""
 
 from __future__ import annotations
 
+import fcntl
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -30,6 +32,39 @@ def make_node(bus: BusSettings) -> Iterator[Callable[..., Node]]:
     """``make_node(kind, id)``: nodes on the test's router, closed at its end."""
     with ExitStack() as stack:
         yield lambda kind="test", id="t", **more: stack.enter_context(Node(kind, id, bus, **more))
+
+
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that all workers of this run share (pytest-xdist gives each a folder of its own inside)."""
+    base = tmp_path_factory.getbasetemp()
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+
+@pytest.fixture(scope="session")
+def made_once(run_folder: Path) -> Callable[[str, Callable[[Path], object]], Path]:
+    """``made_once(name, make)``: a folder that ``make(folder)`` filled, once a run. Tests must only read it."""
+
+    def made(name: str, make: Callable[[Path], object]) -> Path:
+        folder, done = run_folder / name, run_folder / f"{name}.done"
+        with (run_folder / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # another worker may be making it
+            if not done.exists():
+                shutil.rmtree(folder, ignore_errors=True)  # what an attempt that failed left
+                folder.mkdir()
+                make(folder)
+                done.touch()
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def home_cache(run_folder: Path) -> Path:
+    """A cache folder for the run's small homes: their camera plans and views are made once, not once a test."""
+    folder = run_folder / "cache"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 @pytest.fixture(scope="session")

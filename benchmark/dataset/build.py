@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from benchmark.dataset import format as files
@@ -28,7 +29,7 @@ from simulator.world.goals import Goals, Start, find_goals, habitat_starts
 from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Instance, Scene
 from surveilnav import __version__
-from surveilnav.camera_plan import CameraPlan
+from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.errors import TargetError
 
 MADE_BY = f"surveilnav {__version__}"
@@ -152,6 +153,18 @@ def _cameras(spec: SceneSpec, building: SimulatedBuilding, plans: dict[str, Came
     one = next(iter(plans.values()))
     return SceneCameras(
         scene=spec.scene, mounting_offset_m=one.mounting_offset_m, intrinsics=one.intrinsics,
-        cameras={m2: plan.cameras for m2, plan in plans.items()},
-        view_bytes={m2: offered_views(building, plan) for m2, plan in plans.items()},
+        cameras={m2: plan.cameras for m2, plan in plans.items()}, view_bytes=_view_bytes(building, plans),
     )  # fmt: skip
+
+
+def _view_bytes(building: SimulatedBuilding, plans: dict[str, CameraPlan]) -> dict[str, dict[str, list[int]]]:
+    """By density and camera, what its views take; a camera that hangs alike in several plans is rendered once."""
+    measured: list[tuple[PlannedCamera, list[int]]] = []
+    for plan in plans.values():
+        known = [camera for camera, _ in measured]
+        new = msgspec.structs.replace(plan, cameras=[c for c in plan.cameras if c not in known])
+        offered = offered_views(building, new)
+        measured += [(camera, offered[camera.name]) for camera in new.cameras]
+    return {
+        m2: {c.name: next(b for known, b in measured if known == c) for c in plan.cameras} for m2, plan in plans.items()
+    }

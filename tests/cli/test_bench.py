@@ -25,11 +25,24 @@ def surveilnav(*arguments, timeout_s=240):
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s)
 
 
+@pytest.fixture
+def typed(monkeypatch, capsys):
+    """``typed(*arguments)``: what the console script ends with and says, in this process; for mistakes, which end it soon."""
+    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["surveilnav", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, *capsys.readouterr()
+
+    return run
+
+
 @pytest.fixture(scope="module")
-def root(tmp_path_factory):
-    root = tmp_path_factory.mktemp("dataset")
-    make(root, [SplitSpec("val_mini", (SceneSpec("parametric_flat", 0, "all"),), 6)], workers=1)
-    return root
+def root(made_once):
+    split = SplitSpec("val_mini", (SceneSpec("parametric_flat", 0, "all"),), 6)
+    return made_once("cli-dataset", lambda root: make(root, [split], workers=1))
 
 
 def test_a_run_says_its_numbers_as_one_object(root, tmp_path):
@@ -51,10 +64,10 @@ def test_a_run_says_its_numbers_as_one_object(root, tmp_path):
         ("--views", "all", "views is one of panoramic, half, got"),
     ],
 )
-def test_a_setting_that_doesnt_exist_is_named_with_those_that_do(root, tmp_path, option, value, said):
-    run = surveilnav("bench", "run", "--root", root, "--out", tmp_path / "run", option, value)
-    assert (run.returncode, run.stdout) == (1, "")
-    assert run.stderr.startswith(f"error: {said}")
+def test_a_setting_that_doesnt_exist_is_named_with_those_that_do(root, tmp_path, option, value, said, typed):
+    code, stdout, stderr = typed("bench", "run", "--root", root, "--out", tmp_path / "run", option, value)
+    assert (code, stdout) == (1, "")
+    assert stderr.startswith(f"error: {said}")
 
 
 def kept(run):
@@ -103,11 +116,11 @@ def test_a_run_that_was_killed_goes_on_and_comes_to_the_same(root, tmp_path):
         (("dataset", "build", "--split", "vla"), "there is no split 'vla'"),
     ],
 )
-def test_a_mistake_is_one_line(arguments, said):
-    done = surveilnav(*arguments)
-    assert done.returncode != 0
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
+def test_a_mistake_is_one_line(arguments, said, typed):
+    code, _, stderr = typed(*arguments)
+    assert code != 0
+    assert said in stderr
+    assert "Traceback" not in stderr
 
 
 def test_check_names_faults_and_says_so_by_its_exit(root, tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ class System:
     stack: Stack
     node: Node
     building: SimulatedBuilding
+    gateway_port: int = 0
 
     def submit(self, target: str, mission: str = "m1", max_steps: int = 200) -> MissionAck:
         goal = MissionGoal(stamp_ns=clock_ns(), mission=mission, target=target, max_steps=max_steps)
@@ -60,11 +61,24 @@ class System:
 
 
 @pytest.fixture
-def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., System]]:
+def system(tmp_path: Path, home_cache: Path) -> Iterator[Callable[..., System]]:
     """``system(building, cameras=2, ...)`` starts one; it is stopped at the test's end."""
-    monkeypatch.setenv("SURVEILNAV_SIM__LIGHTING", "flat")
-    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path / "cache"))
-    with ExitStack() as exits:
+    with starting(tmp_path, home_cache) as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[System]:
+    """One that tests share which leave it as they found it; its gateway's port is ``running.gateway_port``."""
+    with starting(tmp_path_factory.mktemp("running"), home_cache) as start:
+        yield start(cameras=1, gateway_port=free_port())
+
+
+@contextmanager
+def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
+    with pytest.MonkeyPatch.context() as environ, ExitStack() as exits:
+        environ.setenv("SURVEILNAV_SIM__LIGHTING", "flat")
+        environ.setenv("SURVEILNAV_CACHE_DIR", str(cache))
 
         def start(
             building: str = "parametric_flat", cameras: int = 2, perception: str = "oracle", surveillance: bool = True,
@@ -74,13 +88,13 @@ def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
             home.prepare()
             variables = environment(
                 router=f"tcp/127.0.0.1:{free_port()}", building=building, seed=0, cameras=cameras, area_per_camera_m2=100,
-                perception=perception, surveillance=surveillance, robot_start=robot_start, state=tmp_path / "state",
+                perception=perception, surveillance=surveillance, robot_start=robot_start, state=folder / "state",
             )  # fmt: skip
             names = [c.name for c in home.plan.cameras]
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
-            stack = exits.enter_context(Stack(variables, tmp_path / "logs", names, gateway=bool(gateway_port)))
+            stack = exits.enter_context(Stack(variables, folder / "logs", names, gateway=bool(gateway_port)))
             node = exits.enter_context(Node("test", "e2e", stack.bus, alive=False))
             stack.wait_ready(node, 90)
-            return System(stack, node, home)
+            return System(stack, node, home, gateway_port)
 
         yield start

@@ -26,10 +26,10 @@ def surveilnav(*arguments: str, cache: Path, timeout_s: float = 200, **env: str)
 
 
 @pytest.mark.slow
-def test_demo_finds_its_target_and_says_so_as_json(tmp_path):
+def test_demo_finds_its_target_and_says_so_as_json(tmp_path, home_cache):
     run = surveilnav(
         "demo", "--building", "parametric_flat", "--target", "tv", "--perception", "oracle", "--cameras", "2", "--json",
-        "--runs", str(tmp_path / "runs"), cache=tmp_path / "cache",
+        "--runs", str(tmp_path / "runs"), cache=home_cache,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
     outcome = json.loads(run.stdout)
@@ -50,10 +50,10 @@ def test_demo_finds_its_target_and_says_so_as_json(tmp_path):
 
 
 @pytest.mark.slow
-def test_demo_without_surveillance_uses_no_camera(tmp_path):
+def test_demo_without_surveillance_uses_no_camera(tmp_path, home_cache):
     run = surveilnav(
         "demo", "--building", "parametric_flat", "--target", "bed", "--perception", "oracle", "--surveillance", "off",
-        "--json", "--runs", str(tmp_path / "runs"), cache=tmp_path / "cache",
+        "--json", "--runs", str(tmp_path / "runs"), cache=home_cache,
     )  # fmt: skip
     outcome = json.loads(run.stdout)
     assert outcome["cameras"] == 0
@@ -61,28 +61,25 @@ def test_demo_without_surveillance_uses_no_camera(tmp_path):
     assert run.returncode == (0 if outcome["success"] else 1)
 
 
-def bad_homes(folder: Path) -> dict[str, tuple[Path, str]]:
-    """Files that are no homes, and what the message must name."""
-    cases = {}
-    for name, data in {"text": b"hello", "empty": b"", "truncated": b"PK\x03\x04 and no more"}.items():
-        path = folder / f"{name}.sh3d"
-        path.write_bytes(data)
-        cases[name] = path, "sh3d|zip|Home.xml|home"
-    entities = folder / "entities.sh3d"
-    bomb = '<!DOCTYPE h [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><home version="7000" name="&b;"/>'
-    with zipfile.ZipFile(entities, "w") as archive:
-        archive.writestr("Home.xml", bomb)
-    cases["entities"] = entities, "entit|DTD|DOCTYPE"
-    zeros = folder / "bomb.sh3d"
-    with zipfile.ZipFile(zeros, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("Home.xml", b" " * 400_000_000)
-    cases["zip bomb"] = zeros, "larg|big|bytes|MB|limit|unpack"
-    return cases
+def bad_home(case: str, path: Path) -> str:
+    """Writes a file that is no home; what the message must name."""
+    if case == "entities":
+        bomb = '<!DOCTYPE h [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><home version="7000" name="&b;"/>'
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("Home.xml", bomb)
+        return "entit|DTD|DOCTYPE"
+    if case == "zip bomb":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("Home.xml", b" " * 400_000_000)
+        return "larg|big|bytes|MB|limit|unpack"
+    path.write_bytes({"text": b"hello", "empty": b"", "truncated": b"PK\x03\x04 and no more"}[case])
+    return "sh3d|zip|Home.xml|home"
 
 
 @pytest.mark.parametrize("case", ["text", "empty", "truncated", "entities", "zip bomb"])
 def test_hostile_homes_are_refused_in_one_line(tmp_path, case):
-    path, names = bad_homes(tmp_path)[case]
+    path = tmp_path / f"{case.replace(' ', '-')}.sh3d"
+    names = bad_home(case, path)
     run = surveilnav("demo", "--building", str(path), "--target", "tv", cache=tmp_path / "cache")
     assert run.returncode == 1
     assert "Traceback" not in run.stderr
@@ -99,8 +96,8 @@ def test_hostile_homes_are_refused_in_one_line(tmp_path, case):
         (("--building", "/nowhere/home.sh3d"), "/nowhere/home.sh3d"),
     ],
 )
-def test_mistakes_are_explained(tmp_path, arguments, words):
-    run = surveilnav("demo", *arguments, "--runs", str(tmp_path / "runs"), cache=tmp_path / "cache")
+def test_mistakes_are_explained(tmp_path, home_cache, arguments, words):
+    run = surveilnav("demo", *arguments, "--runs", str(tmp_path / "runs"), cache=home_cache)
     assert run.returncode in (1, 2)  # 2: what the command line itself refuses
     assert "Traceback" not in run.stderr
     assert re.search(words, " ".join(run.stderr.split())), run.stderr

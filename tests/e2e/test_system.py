@@ -98,49 +98,6 @@ def test_garbage_on_every_key_stops_nothing(system):
 
 
 @pytest.mark.slow
-def test_goals_that_cannot_be_met_are_refused_and_cancel_stops_the_robot(system):
-    s = system(cameras=0)
-    unknown = s.submit("unicorn", mission="bad")
-    assert (unknown.accepted, unknown.error) == (False, "bad_target")
-    assert "'unicorn'" in unknown.message
-    assert "potted plant" in unknown.message
-    s.search("tv", mission="m1")
-    s.wait(lambda m: m.step >= 2, 60)
-    second = s.submit("bed", mission="m2")
-    assert (second.accepted, second.error) == (False, "no_free_robot")
-    s.node.ask(MISSION_CANCEL, MissionCancel(stamp_ns=clock_ns(), mission="m1"), mission="m1")
-    assert s.wait(lambda m: m.state in FINISHED_STATES, 20).state == "cancelled"
-    time.sleep(1.0)
-    before = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
-    time.sleep(1.0)
-    assert s.node.ask(ROBOT_STATUS, robot="r1").message.seq == before
-
-
-@pytest.mark.slow
-def test_find_and_status_through_the_gateway(system, tmp_path):
-    port = free_port()
-    system(cameras=1, gateway_port=port)
-
-    def surveilnav(*arguments):
-        command = [sys.executable, "-m", "cli.main", *arguments, "--url", f"http://127.0.0.1:{port}", "--json"]
-        return subprocess.run(command, capture_output=True, text=True, timeout=150, check=False)
-
-    until = time.monotonic() + 30
-    while (run := surveilnav("status")).returncode and time.monotonic() < until:
-        time.sleep(0.5)
-    facts = json.loads(run.stdout)
-    assert [r["id"] for r in facts["robots"]["items"]] == ["r1"]
-    assert [c["id"] for c in facts["cameras"]["items"]] == ["c0-1"]
-    refused = surveilnav("find", "unicorn")
-    assert refused.returncode == 1
-    assert "unicorn" in refused.stderr
-    assert "Traceback" not in refused.stderr
-    run = surveilnav("find", "tv")
-    assert run.returncode == 0, run.stderr
-    assert json.loads(run.stdout)["found"] is True
-
-
-@pytest.mark.slow
 def test_over_the_stairs_to_the_only_floor_that_has_the_target(system):
     """The cameras' summaries tell the planner where to go; they cost hundreds of bytes."""
     s = system("parametric_house", cameras=6, robot_start="5,4.25,1,0")
@@ -161,8 +118,7 @@ def test_over_the_stairs_to_the_only_floor_that_has_the_target(system):
 
 @pytest.mark.slow
 def test_a_mission_survives_the_death_of_its_planner(system):
-    port = free_port()
-    s = system(cameras=1, gateway_port=port)
+    s = system(cameras=1, gateway_port=free_port())
     s.search("tv")
     steps = []
     for _ in range(3):
@@ -183,5 +139,47 @@ def test_a_mission_survives_the_death_of_its_planner(system):
     while s.node.ask_all(MISSION_STATUS) == []:
         assert time.monotonic() < until_s
         time.sleep(0.2)
-    told = httpx.get(f"http://127.0.0.1:{port}/api/v1/missions").raise_for_status().json()["items"]
+    told = httpx.get(f"http://127.0.0.1:{s.gateway_port}/api/v1/missions").raise_for_status().json()["items"]
     assert [(m["id"], m["state"], m["found"]) for m in told] == [("m1", "done", True)]
+
+
+@pytest.mark.slow
+def test_goals_that_cannot_be_met_are_refused_and_cancel_stops_the_robot(running):
+    s = running
+    unknown = s.submit("unicorn", mission="bad")
+    assert (unknown.accepted, unknown.error) == (False, "bad_target")
+    assert "'unicorn'" in unknown.message
+    assert "potted plant" in unknown.message
+    s.search("tv", mission="m1")
+    s.wait(lambda m: m.step >= 2, 60)
+    second = s.submit("bed", mission="m2")
+    assert (second.accepted, second.error) == (False, "no_free_robot")
+    s.node.ask(MISSION_CANCEL, MissionCancel(stamp_ns=clock_ns(), mission="m1"), mission="m1")
+    assert s.wait(lambda m: m.state in FINISHED_STATES, 20).state == "cancelled"
+    time.sleep(1.0)
+    before = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
+    time.sleep(1.0)
+    assert s.node.ask(ROBOT_STATUS, robot="r1").message.seq == before
+
+
+@pytest.mark.slow
+def test_find_and_status_through_the_gateway(running):
+    url = f"http://127.0.0.1:{running.gateway_port}"
+
+    def surveilnav(*arguments):
+        command = [sys.executable, "-m", "cli.main", *arguments, "--url", url, "--json"]
+        return subprocess.run(command, capture_output=True, text=True, timeout=150, check=False)
+
+    until = time.monotonic() + 30
+    while (run := surveilnav("status")).returncode and time.monotonic() < until:
+        time.sleep(0.5)
+    facts = json.loads(run.stdout)
+    assert [r["id"] for r in facts["robots"]["items"]] == ["r1"]
+    assert [c["id"] for c in facts["cameras"]["items"]] == ["c0-1"]
+    refused = surveilnav("find", "unicorn")
+    assert refused.returncode == 1
+    assert "unicorn" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    run = surveilnav("find", "tv")
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["found"] is True

@@ -401,25 +401,25 @@ def test_a_split_of_ones_own_buildings_is_built_checked_and_played(tmp_path):
     """A mesh as somebody has it, and a building that has a name."""
     pytest.importorskip("trimesh")
     export_glb(open_building("parametric_flat"), tmp_path / "my.flat.glb")
-    own = own_split("own", [str(tmp_path / "my.flat.glb"), "parametric_house"], 3)
-    assert [spec.scene for spec in own.scenes] == ["my.flat-s0", "parametric_house-s0"]
+    own = own_split("own", [str(tmp_path / "my.flat.glb"), "parametric_flat"], 3)
+    assert [spec.scene for spec in own.scenes] == ["my.flat-s0", "parametric_flat-s0"]
     root = tmp_path / "dataset"
     assert make(root, [own], workers=2).splits["own"].episodes == 6
     assert [f for f in check(root) if f.level == "error"] == []
     built = []
     # a name as open_building takes it, too
-    fewer = own_split("own", [str(tmp_path / "my.flat.glb"), "Parametric-House"], 2)
+    fewer = own_split("own", [str(tmp_path / "my.flat.glb"), "Parametric-Flat"], 2)
     make(root, [fewer], workers=2, on_progress=lambda done, total, scene: built.append(scene))
-    assert sorted(built) == ["my.flat-s0", "parametric_house-s0"]
+    assert sorted(built) == ["my.flat-s0", "parametric_flat-s0"]
     (tmp_path / "other").mkdir()
     shutil.copy(tmp_path / "my.flat.glb", tmp_path / "other")
-    elsewhere = own_split("own", [str(tmp_path / "other" / "my.flat.glb"), "parametric_house"], 2)
+    elsewhere = own_split("own", [str(tmp_path / "other" / "my.flat.glb"), "parametric_flat"], 2)
     make(root, [elsewhere], workers=1, on_progress=lambda done, total, scene: built.append(scene))
     assert built[2:] == ["my.flat-s0"]
     settings = RunSettings(split="own", perception="oracle", policy="oracle", surveillance=False)
     finished = run(root, tmp_path / "run", settings, workers=2)
     assert finished.complete
-    assert {r.scene for r in finished.records if r.success} == {"my.flat-s0", "parametric_house-s0"}
+    assert {r.scene for r in finished.records if r.success} == {"my.flat-s0", "parametric_flat-s0"}
 
 
 @pytest.mark.parametrize(

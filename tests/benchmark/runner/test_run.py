@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -27,11 +29,14 @@ SETTINGS = RunSettings(perception="oracle", max_steps=40)
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    root = tmp_path_factory.mktemp("dataset")
+def dataset(tmp_path_factory, made_once):
+    """A copy: some tests edit it and put it right after."""
+    return Path(shutil.copytree(made_once("run-dataset", _make), tmp_path_factory.mktemp("runs") / "dataset"))
+
+
+def _make(root):
     scenes = (SceneSpec("parametric_flat", 0, "all"), SceneSpec("parametric_house", 0, "all"))
     make(root, [SplitSpec("val_mini", scenes, 6)], workers=1)
-    return root
 
 
 def _plain(records):
