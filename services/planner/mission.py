@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from services.planner.config import PlannerSettings
-from services.planner.core import Decision, MapView, MissionState, RobotView, step
+from services.planner.core import Decision, MapView, MissionState, RobotView, memory, step
 from services.planner.store import Pending, SavedMission, Store, StoreError
 from services.planner.summaries import Summaries
 from services.planner.world import CancelError, LostError, World
@@ -195,7 +195,7 @@ class Mission:
         if pending.finished:
             if self._concluded(pending):
                 return True
-            self._memory.finished = False  # the robot stands elsewhere than we thought: look again
+            memory.reopen(self._memory)  # the robot stands elsewhere than we thought: look again
             return False
         self._act(pending)
         return False
@@ -295,6 +295,6 @@ class Mission:
     def _plan(self, decision: Decision, status: RobotStatus) -> Plan:
         return Plan(
             stamp_ns=clock_ns(), mission=self.id, robot=self.robot, floor=status.floor, step=self._memory.step,
-            seq=status.seq, action=decision.action or "", waypoint=decision.plan,
+            seq=status.seq, action=decision.action or "", waypoint=decision.waypoint,
             path_m=[(round(x, 3), round(y, 3)) for x, y in decision.path], candidates=list(decision.candidates),
         )  # fmt: skip

@@ -160,9 +160,9 @@ class ObjectMap:
         obj.fuse(view, sighting, self._config.max_voxels, weight=weight, near=near)
         self._objects[obj.id] = obj
         self._log(obj, view, detected.label, detected.score, what, note, detected.box_px)
-        self._confirm(obj, view)
+        self._reassess(obj, view)
 
-    def _confirm(self, obj: MapObject, view: PosedView) -> None:
+    def _reassess(self, obj: MapObject, view: PosedView) -> None:
         """Has the rule of confirmation look at an object anew."""
         obj.record = None
         before, flipped = obj.status, obj.evidence.flipped
@@ -191,7 +191,7 @@ class ObjectMap:
                 continue
             obj.evidence.misses += 1
             self._log(obj, view, obj.label, 0.0, "not_seen", f"{share:.0%} of its points in plain view")
-            self._confirm(obj, view)
+            self._reassess(obj, view)
 
     # --- sizes ----------------------------------------------------------------------------------------------------
 
@@ -248,7 +248,7 @@ class ObjectMap:
         del self._objects[gone.id]
         note = f"object {gone.id} was the same thing"
         self._log(kept, view, gone.label, gone.confidence, "merged", note, absorbed=gone.id)
-        self._confirm(kept, view)
+        self._reassess(kept, view)
 
     def _forget_weakest(self) -> None:
         while len(self._objects) > self._config.max_objects:

@@ -1,7 +1,8 @@
 """Pure planning: ``step(state, maps, robot, config)`` gives the next action of a mission. No bus, no clock.
 
 goals/    what the robot may go to: objects, frontiers, floors (questions)
-motion/   how it gets there: terrain, fast marching, driving; ``approach`` looks at an object and decides the stop
+motion/   how it gets there: terrain, fast marching, driving
+pursuit/  what it does on the way and there; ``approach`` looks at an object, believes, and decides the stop
 stages/   in which order waypoints are tried (``rounds``), one file each
 memory    everything that changes what a mission remembers
 config    every number

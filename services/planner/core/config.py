@@ -93,9 +93,9 @@ class PlannerConfig(BaseModel):
     patience_steps: int = Field(
         20, description="a waypoint that the robot gets no nearer to for so long is blacklisted"
     )
-    blacklist_steps: int = Field(60, description="for so long; the second time for good")
+    blacklist_steps: int = Field(60, description="for so long a place is left alone that the robot failed to reach")
     detour_m: float = Field(0.5, description="a way that grows by this is another way, and gets patience of its own")
-    max_detours: int = Field(4, description="so often")
+    max_detours: int = Field(4, description="how often a way may turn out longer before the waypoint is blacklisted")
     hard_way_m: float = Field(
         4.0,
         description="a waypoint that only tight places lead to, on a way longer by this than twice its distance, is left for "
@@ -128,12 +128,14 @@ class PlannerConfig(BaseModel):
     confirmed_first: bool = Field(False, description="a confirmed target comes before all else, whatever the way")
     verify_m: float = Field(2.0, description="what looking at an object costs, beside the way to it")
     standoff_m: float = Field(0.75, description="where to stand before an object, if a way leads so near")
-    stop_m: float = Field(0.85, description="else here")
+    stop_m: float = Field(0.85, description="where to stand before an object if no way leads to ``standoff_m``")
     farthest_stop_m: float = Field(1.50, description="the farthest place from which an object counts as reached")
     inspect_m: float = Field(2.0, description="so near on its way the robot turns to an object that isn't verified")
     verify_confidence_robot: float = Field(0.25, description="the robot's own confidence that verifies or contradicts")
-    strong_confidence_surveillance: float = Field(0.80, description="strong surveillance evidence: its confidence")
-    strong_detections: int = Field(3, description="and how many detections")
+    strong_confidence_surveillance: float = Field(
+        0.80, description="strong surveillance evidence: its least confidence"
+    )
+    strong_detections: int = Field(3, description="strong surveillance evidence: its least number of detections")
     max_looks: int = Field(4, description="looks from other directions at an object before it is dropped")
     last_resort_chance: float | None = Field(
         0.30,
@@ -149,7 +151,9 @@ class PlannerConfig(BaseModel):
     floor_confidence: float = Field(
         0.4, description="another floor whose cameras saw the target this surely is gone to"
     )
-    floor_margin: float = Field(0.15, description="if that beats this floor's evidence by this")
+    floor_margin: float = Field(
+        0.15, description="another floor is gone to only if its evidence beats this floor's by this"
+    )
     floor_m: float = Field(12.0, description="about how far the target is from the stairs")
     floor_chance: float = Field(
         0.8, description="how often a floor has a target that its cameras don't see; 1: surely, the robot never leaves"

@@ -15,7 +15,7 @@ from services.planner.core.goals import objects
 from services.planner.core.goals.frontiers import Frontier, find_frontiers
 from services.planner.core.motion.drive import LocalPlanner, Route
 from services.planner.core.motion.terrain import Terrain, build_terrain, coarse_travel_time_m
-from services.planner.core.state import Decision, MapView, MissionState, RobotView
+from services.planner.core.state import Decision, MapView, MissionState, Phase, RobotView
 from surveilnav.messages import Candidate
 
 _SHOWN = 12
@@ -88,7 +88,7 @@ class StepContext:
         return coarse_travel_time_m(roomy, self.robot.x_m, self.robot.y_m)
 
     def decide(
-        self, action: str, phase: str, message: str, choice: Choice | None = None, route: Route | None = None,
+        self, action: str, phase: Phase, message: str, choice: Choice | None = None, route: Route | None = None,
         to_floor: str | None = None,
     ) -> Decision:  # fmt: skip
         """A decision for the waypoint chosen."""
@@ -97,7 +97,7 @@ class StepContext:
         length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if route else None
         chosen, compared = (choice.chosen, choice.compared[:_SHOWN]) if choice else (None, ())
         return Decision(
-            action, phase, message, to_floor, plan=chosen, path=path, distance_m=length_m, candidates=compared,
+            action, phase, message, to_floor, waypoint=chosen, path=path, distance_m=length_m, candidates=compared,
             object_id=chosen.object_id if chosen else None,
         )  # fmt: skip
 

@@ -13,6 +13,7 @@ from services.planner.core.config import PlannerConfig
 from services.planner.core.state import (
     BlacklistEntry,
     CurrentWaypoint,
+    Decision,
     FloorChange,
     FloorGoal,
     FloorMemory,
@@ -76,6 +77,17 @@ def remember(state: MissionState, robot: RobotView, config: PlannerConfig) -> No
         state.escapes = 0
 
 
+def note_decision(state: MissionState, decision: Decision) -> None:
+    """Counts the action decided on, and whether it ends the mission."""
+    state.finished |= decision.finished
+    state.step += decision.action is not None
+
+
+def reopen(state: MissionState) -> None:
+    """The robot didn't carry out the stop that was to end the mission: it goes on."""
+    state.finished = False
+
+
 def rest(state: MissionState) -> None:
     """The robot stands still on purpose: that is not being stuck."""
     if state.anchor is not None:
@@ -106,7 +118,7 @@ def escape(state: MissionState, config: PlannerConfig) -> None:
 # --- where it goes ------------------------------------------------------------------------------------------------
 
 
-def commit(state: MissionState, chosen: Candidate, config: PlannerConfig, *, last_resort: bool = False) -> None:
+def commit(state: MissionState, chosen: Candidate, config: PlannerConfig, *, unpromising: bool = False) -> None:
     """Notes the waypoint chosen; patience starts anew only for another place."""
     held = state.waypoint
     if held is not None and _same(held, chosen, 1.5 * config.same_place_m):
@@ -114,7 +126,7 @@ def commit(state: MissionState, chosen: Candidate, config: PlannerConfig, *, las
         return
     state.peeks = 0
     state.waypoint = CurrentWaypoint(
-        chosen.kind, chosen.x_m, chosen.y_m, None, state.step, chosen.object_id, last_resort
+        chosen.kind, chosen.x_m, chosen.y_m, None, state.step, chosen.object_id, unpromising
     )
 
 
@@ -186,17 +198,17 @@ def note_unreachable(state: MissionState, record: ObjectRecord) -> None:
 
 def drop(state: MissionState, record: ObjectRecord, why: str) -> None:
     """Notes that an object isn't the target."""
-    if record.id == state.here.last_resort:
-        state.here.last_resort = None
+    if record.id == state.here.accepted_object:
+        state.here.accepted_object = None
     state.here.dropped[record.id] = (record.center_m[0], record.center_m[1], why)
     state.waypoint = None
 
 
 def accept_last_resort(state: MissionState, record: ObjectRecord | None, config: PlannerConfig) -> bool:
     """Has an object taken for the target on weaker evidence; whether that is news. None: there is none any more."""
-    if record is not None and record.id == state.here.last_resort:
+    if record is not None and record.id == state.here.accepted_object:
         return False
-    state.here.last_resort = record.id if record else None
+    state.here.accepted_object = record.id if record else None
     if record is None:
         return False
     wake(state, *record.center_m[:2], config)

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate, ObjectRecord, RobotStatus, Stair
 
+Phase = Literal[
+    "scanning", "exploring", "approaching", "confirming", "changing floor", "second look", "finished"
+]  # fmt: skip
 WaypointKind = Literal["target", "candidate", "frontier", "stairs", "second_look"]
 
 
@@ -76,7 +79,7 @@ class CurrentWaypoint:
     """The waypoint that the robot is on its way to, and how that goes.
 
     ``best_m`` is the shortest remaining way so far (None: not yet known), reached at ``best_step``: no progress for
-    long ends it. ``detours``: how often it turned out to be longer. ``last_resort``: it was chosen although hardly anything
+    long ends it. ``detours``: how often it turned out to be longer. ``unpromising``: it was chosen although hardly anything
     speaks for it.
     """
 
@@ -86,7 +89,7 @@ class CurrentWaypoint:
     best_m: float | None
     best_step: int
     object_id: int | None = None
-    last_resort: bool = False
+    unpromising: bool = False
     detours: int = 0
 
 
@@ -131,7 +134,7 @@ class FloorMemory:
             only tight gaps lead there. ``dropped``: objects found not to be the target, by id: (x, y, why).
         inspected: turns spent on looking at an object within ``inspect_m``; ``looks``: extra looks spent, by object.
         wavered: how often an object ceased to be promising while the robot was on its way to it.
-        last_resort: the object to be accepted on weaker evidence because nothing else is left.
+        accepted_object: the object to be accepted on weaker evidence because nothing else is left.
         scans: where the robot looked all around.
         stairs_failed: how often a stair of this floor couldn't be reached or taken, by its name.
         visits: how often the robot came here. ``exhausted``: nothing was left to explore or to look at.
@@ -148,7 +151,7 @@ class FloorMemory:
     inspected: dict[int, int] = field(default_factory=dict)
     looks: dict[int, int] = field(default_factory=dict)
     wavered: dict[int, int] = field(default_factory=dict)
-    last_resort: int | None = None
+    accepted_object: int | None = None
     scans: list[tuple[float, float]] = field(default_factory=list)
     stairs_failed: dict[str, int] = field(default_factory=dict)
     visits: int = 0
@@ -231,18 +234,18 @@ class Decision:
     Attributes:
         action: one of ``surveilnav.messages.ACTIONS``; None when the mission failed.
         to_floor: belongs to ``take_stairs``.
-        plan: the chosen waypoint; ``path``: (x, y) [m, world] from the robot to it; ``distance_m`` its length.
+        waypoint: the one chosen, None: none was; ``path``: (x, y) [m, world] from the robot to it; ``distance_m`` its length.
         candidates: what else was weighed.
-        phase: scanning, exploring, approaching, confirming or finished.
+        phase: what the robot is doing.
         finished, found: the mission's end; ``found`` comes with the action ``stop``.
         error: the failure's name, empty if none. ``message``: for people.
     """
 
     action: str | None
-    phase: str
+    phase: Phase
     message: str = ""
     to_floor: str | None = None
-    plan: Candidate | None = None
+    waypoint: Candidate | None = None
     path: tuple[tuple[float, float], ...] = ()
     distance_m: float | None = None
     candidates: tuple[Candidate, ...] = ()

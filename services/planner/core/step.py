@@ -52,8 +52,7 @@ def step(
     memory.remember(state, robot, config)
     context = StepContext.of(state, maps, robot, config, planner, summaries, rule)
     decision = _fail_if_spent(context) or look_around(context) or _choose_waypoint_and_drive(context)
-    state.finished |= decision.finished
-    state.step += decision.action is not None
+    memory.note_decision(state, decision)
     return state, decision
 
 

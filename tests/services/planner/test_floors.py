@@ -231,7 +231,7 @@ def test_the_best_of_what_was_dropped_on_another_floor(world, house, thing):
 def test_what_was_accepted_in_vain_holds_nobody_back(monkeypatch, accepted, goes):
     """The better candidate was here; once it was tried, the weaker one on the other floor is next."""
     state = MissionState("chair", floor="0")
-    state.here.reserve, state.here.last_resort = 0.4, accepted
+    state.here.reserve, state.here.accepted_object = 0.4, accepted
     state.floors["1"] = FloorMemory(reserve=0.35, visits=1, exhausted=True)
     monkeypatch.setattr(stage, "ways", lambda context: {"1": WayToFloor(3.0, None)})
     monkeypatch.setattr(stage, "likeliest_last_resort", lambda context: None)

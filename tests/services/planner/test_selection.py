@@ -21,10 +21,10 @@ from services.planner.core.goals.object_choice import likeliest_last_resort, pro
 from services.planner.core.goals.objects import candidates, chance, promising
 from services.planner.core.goals.verification import good_enough, verify
 from services.planner.core.memory import accept_last_resort, blacklist, commit, is_blacklisted, wake_all
-from services.planner.core.motion.approach import approach
 from services.planner.core.motion.drive import Route
-from services.planner.core.motion.follow import follow
 from services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
+from services.planner.core.pursuit.approach import approach
+from services.planner.core.pursuit.follow import follow
 from services.planner.core.stages import promising_candidate as stage
 from services.planner.core.state import CurrentWaypoint, FloorGoal
 from surveilnav.geometry import Grid
@@ -455,7 +455,7 @@ def test_the_best_of_what_was_dropped_is_taken_when_the_steps_run_out(make_recor
     state.here.dropped[seen.id] = (6.0, 1.0, "not sure")
     m = maps([(60, c) for c in range(90, 110)], objects=[seen])
     after, decision = step(state, m, HERE, CONFIG)
-    assert (after.here.last_resort == seen.id) == goes
+    assert (after.here.accepted_object == seen.id) == goes
     assert (decision.object_id == seen.id) == goes
 
 
@@ -515,16 +515,16 @@ def test_the_likeliest_that_a_way_leads_to_is_the_last_resort(make_record):
 
     assert objects.last_resorts(m.objects, state, CONFIG)[0] is walled
     assert accept()
-    assert state.here.last_resort == 2
+    assert state.here.accepted_object == 2
     assert promising_object(context).record is second, "neither the blacklist nor wavering holds it back"
     assert not accept(), "no news"
     for _ in range(2):
         blacklist(state, 7.0, 1.0, CONFIG)
     assert accept()
-    assert state.here.last_resort == 3, "what was given up for good makes room for the next"
+    assert state.here.accepted_object == 3, "what was given up for good makes room for the next"
     m.objects.remove(third)
     assert not accept()
-    assert state.here.last_resort is None, "it was merged into another"
+    assert state.here.accepted_object is None, "it was merged into another"
 
 
 @pytest.mark.parametrize("judged_before", [False, True])
@@ -533,15 +533,15 @@ def test_a_last_resort_is_judged_once(make_record, judged_before):
     record = make_record(at=(6.0, 1.0), label="bed", confidence=0.6, label_robot="bed", confidence_robot=0.6)
     record = msgspec.structs.replace(record, label_scores={"bed": 0.6, "chair": 0.3})
     state = MissionState("chair", floor="0")
-    state.here.last_resort = record.id
+    state.here.accepted_object = record.id
     if judged_before:
         state.here.dropped[record.id] = (6.0, 1.0, "not confirmed")
     context = context_with(record, state)
     assert (approach(context, record, promising_object(context).choice) is None) is not judged_before
-    assert state.here.last_resort == (record.id if judged_before else None)
+    assert state.here.accepted_object == (record.id if judged_before else None)
     assert record.id in state.here.dropped
     assert accept_last_resort(state, likeliest_last_resort(context), CONFIG) is False
-    assert state.here.last_resort == (record.id if judged_before else None)
+    assert state.here.accepted_object == (record.id if judged_before else None)
 
 
 def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
@@ -553,4 +553,4 @@ def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
     state = MissionState("chair", step=450, floor="0")
     state.here.scan_left = 0
     after, decision = step(state, m, HERE, CONFIG)
-    assert (after.here.last_resort, decision.object_id) == (seen.id, seen.id)
+    assert (after.here.accepted_object, decision.object_id) == (seen.id, seen.id)

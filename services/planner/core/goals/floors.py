@@ -36,7 +36,8 @@ def evidence(context: StepContext, floor: str) -> float:
 
 
 def evidence_here(context: StepContext) -> float:
-    """The same for the robot's floor: what the joint map makes of it, once the cameras' views must have come."""
+    """The same for the robot's floor: what the joint map makes of it, once the first look around
+    is over: the cameras' views are in it by then."""
     state = context.state
     if state.here.scan_left != 0:
         return evidence(context, state.floor)

@@ -18,8 +18,8 @@ from surveilnav.messages import Candidate, ObjectRecord
 class ObjectGoal:
     """An object to go to.
 
-    ``worth``: its chance per metre (``objects.chance``, way and looking counted). ``held``: the robot is on its way there,
-    so another waypoint has to be clearly better. ``choice``: what it was compared with.
+    ``worth``: its chance per metre (``objects.chance``, way and looking counted). ``held``: the robot is on its way to one
+    of those compared, so whatever is no object has to be clearly better. ``choice``: what it was compared with.
     """
 
     record: ObjectRecord
@@ -43,7 +43,7 @@ def any_object(context: StepContext) -> ObjectGoal | None:
 def lost_promise(context: StepContext) -> bool:
     """Whether the robot is on its way to an object that isn't promising any more."""
     held = context.state.waypoint
-    on_the_way = held is not None and held.object_id is not None and not held.last_resort
+    on_the_way = held is not None and held.object_id is not None and not held.unpromising
     return on_the_way and not any(_is_held(context, o) for o in _awake_promising(context))
 
 
@@ -51,7 +51,7 @@ def likeliest_last_resort(context: StepContext) -> ObjectRecord | None:
     """The last resort that was accepted before, while it is one, else the likeliest that a way leads to."""
     state = context.state
     may_be = objects.last_resorts(context.maps.objects, state, context.config)
-    accepted = next((o for o in may_be if o.id == state.here.last_resort), None)
+    accepted = next((o for o in may_be if o.id == state.here.accepted_object), None)
     return accepted or next((o for o in may_be if is_reachable(context, o)), None)
 
 
@@ -89,7 +89,7 @@ def _candidate(context: StepContext, record: ObjectRecord, worth: float, *, chos
 
 def _worth(context: StepContext, record: ObjectRecord) -> float:
     """The chance per metre of an object; an accepted last resort comes before all else."""
-    if record.id == context.state.here.last_resort:
+    if record.id == context.state.here.accepted_object:
         return 1.0
     chance = objects.chance(record, context.state.target, context.config)
     return chance / (way_to(context, record) + context.config.verify_m)
@@ -122,7 +122,7 @@ def _is_doubtful(context: StepContext, record: ObjectRecord) -> bool:
     """Whether an unconfirmed object had better wait: it stopped being promising more than once with the robot on its way
     there (views that disagree must not turn it to and fro), or is hard to get to. An accepted last resort isn't."""
     here = context.state.here
-    if record.id == here.last_resort:
+    if record.id == here.accepted_object:
         return False
     if here.wavered.get(record.id, 0) > 1:
         return True

@@ -24,7 +24,7 @@ def candidates(objects: Iterable[ObjectRecord], state: MissionState, config: Pla
     for record, _ in _may_be(objects, state.target):
         ruled_out = record.status == "rejected" or record.id in state.here.dropped
         ruled_out |= _near_dropped(record, state, config) and not robot_sees(record, state.target, config)
-        if record.id == state.here.last_resort or not ruled_out:
+        if record.id == state.here.accepted_object or not ruled_out:
             found.append(record)
     return sorted(found, key=lambda o: (not is_confirmed(o, state.target), -relevance(o, state.target)))
 
@@ -36,7 +36,7 @@ def promising(objects: Iterable[ObjectRecord], state: MissionState, config: Plan
 
 
 def _is_promising(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:
-    if record.id == state.here.last_resort or is_confirmed(record, state.target):
+    if record.id == state.here.accepted_object or is_confirmed(record, state.target):
         return True
     if config.promising_chance is None:
         return False
@@ -54,7 +54,7 @@ def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: P
         return []
     found = []
     for record, confirmed in _may_be(objects, state.target):
-        held = record.id == state.here.last_resort
+        held = record.id == state.here.accepted_object
         if not held and was_ruled_out(record, state, config) and record.label_robot != state.target:
             continue
         if memory.is_given_up(state, *record.center_m[:2], config, confirmed=confirmed):

@@ -1,1 +1,1 @@
-"""How the robot gets to a goal: terrain, fast marching, driving, and what it does when it is there."""
+"""How the robot gets to a goal: terrain, fast marching, driving."""

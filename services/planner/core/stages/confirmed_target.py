@@ -5,8 +5,8 @@ from __future__ import annotations
 from services.planner.core import memory
 from services.planner.core.context import StepContext
 from services.planner.core.goals.object_choice import ObjectGoal, lost_promise, promising_object
-from services.planner.core.motion.approach import approach
-from services.planner.core.stages.exploring import weigh_exploring
+from services.planner.core.pursuit.approach import approach
+from services.planner.core.stages.exploring import put_off_and_weigh_exploring
 from services.planner.core.stages.stage import RETRY, Retry
 from services.planner.core.state import Decision
 
@@ -14,7 +14,7 @@ from services.planner.core.state import Decision
 def confirmed_target(context: StepContext) -> Decision | Retry | None:
     """Goes to it, unless a candidate or exploring is worth more per metre."""
     goal = promising_object(context)
-    if goal is None or not goal.confirmed or weigh_exploring(context, least_worth(context, goal)):
+    if goal is None or not goal.confirmed or put_off_and_weigh_exploring(context, least_worth(context, goal)):
         return None
     memory.commit(context.state, goal.choice.chosen, context.config)
     return approach(context, goal.record, goal.choice) or RETRY
@@ -31,6 +31,6 @@ def let_go_of_lost_object(context: StepContext) -> None:
     if held is None or held.object_id is None:
         return
     goal = promising_object(context)
-    outdone = goal is not None and goal.held and weigh_exploring(context, least_worth(context, goal))
+    outdone = goal is not None and goal.held and put_off_and_weigh_exploring(context, least_worth(context, goal))
     if outdone or lost_promise(context):
         memory.note_wavering(context.state)

@@ -9,7 +9,7 @@ from services.planner.core.context import Choice, FrontierChoice, StepContext
 from services.planner.core.goals.frontier_choice import all_frontiers
 from services.planner.core.goals.frontiers import Frontier, rank
 from services.planner.core.goals.reach import is_hard
-from services.planner.core.motion.explore import explore
+from services.planner.core.pursuit.explore import explore
 from services.planner.core.stages.stage import RETRY, Retry
 from services.planner.core.state import Decision
 from surveilnav.messages import Candidate
@@ -29,7 +29,7 @@ def put_off_hard_frontiers(context: StepContext) -> list[Frontier]:
     return easy
 
 
-def weigh_exploring(context: StepContext, worth: float) -> bool:
+def put_off_and_weigh_exploring(context: StepContext, worth: float) -> bool:
     """Whether some frontier promises more per metre than this; notes those that are hard to get to."""
     config = context.config
     chance = config.explore_chances.get(context.state.target, config.explore_chance)

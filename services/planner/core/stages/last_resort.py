@@ -35,9 +35,9 @@ def accept_when_steps_run_out(context: StepContext) -> None:
 def _better_floor(context: StepContext) -> FloorGoal | None:
     """The floor where something likelier is left than on this one."""
     state, reachable = context.state, ways(context)
-    left = [f for f in sorted(reachable) if memory_of(context, f).last_resort is None and may_visit(context, f)]
+    left = [f for f in sorted(reachable) if memory_of(context, f).accepted_object is None and may_visit(context, f)]
     best = max(left, key=lambda f: (memory_of(context, f).reserve, -reachable[f].cost_m), default=None)
-    here = state.here.reserve if state.here.last_resort is None else 0.0
+    here = state.here.reserve if state.here.accepted_object is None else 0.0
     if best is None or memory_of(context, best).reserve <= here:
         return None
     return FloorGoal(best, f"all is searched, and the best seen was on floor {best}")

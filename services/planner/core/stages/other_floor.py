@@ -11,8 +11,8 @@ from services.planner.core.context import StepContext
 from services.planner.core.goals import objects
 from services.planner.core.goals.floors import chance_here, evidence, evidence_here, memory_of, surely_here
 from services.planner.core.goals.stairs import ways
-from services.planner.core.motion.stairs import take_stair
-from services.planner.core.stages.exploring import weigh_exploring
+from services.planner.core.pursuit.stairs import take_stair
+from services.planner.core.stages.exploring import put_off_and_weigh_exploring
 from services.planner.core.state import Decision, FloorGoal
 
 
@@ -49,7 +49,7 @@ def _tempting(context: StepContext) -> FloorGoal | None:
     # going there pays where there is none here: if there is one, exploring finds it on a shorter way
     here = chance_here(context)
     worth = objects.chance_of(found[best], state.target, config) / (reachable[best].cost_m + config.floor_m)
-    if weigh_exploring(context, worth * (1.0 - here) / here):
+    if put_off_and_weigh_exploring(context, worth * (1.0 - here) / here):
         return None
     return FloorGoal(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}", worth)
 

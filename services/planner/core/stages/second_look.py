@@ -9,7 +9,7 @@ import numpy as np
 
 from services.planner.core import memory
 from services.planner.core.context import StepContext
-from services.planner.core.motion.follow import follow, level
+from services.planner.core.pursuit.follow import follow, level
 from services.planner.core.state import Decision
 from surveilnav.messages import Candidate
 

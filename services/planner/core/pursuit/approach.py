@@ -11,7 +11,7 @@ from services.planner.core.goals import objects
 from services.planner.core.goals.goal_region import GoalRegion, goal_region
 from services.planner.core.goals.verification import Verification, good_enough, verify
 from services.planner.core.motion.drive import bearing_error_rad, turn_towards
-from services.planner.core.motion.follow import follow, level
+from services.planner.core.pursuit.follow import follow, level
 from services.planner.core.state import Decision
 from surveilnav.messages import ObjectRecord
 
@@ -31,7 +31,7 @@ def approach(context: StepContext, record: ObjectRecord, choice: Choice) -> Deci
         memory.blacklist(context.state, *record.center_m[:2], context.config)
         return None
     if _has_arrived(context, region):
-        return _confirm(context, record, choice, verification)
+        return _look_and_decide(context, record, choice, verification)
     return (
         level(context, choice)
         or _turn_to_unsure(context, record, choice, region, verification)
@@ -43,7 +43,7 @@ def _verified(context: StepContext, record: ObjectRecord) -> Verification:
     """What the joint map says now. Of an accepted last resort that was ruled out before, more of the views that disagreed
     decide nothing."""
     verification = verify(record, context.state.target, context.config)
-    accepted = record.id == context.state.here.last_resort
+    accepted = record.id == context.state.here.accepted_object
     if verification == "contradicted" and accepted and objects.was_ruled_out(record, context.state, context.config):
         return "open"
     return verification
@@ -88,11 +88,11 @@ def _drive_to(
     near = float(region.distance_m[here]) <= context.config.farthest_stop_m and bool(region.sight[here])
     if near and verification == "verified":
         return _found(context, f"found {_name(record)}: seen by the robot itself, and no way leads nearer", choice)
-    accepted = record.id == context.state.here.last_resort
+    accepted = record.id == context.state.here.accepted_object
     return _accepted(context, record, choice) if near and accepted else None
 
 
-def _confirm(context: StepContext, record: ObjectRecord, choice: Choice, verification: Verification) -> Decision | None:
+def _look_and_decide(context: StepContext, record: ObjectRecord, choice: Choice, verification: Verification) -> Decision | None:
     """At the object: faces it; stops if verified, else looks from a few more directions and then decides."""
     state, config = context.state, context.config
     memory.rest(state)
@@ -111,7 +111,7 @@ def _confirm(context: StepContext, record: ObjectRecord, choice: Choice, verific
     if good_enough(record, state.target, config):
         why = "strong surveillance evidence, which the robot's views don't contradict"
         return _found(context, f"found {_name(record)}: {why}", choice)
-    if record.id == state.here.last_resort:
+    if record.id == state.here.accepted_object:
         return _accepted(context, record, choice)
     memory.drop(state, record, "the robot's own views didn't confirm it")
     return None

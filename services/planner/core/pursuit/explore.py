@@ -10,7 +10,7 @@ from services.planner.core import memory
 from services.planner.core.context import Choice, StepContext
 from services.planner.core.goals.frontiers import Frontier, unknown_side
 from services.planner.core.motion.drive import turn_towards
-from services.planner.core.motion.follow import follow, level
+from services.planner.core.pursuit.follow import follow, level
 from services.planner.core.state import Decision
 
 

@@ -7,7 +7,7 @@ import math
 from services.planner.core import memory
 from services.planner.core.context import Choice, StepContext
 from services.planner.core.goals.stairs import foot, reach_m
-from services.planner.core.motion.follow import follow, level
+from services.planner.core.pursuit.follow import follow, level
 from services.planner.core.state import Decision, FloorGoal
 from surveilnav.messages import Candidate, Stair
 
