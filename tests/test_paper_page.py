@@ -110,7 +110,7 @@ def named(text: str) -> bool:
 
 def test_the_pages_are_read():
     assert sum(named(text) for page, text, _ in LINKS if page == PAGE.name) > 150
-    assert len({page for page, _, _ in LINKS}) == 5
+    assert len({page for page, _, _ in LINKS}) == 6
     assert len(ROWS) > 35
 
 
