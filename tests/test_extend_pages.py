@@ -27,7 +27,7 @@ from surveilnav.messages import Command
 from surveilnav.sensing.packing import decode_frame
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted((ROOT / "docs" / "extend").glob("*.md"))
+PAGES = sorted(p for p in (ROOT / "docs" / "extend").glob("*.md") if p.stem != "README")
 
 
 def code_of(name: str) -> dict[str, Any]:
