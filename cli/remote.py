@@ -48,7 +48,7 @@ def follow_mission(url: str, target: str, robot: str, max_steps: int, console: C
         raise
     colour = "green" if mission.get("found") else "red"
     console.print(
-        f"[{colour}]{mission['state']}[/] {escape(str(mission.get('error', '')))} {escape(str(mission.get('message', '')))}"
+        f"[{colour}]{mission['state']}[/] {escape(str(mission.get('error') or ''))} {escape(str(mission.get('message', '')))}"
     )
     return mission
 

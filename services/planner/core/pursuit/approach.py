@@ -92,7 +92,9 @@ def _drive_to(
     return _accepted(context, record, choice) if near and accepted else None
 
 
-def _look_and_decide(context: StepContext, record: ObjectRecord, choice: Choice, verification: Verification) -> Decision | None:
+def _look_and_decide(
+    context: StepContext, record: ObjectRecord, choice: Choice, verification: Verification
+) -> Decision | None:
     """At the object: faces it; stops if verified, else looks from a few more directions and then decides."""
     state, config = context.state, context.config
     memory.rest(state)
