@@ -384,7 +384,7 @@ def test_a_ratio_is_that_of_resampled_pairs():
         (RunSettings(max_steps=0), "1 to 5000 steps"),
         (RunSettings(fusion={"objects": {"association": {"geometry": "sphere"}}}), "geometry"),
         (RunSettings(fusion={"clouds": {}}), "clouds"),
-        (RunSettings(planning={"speed": 3}), "speed\n.*Unexpected"),
+        (RunSettings(planning={"speed": 3}), "speed\n.*Extra inputs"),
         (RunSettings(planner="warp"), "planner is one of fmm, sp, got 'warp'"),
         (RunSettings(views="all"), "views is one of panoramic, half, got 'all'"),
         (RunSettings(planning={"strategy": "best"}), "strategy"),
