@@ -65,12 +65,12 @@ class BusSettings(BaseSettings):
 
 
 def router_config(listen: str) -> str:
-    """Zenoh's JSON5 for the router (zenohd takes the same)."""
+    """Zenoh's JSON5 for the router (zenohd takes the same). It scouts for nobody, so it doesn't wait for anybody either."""
     return json.dumps(
         {
             "mode": "router",
             "listen": {"endpoints": [listen]},
-            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+            "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
             "adminspace": {"enabled": True},
             "transport": {
                 "shared_memory": {"enabled": False},
