@@ -166,6 +166,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Plays the searches that are named, else all; 0 if what gates came out as written."""
     parser = _parser()
     args = parser.parse_args(argv)
+    if args.renew and (args.names or args.no_pixels):
+        parser.error("--renew writes down what all searches do: name none, and leave none out")
     canary = msgspec.json.decode(FILE.read_bytes(), type=Canary) if args.renew else read()
     wanted = [
         s

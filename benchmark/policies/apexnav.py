@@ -2,7 +2,7 @@
 
 Kept: when the standard deviation of the frontiers' values exceeds 0.015 and their max/mean 1.10, a tour over those
 within 5 % of the highest (the open travelling salesman from the robot, by driving distance), else the nearest;
-frontiers given up without progress left dormant; confidence over all evidence with views that should have shown the
+frontiers given up without progress left left alone; confidence over all evidence with views that should have shown the
 object and didn't counting against it; suspected objects visited only when no frontier is left, or the steps run out.
 Not kept: the language model's lists of similar objects (the detectors' other classes stand in), BLIP-2 (values come
 from the backend's own embeddings), the LKH solver (the few frontiers of a tour are tried in every order).

@@ -18,8 +18,10 @@ from surveilnav.bus import Node
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import MissionStatus, Plan
 
-#: Of the tables and of what is in them. A store of another version is set aside, not read.
+#: Of the tables and of what is in them. Records of version 1 lack ``robot_path_m`` and have two fields more, which reading
+#: passes over. A store of any other version is set aside, not read.
 VERSION = 2
+_READABLE = (1, VERSION)
 _SCHEMA = """CREATE TABLE IF NOT EXISTS missions (
     id TEXT PRIMARY KEY, finished INTEGER NOT NULL, record TEXT NOT NULL, memory TEXT NOT NULL)"""
 _SAVE = """INSERT INTO missions (id, finished, record, memory) VALUES (?, ?, ?, ?)
@@ -73,8 +75,8 @@ class _Record(msgspec.Struct, frozen=True, kw_only=True):
     status: MissionStatus
     plan: Plan | None
     pending: Pending | None
-    robot_path_m: float
     cancel: str | None
+    robot_path_m: float | None = None
 
 
 class Store:
@@ -100,7 +102,10 @@ class Store:
             except msgspec.MsgspecError as error:
                 self._log.error("store_unreadable: a mission can't be resumed", mission=id, error=str(error))
                 continue
-            missions.append(SavedMission(**msgspec.structs.asdict(r), memory=memory))
+            facts = msgspec.structs.asdict(r)
+            if r.robot_path_m is None:  # of version 1
+                facts["robot_path_m"] = r.status.path_m
+            missions.append(SavedMission(**facts, memory=memory))
         return missions
 
     def save(self, mission: SavedMission, *, finished: bool = False, sync: bool = False) -> None:
@@ -189,4 +194,4 @@ def _fault_of(path: Path) -> str:
         return f"store_corrupt ({error})"
     if not sound:
         return "store_corrupt (its pages don't fit together)"
-    return "" if version == VERSION else f"store_version (expected {VERSION}, got {version})"
+    return "" if version in _READABLE else f"store_version (expected {VERSION}, got {version})"

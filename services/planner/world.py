@@ -63,10 +63,10 @@ class World:
             try:
                 timeout_s = self.settings.ask_timeout_s
                 status: RobotStatus = self.node.ask(ROBOT_STATUS, robot=self.robot, timeout_s=timeout_s).message
-                if math.isfinite(status.pitch_rad):
+                if not (fault := _fault_of(status)):
                     return status
-                self.node.reject(ROBOT_STATUS.name, f"robot {self.robot}: its camera's pitch is {status.pitch_rad}")
-                error: Exception = WireError(f"the pitch of its camera is {status.pitch_rad}")
+                self.node.reject(ROBOT_STATUS.name, f"robot {self.robot}: {fault}")
+                error: Exception = WireError(fault)
             except (Unanswered, Refused) as unanswered:
                 error = unanswered
             self._silent(began_s, error)
@@ -206,6 +206,15 @@ class World:
     def _pause(self, seconds: float) -> None:
         self.check_cancelled()
         time.sleep(seconds)
+
+
+def _fault_of(status: RobotStatus) -> str:
+    """What can't be in a robot's word; empty if nothing is wrong."""
+    if not math.isfinite(status.pitch_rad):
+        return f"expected its camera's pitch in radians, got {status.pitch_rad}"
+    if not 0.0 <= status.path_m < math.inf:
+        return f"expected the length of its way in metres, 0 or more, got {status.path_m}"
+    return ""
 
 
 def _is_stair(stair: Stair) -> bool:

@@ -31,7 +31,8 @@ class Stream:
 
     ``kind`` is "put" or "query" ("put+query": both). ``request`` is what a query carries, ``message`` what is
     put or replied. ``payload`` says that raw bytes travel as the payload, the message then being the
-    attachment. ``max_age_ms``: older is stale. ``rate_hz``: None means on change.
+    attachment. ``max_age_ms``: older is stale. ``rate_hz``: None means on change. ``asked_of_all``: a request may
+    go to all owners by a wildcard; others must name one, so that no command moves every robot.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Stream:
     carries: str
     request: type[Message] | None = None
     payload: bool = False
+    asked_of_all: bool = False
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -105,6 +107,7 @@ CAMERA_REQUEST = Stream(
 CAMERA_SLOT = Stream(
     "camera_slot", "{building}/camera_slot/{slot}", m.Ack, "camera_node", "query", None, 2_000,
     "control", "who holds a slot of the camera plan answers; the others look for a free one", request=m.SlotClaim,
+    asked_of_all=True,
 )  # fmt: skip
 ROBOT_OBSERVATION = Stream(
     "robot_observation", "{building}/robot/{robot}/observation", m.Observation, "robot_node", "put", None, 2_000,

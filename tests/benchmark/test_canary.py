@@ -44,3 +44,10 @@ def test_an_unknown_search_is_named(capsys):
     with pytest.raises(SystemExit):
         canary.main(["no such search"])
     assert "few steps" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("more", [["few steps"], ["--no-pixels"]])
+def test_all_searches_are_renewed_or_none(more, capsys):
+    with pytest.raises(SystemExit):
+        canary.main(["--renew", *more])
+    assert "name none" in capsys.readouterr().err

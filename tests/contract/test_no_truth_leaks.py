@@ -89,7 +89,7 @@ def test_fusion_planner_and_gateway_cannot_import_the_building():
 @pytest.mark.parametrize(
     ("file", "text"),
     [
-        ("fusion/keeper.py", "from surveilnav.contract import TRUTH"),
+        ("fusion/durable_map.py", "from surveilnav.contract import TRUTH"),
         ("fusion/core/cloud.py", "def peek(contract): return contract.TRUTH"),
         ("planner/core/step.py", "from surveilnav.sensing.views import TrueInstances"),
         ("planner/world.py", "from surveilnav.sensing.truth import truth_from_wire"),

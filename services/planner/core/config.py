@@ -108,6 +108,7 @@ class PlannerConfig(BaseModel):
     scan_unless_m: float = Field(3.0, description="no first look around where the likely target is so near")
     second_look_m: float | None = Field(
         2.0,
+        gt=0,
         description="when all is explored in vain, the robot looks around again until every place lies so near to a full look "
         "around: a detector needs more than a glance from afar. None: never",
     )

@@ -106,7 +106,9 @@ class Server:
                 raise WireError(f"expected a {stream.request.__name__}, got a query without a payload")
             data, payload = (attachment, payload) if attachment else (payload, b"")
             message = decode(stream.request, data, schema_in(query.encoding))
-        ids = stream.ids_of(key) or stream.ids_of(self._key) or {}  # asked of many: each is asked for its own
+        ids = stream.ids_of(key) or {}
+        if not ids and stream.asked_of_all:  # each is asked for its own
+            ids = stream.ids_of(self._key) or {}
         if stream.kind == "query" and stream.request is not None and not ids:
             raise WireError(f"expected a key like {stream.key} without wildcards, got {key!r:.120}")
         return Request(ids, _parameters(query), message, payload, received_ns)

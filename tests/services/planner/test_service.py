@@ -524,10 +524,11 @@ def test_a_floor_is_what_its_cameras_last_said(planner, cameras, monkeypatch):
     assert summaries.by_floor() == {}, "what is stale is no evidence"
 
 
-def test_a_robot_that_talks_nonsense_is_silent(fakes, planner, client):
+@pytest.mark.parametrize("nonsense", ["pitch", "path_m"])
+def test_a_robot_that_talks_nonsense_is_silent(fakes, planner, client, nonsense):
     f = fakes()
     service = planner()
-    f.world.pitch = math.nan
+    setattr(f.world, nonsense, math.nan)
     submit(client)
     status = end_of(client)
     assert (status.state, status.error) == ("failed", "robot_lost")

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from services.planner.core import MissionState, PlannerConfig, step
+from services.planner.core.stages import rounds
+from services.planner.core.stages.stage import RETRY
 
 #: Two rooms, joined by a door of 0.75 m.
 TWO_ROOMS = """
@@ -254,3 +256,12 @@ def test_path_never_crosses_known_obstacles(world):
             assert not maps.occupancy[cells[:, 0], cells[:, 1]].any()
 
     world(TWO_ROOMS).run(watch=watch)
+
+
+def test_a_stage_that_retries_without_end_is_a_bug_that_ends(monkeypatch):
+    def stubborn(context):
+        return RETRY
+
+    monkeypatch.setattr(rounds, "ROUNDS", ((stubborn,),))
+    with pytest.raises(RuntimeError, match="stubborn"):
+        rounds.first_decision(None)

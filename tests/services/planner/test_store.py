@@ -196,3 +196,22 @@ def test_people_can_read_it(open_store, tmp_path):
     connection = sqlite3.connect(path)
     assert connection.execute("SELECT json_extract(record, '$.status.target') FROM missions").fetchone() == ("chair",)
     connection.close()
+
+
+def test_a_store_of_the_version_before_goes_on(open_store, tmp_path):
+    """Its records have the robot's place and last action, and not what the robot itself said of its way."""
+    path = tmp_path / "planner.sqlite"
+    store = open_store(path)
+    store.save(full("m1"), sync=True)
+    store.close()
+    with sqlite3.connect(path) as connection:
+        (record,) = connection.execute("SELECT record FROM missions").fetchone()
+        facts = msgspec.json.decode(record)
+        del facts["robot_path_m"]
+        facts |= {"place": [1.0, -2.5], "last_action": "move_forward"}
+        connection.execute("UPDATE missions SET record = ?", [msgspec.json.encode(facts).decode()])
+        connection.execute("PRAGMA user_version = 1")
+    connection.close()
+    (mission,) = open_store(path).load()
+    assert mission == msgspec.structs.replace(full("m1"), robot_path_m=1.25)
+    assert [p.name for p in tmp_path.glob("planner.sqlite.2*")] == [], "nothing was set aside"

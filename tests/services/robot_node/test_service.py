@@ -104,6 +104,13 @@ def test_it_says_what_it_did_in_status_and_observation_alike(robot, client, comm
     assert seen.message.mounting_offset_m == 0.7
 
 
+def test_a_command_to_all_robots_moves_none(robot, client):
+    service = robot(body := Body())
+    everybody = Command(stamp_ns=clock_ns(), action="move_forward", seq_expected=0, mission="m1")
+    assert client.ask_all(ROBOT_COMMAND, everybody, timeout_s=0.5) == []
+    assert (service.step(), body.state.seq) == (True, 0), "only its first look is put"
+
+
 def test_a_new_mission_counts_from_zero_unless_its_command_is_refused(robot, client, command):
     service = robot(Body())
     command("move_forward", 0)

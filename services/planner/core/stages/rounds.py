@@ -29,11 +29,19 @@ ROUNDS: tuple[tuple[Stage, ...], ...] = (
 )
 
 
+#: Far more than there are waypoints: who comes here has a stage or a frontier rule that gives nothing up.
+_MOST_RETRIES = 10_000
+
+
 def first_decision(context: StepContext) -> Decision | None:
     """The first that a stage makes; None: there is nothing left to do."""
     for stages in ROUNDS:
-        while isinstance(outcome := _first_outcome(stages, context), Retry):
-            pass
+        for _ in range(_MOST_RETRIES):
+            outcome = _first_outcome(stages, context)
+            if not isinstance(outcome, Retry):
+                break
+        else:
+            raise RuntimeError(f"a stage of {[s.__name__ for s in stages]} retries without end")
         if outcome is not None:
             return outcome
     return None

@@ -18,5 +18,7 @@ RETRY = Retry()
 class Stage(Protocol):
     """Chooses a waypoint of its kind and drives there."""
 
+    __name__: str
+
     def __call__(self, context: StepContext) -> Decision | Retry | None:
         """The next action; ``RETRY``; None: there is no waypoint of this kind."""
