@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from services.camera_node.slots import lease, named
@@ -15,6 +17,13 @@ PLAN = CameraPlan(
 )  # fmt: skip
 
 
+def until(condition, timeout_s=10.0):
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s, "it never came"
+        time.sleep(0.01)
+
+
 def test_each_gets_a_camera_of_its_own_and_gives_it_back(bus, make_node):
     watcher = make_node("test", "t", alive=False)
     with lease(PLAN, bus) as first:
@@ -22,7 +31,7 @@ def test_each_gets_a_camera_of_its_own_and_gives_it_back(bus, make_node):
         assert (node.kind, node.id) == ("camera", camera.name)
         with lease(PLAN, bus) as second:
             assert {camera.name, second[0].name} == {"c1", "c2"}
-            assert watcher.alive("camera") == {"c1", "c2"}
+            until(lambda: watcher.alive("camera") == {"c1", "c2"})
             with lease(PLAN, bus, wait_s=0.5) as third:
                 assert third is None, "all are taken"
             assert not node.stopping.is_set()
