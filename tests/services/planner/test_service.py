@@ -187,13 +187,29 @@ def client(make_node):
 
 
 @pytest.fixture
-def planner(make_node):
-    def start(settings=QUICK):
-        service = PlannerService(make_node("planner", "planner"), settings)
+def begin(client):
+    """``begin(node, settings)``: a planner that others can reach."""
+
+    def start(node, settings):
+        service = PlannerService(node, settings)
+        deadline_s = time.monotonic() + 5.0
+        while True:
+            try:
+                client.ask(MISSION_PLAN, mission="nobody-asked-for-it")
+            except Refused:  # it is there, and has no such mission
+                break
+            except Unanswered:
+                assert time.monotonic() < deadline_s, "the planner is never heard"
+                time.sleep(0.01)
         time.sleep(0.1)  # robots' status and liveliness arrive
         return service
 
     return start
+
+
+@pytest.fixture
+def planner(make_node, begin):
+    return lambda settings=QUICK: begin(make_node("planner", "planner"), settings)
 
 
 def submit(client, mission="m1", target="chair", **more):
@@ -689,19 +705,18 @@ def test_a_mission_whose_robot_is_gone_fails_by_name_after_a_restart(fakes, proc
     assert time.monotonic() - began_s > 1.5
 
 
-def test_finished_missions_are_listed_after_a_restart_the_oldest_forgotten(fakes, make_node, client, tmp_path):
+def test_finished_missions_are_listed_after_a_restart_the_oldest_forgotten(fakes, make_node, begin, client, tmp_path):
     settings = QUICK.model_copy(update={"store": str(tmp_path / "planner.sqlite"), "finished_missions_kept": 2})
     fakes()
     node = make_node("planner", "planner")
-    PlannerService(node, settings)
-    time.sleep(0.1)
+    begin(node, settings)
     ends = {}
     for id in ("m1", "m2", "m3", "m4"):
         submit(client, id)
         ends[id] = end_of(client, id)
     node.__exit__(None, None, None)
     assert client.ask_all(MISSION_STATUS) == []
-    PlannerService(make_node("planner", "planner"), settings)
+    begin(make_node("planner", "planner"), settings)
     told = {a.ids["mission"]: a.message for a in client.ask_all(MISSION_STATUS)}
     assert told == {id: ends[id] for id in ("m3", "m4")}
     assert client.ask(MISSION_PLAN, mission="m4").message.action == "stop"
@@ -744,13 +759,12 @@ def test_nothing_is_accepted_before_the_store_was_read(fakes, planner, client, t
     assert submit(client, "m1").accepted
 
 
-def test_of_two_open_missions_of_a_robot_the_later_goes_on(fakes, make_node, client, tmp_path):
+def test_of_two_open_missions_of_a_robot_the_later_goes_on(fakes, make_node, begin, client, tmp_path):
     settings = QUICK.model_copy(update={"store": str(tmp_path / "planner.sqlite")})
     f = fakes()
     f.slow_s = 0.05
     node = make_node("planner", "planner")
-    PlannerService(node, settings)
-    time.sleep(0.1)
+    begin(node, settings)
     submit(client, "m1")
     while len(f.commands) < 3:
         time.sleep(0.01)
@@ -760,7 +774,7 @@ def test_of_two_open_missions_of_a_robot_the_later_goes_on(fakes, make_node, cli
     later = msgspec.structs.replace(mission, status=msgspec.structs.replace(mission.status, mission="m2"))
     store.save(later)
     store.close()
-    PlannerService(make_node("planner", "planner"), settings)
+    begin(make_node("planner", "planner"), settings)
     old = end_of(client, "m1")
     assert (old.state, old.error) == ("failed", "superseded")
     assert "m2" in old.message
@@ -768,13 +782,12 @@ def test_of_two_open_missions_of_a_robot_the_later_goes_on(fakes, make_node, cli
     assert f.seqs == list(range(len(f.seqs)))
 
 
-def test_a_memory_that_cannot_be_read_begins_anew_with_its_steps_counted(fakes, make_node, client, tmp_path):
+def test_a_memory_that_cannot_be_read_begins_anew_with_its_steps_counted(fakes, make_node, begin, client, tmp_path):
     settings = QUICK.model_copy(update={"store": str(tmp_path / "planner.sqlite")})
     f = fakes()
     f.slow_s = 0.05
     node = make_node("planner", "planner")
-    PlannerService(node, settings)
-    time.sleep(0.1)
+    begin(node, settings)
     submit(client)
     while len(f.commands) < 5:
         time.sleep(0.01)
@@ -783,7 +796,7 @@ def test_a_memory_that_cannot_be_read_begins_anew_with_its_steps_counted(fakes, 
     (mission,) = store.load()
     store.save(msgspec.structs.replace(mission, memory='{"target": 7}'))
     store.close()
-    PlannerService(make_node("planner", "planner"), settings)
+    begin(make_node("planner", "planner"), settings)
     status = end_of(client)
     assert status.found
     assert status.step == len(f.commands)
