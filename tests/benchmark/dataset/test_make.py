@@ -416,7 +416,7 @@ def test_a_split_of_ones_own_buildings_is_built_checked_and_played(tmp_path):
     elsewhere = own_split("own", [str(tmp_path / "other" / "my.flat.glb"), "parametric_flat"], 2)
     make(root, [elsewhere], workers=1, on_progress=lambda done, total, scene: built.append(scene))
     assert built[2:] == ["my.flat-s0"]
-    settings = RunSettings(split="own", perception="oracle", policy="oracle", surveillance=False)
+    settings = RunSettings(split="own", perception="oracle", policy="shortest-path", surveillance=False)
     finished = run(root, tmp_path / "run", settings, workers=2)
     assert finished.complete
     assert {r.scene for r in finished.records if r.success} == {"my.flat-s0", "parametric_flat-s0"}
