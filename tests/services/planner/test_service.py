@@ -212,15 +212,27 @@ def planner(make_node, begin):
     return lambda settings=QUICK: begin(make_node("planner", "planner"), settings)
 
 
+def ask(client, *query, **options):
+    """``client.ask``, again until the router has heard of the planner: on a busy machine that takes a while."""
+    until_s = time.monotonic() + 10
+    while True:
+        try:
+            return client.ask(*query, **options)
+        except Unanswered as error:
+            if error.timed_out or time.monotonic() > until_s:
+                raise
+            time.sleep(0.02)
+
+
 def submit(client, mission="m1", target="chair", **more):
     goal = MissionGoal(stamp_ns=1, mission=mission, target=target, **more)
-    return client.ask(MISSION_GOAL, goal, mission=mission, timeout_s=3).message
+    return ask(client, MISSION_GOAL, goal, mission=mission, timeout_s=3).message
 
 
 def end_of(client, mission="m1", timeout_s=20.0):
     deadline_s = time.monotonic() + timeout_s
     while time.monotonic() < deadline_s:
-        status = client.ask(MISSION_STATUS, mission=mission).message
+        status = ask(client, MISSION_STATUS, mission=mission).message
         if status.state in ("done", "failed", "cancelled"):
             return status
         time.sleep(0.02)

@@ -15,15 +15,16 @@ from surveilnav.errors import BusError
 
 def test_a_loop_that_hangs_is_not_healthy(bus, tmp_path, monkeypatch, eventually):
     monkeypatch.setattr("surveilnav.bus.node._STALLED_S", 0.3)
-    hang = threading.Event()
+    hang, goes_on = threading.Event(), threading.Event()
     settings = bus.model_copy(update={"health_file": tmp_path / "healthy"})
     with Node("a", "a", settings) as node:
-        loop = threading.Thread(target=node.run, args=(lambda: hang.is_set() and time.sleep(3),))
+        loop = threading.Thread(target=node.run, args=(lambda: hang.is_set() and goes_on.wait(10),))
         loop.start()
         assert eventually(settings.health_file.exists)
         assert node.healthy()
         hang.set()
         assert eventually(lambda: not node.healthy())
+        goes_on.set()
         node.stop()
         loop.join()
 
