@@ -13,7 +13,7 @@ from services.robot_node.bodies.body import Look
 from services.robot_node.config import RobotSettings
 from services.robot_node.core import RobotState, camera_pose_of
 from services.robot_node.service import RobotService
-from surveilnav.bus import Refused, clock_ns
+from surveilnav.bus import Refused, Unanswered, clock_ns
 from surveilnav.contract import ROBOT_COMMAND, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
 from surveilnav.geometry import Pinhole, yaw_of
 from surveilnav.messages import Command, RobotStatus, Stair
@@ -67,9 +67,23 @@ def client(make_node):
 
 
 @pytest.fixture
-def robot(make_node):
-    """``robot(body)``: a service whose loop the test turns."""
-    return lambda body: RobotService(make_node("robot", "r1"), body, RobotSettings())
+def robot(make_node, client):
+    """``robot(body)``: a service whose loop the test turns, and that others can reach."""
+
+    def heard():
+        try:
+            return client.ask(ROBOT_STATUS, robot="r1")
+        except Unanswered as unanswered:
+            if unanswered.timed_out:
+                raise
+            return None
+
+    def start(body):
+        service = RobotService(make_node("robot", "r1"), body, RobotSettings())
+        until(heard)  # the router doesn't know at once who answers
+        return service
+
+    return start
 
 
 @pytest.fixture
