@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from simulator.furniture.labels import TARGETS
 from simulator.sources import TRAIN_HOMES
-from surveilnav.categories import TARGETS
 
 _PATH = Path(__file__).with_name("cooccurrence.json")
 

@@ -37,7 +37,7 @@ class ScenePlayer:
         self._data: SceneData = load_scene(root, settings.split, scene)
         networks: dict[str, Any] = {}
         if settings.detectors:
-            networks = {"detector_names": settings.detectors, "large_detector_names": settings.detectors}
+            networks = {"detectors": settings.detectors, "large_detectors": settings.detectors}
         backend = choose_backend(settings.perception, seed=settings.seed, harder=settings.harder, **networks)
         way = "depth" if backend.needs_truth else "pixels"
         self._building: SimulatedBuilding = open_scene(

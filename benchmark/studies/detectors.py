@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.furniture.labels import TARGETS
 from simulator.render.depth_noise import DepthNoise
 from simulator.render.renderer import Renderer
 from simulator.sources import open_building
@@ -28,11 +29,11 @@ from simulator.truth.choose import choose_backend
 from simulator.truth.visible import VisibleThing, mask_within, visible_things
 from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
-from surveilnav.categories import TARGETS
 from surveilnav.config import cache_dir
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.perception.boxes import overlaps
-from surveilnav.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
+from surveilnav.perception.presets import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
+from surveilnav.perception.vocabulary import COCO
 from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.sensing.views import Detected, TrueInstances
 
@@ -120,7 +121,7 @@ class Tally:
     def add(self, view: RenderedView, found: Sequence[Detected]) -> None:
         """Counts a view and what was found in it."""
         self.views += 1
-        everything = visible_things(view.truth, view.depth_m, 30)
+        everything = visible_things(view.truth, view.depth_m, 30, COCO)
         found = [d for d in found if d.score >= self.min_score and d.label in TARGETS]
         owner = matches(everything, found)
         hit = set()
@@ -188,7 +189,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--large-detectors", nargs="+", default=list(DEFAULT_LARGE_DETECTORS))
     parser.add_argument("--min-pixels", type=int, default=400)
     args = parser.parse_args(argv)
-    backend = choose_backend("onnx-coco", detector_names=args.detectors, large_detector_names=args.large_detectors)
+    backend = choose_backend("onnx-coco", detectors=args.detectors, large_detectors=args.large_detectors)
     print(backend.why)
     tallies: dict[str, Tally] = {}
     times: defaultdict[str, list[float]] = defaultdict(list)

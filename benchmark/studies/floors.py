@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.studies.rows import Rows
-from surveilnav.categories import TARGETS
+from simulator.furniture.labels import TARGETS
 from surveilnav.errors import SurveilNavError, TargetError
 
 if TYPE_CHECKING:

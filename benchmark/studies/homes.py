@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.play.workers import in_workers
 from benchmark.studies.rows import Rows
-from surveilnav.categories import TARGETS
+from simulator.furniture.labels import TARGETS
 from surveilnav.errors import ConfigError, SurveilNavError, TargetError
 
 if TYPE_CHECKING:

@@ -24,10 +24,10 @@ from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Scene
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import InferReply
-from surveilnav.perception import Backend
+from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.robot_body import STEP_M, TURN_RAD
 from surveilnav.sensing.packing import decode_depth, encode_depth, perception_from_wire, perception_to_wire
-from surveilnav.sensing.views import Detected, PosedView, TrueInstances, ViewPerception, box_cells
+from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_cells
 from surveilnav.stored import read_parts, write_parts
 
 #: Instances of these classes are the building itself: a detection on them is one of background.
@@ -113,7 +113,7 @@ class Recording:
     views: list[SeenView]
 
 
-class Witness:
+class Witness(Backend):
     """A backend that also notes, for every detection, which instance it shows. The backend itself isn't told."""
 
     needs_truth = True
@@ -121,17 +121,22 @@ class Witness:
     def __init__(self, inner: Backend, things: dict[int, Thing]) -> None:
         self._inner, self._things = inner, things
         self.name, self.why, self.embedding_dim = inner.name, inner.why, inner.embedding_dim
+        self.models, self.vocabulary = inner.models, inner.vocabulary
+        self.stages = (Stage("witness", self._look),)
         self.seen: dict[tuple[object, ...], tuple[tuple[int, float], ...]] = {}
 
-    def perceive(
-        self, rgb: NDArray[np.uint8], depth_m: NDArray[np.float32], camera: Pinhole, *, prompts: Sequence[str] = (),
-        truth: TrueInstances | None = None, key: tuple[object, ...] = (),
-    ) -> ViewPerception:  # fmt: skip
-        told = truth if self._inner.needs_truth else None
-        perception = self._inner.perceive(rgb, depth_m, camera, prompts=prompts, truth=told, key=key)
-        if truth is None:
+    def _look(self, batch: Sequence[Work]) -> None:
+        for work in batch:
+            work.seen = self._witnessed(work)
+
+    def _witnessed(self, work: Work) -> ViewPerception:
+        if work.truth is None:
             raise ValueError("a witness needs the true instances of every view")
-        self.seen[key] = tuple(instance_of(d, truth.ids, self._things) for d in perception.detections)
+        view, told = work.view, work.truth if self._inner.needs_truth else None
+        perception = self._inner.perceive(
+            view.rgb, view.depth_m, view.camera, prompts=work.prompts, truth=told, key=work.key
+        )
+        self.seen[work.key] = tuple(instance_of(d, work.truth.ids, self._things) for d in perception.detections)
         return perception
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:

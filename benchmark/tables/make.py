@@ -105,7 +105,7 @@ def expect_own_runs(
 def _have_backend(name: str, detectors: tuple[str, ...]) -> None:
     """Finds the weights, or fetches them. PerceptionError: they can't be had."""
     if detectors:
-        choose_backend(name, detector_names=detectors, large_detector_names=detectors)
+        choose_backend(name, detectors=detectors, large_detectors=detectors)
     else:
         choose_backend(name)
 

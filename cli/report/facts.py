@@ -25,8 +25,8 @@ from cli.report.record import Moment, RunRecord, Step, TrafficLine, plain
 from cli.report.view_picture import view_svg
 from cli.report.words import human_bytes, outcome
 from services.gateway.core.layers import COLOURS
-from surveilnav.categories import canonical
 from surveilnav.messages import ObjectRecord, Plan
+from surveilnav.words import canonical
 
 _MOST_OBJECTS = 12
 

@@ -15,9 +15,9 @@ from services.gateway.missions import Missions
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
 from surveilnav import contract
-from surveilnav.categories import canonical
 from surveilnav.errors import WireError
 from surveilnav.sensing.layers import unpack_layer
+from surveilnav.words import canonical
 
 _CACHED_PICTURES = 64
 

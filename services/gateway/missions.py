@@ -13,8 +13,8 @@ from services.gateway.core.resources import Mission, MissionPlan, NewMission
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
-from surveilnav.categories import canonical
 from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionStatus
+from surveilnav.words import canonical
 
 _REMEMBERED_KEYS = 10_000
 

@@ -18,8 +18,8 @@ def main() -> None:
     settings, bus = PerceptionSettings(), BusSettings()
     backend = choose_backend(
         settings.backend,
-        detector_names=settings.detectors,
-        large_detector_names=settings.large_detectors,
+        detectors=settings.detectors,
+        large_detectors=settings.large_detectors,
         threads=settings.threads,
         seed=settings.seed,
         download=settings.download,

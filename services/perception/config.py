@@ -6,7 +6,7 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from surveilnav.contract import ID_PATTERN
-from surveilnav.perception.choose import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
+from surveilnav.perception.presets import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
 
 
 class PerceptionSettings(BaseSettings):

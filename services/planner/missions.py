@@ -9,10 +9,10 @@ from services.planner.mission import Mission, Surroundings, accepted
 from services.planner.store import Store, StoreError
 from services.planner.summaries import Summaries
 from surveilnav.bus import Node
-from surveilnav.categories import closed_set_target
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import MissionError, TargetError
 from surveilnav.messages import MissionGoal
+from surveilnav.words import checked_word
 
 
 class Missions:
@@ -50,7 +50,7 @@ class Missions:
         if not 1 <= goal.max_steps <= self._settings.max_steps:
             raise MissionError("bad_goal", f"max_steps must be 1 to {self._settings.max_steps}, got {goal.max_steps}")
         try:
-            target = closed_set_target(goal.target[:200])
+            target = checked_word(goal.target)
         except TargetError as error:
             raise MissionError("bad_target", str(error)) from error
         with self._lock:

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import re
 
-from surveilnav.categories import COCO
+from surveilnav.words import canonical
+
+#: The six categories of HM3D ObjectNav, the benchmark's targets.
+TARGETS: tuple[str, ...] = ("bed", "couch", "chair", "toilet", "tv", "potted plant")
 
 #: In order: the first that matches decides. "" means: known, and not a class.
 _RULES: tuple[tuple[str, str], ...] = (
@@ -53,6 +56,7 @@ _RULES: tuple[tuple[str, str], ...] = (
     (r"\b(fe)?male\b|^boy$|^girl$", "person"),
 )  # fmt: skip
 
+_CLASSES = frozenset(label for _, label in _RULES if label)
 _COMPILED = tuple((re.compile(pattern, re.IGNORECASE), label) for pattern, label in _RULES)
 
 #: A "table" lower or smaller than this is none to dine at, a plant higher than this is a tree [m].
@@ -67,7 +71,7 @@ def label_of(name: str, size_m: tuple[float, float, float]) -> str:
                 return ""
             if label == "potted plant" and size_m[2] > _MAX_PLANT_HEIGHT_M:
                 return ""
-            return label if label in COCO else ""
+            return label
     return ""
 
 
@@ -97,6 +101,8 @@ _FURNITURE: tuple[tuple[str, str], ...] = (
     ("fireplace", r"fireplace|chimney"),
     ("box", r"\bbox\b|cylinder|\bcube\b"),
 )  # fmt: skip
+#: Their kinds, as ``furniture_of`` names them.
+KINDS = frozenset(kind for kind, _ in _FURNITURE)
 _COMPILED_FURNITURE = tuple((kind, re.compile(pattern, re.IGNORECASE)) for kind, pattern in _FURNITURE)
 
 
@@ -104,6 +110,24 @@ def furniture_of(name: str) -> str:
     """The kind of a piece of furniture that COCO has no class for, or ""."""
     return next((kind for kind, pattern in _COMPILED_FURNITURE if pattern.search(name)), "")
 
+
+def plain_name(name: str) -> str:
+    """A name without numbering and underscores: "Sofa_Chair.003" -> "sofa chair"."""
+    words = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    words = re.sub(r"[_.\-\s]+", " ", re.sub(r"\d+", " ", words))
+    return words.strip().lower()
+
+
+def word_for(name: str, label: str) -> str:
+    """What people call a piece: its class, else its kind of furniture, else its own name ("Samovar 2" -> "samovar")."""
+    word = label or furniture_of(name) or canonical(plain_name(name))
+    return (
+        word if label or word not in _CLASSES else ""
+    )  # a plant that is a tree is no potted plant by its name, either
+
+
+#: Labels of the parts of a building.
+PARTS = frozenset({"wall", "floor", "ceiling", "door", "window", "stairs"})
 
 #: Kinds of furniture that have parametric pieces of their own, for models that can't be had.
 _STAND_INS = {"bathtub": "bathtub", "bookcase": "bookshelf", "lamp": "lamp", "rug": "rug"}

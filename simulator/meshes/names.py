@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 
-from simulator.furniture.labels import label_of
-from surveilnav.categories import COCO, canonical
+from simulator.furniture.labels import label_of, plain_name
+from surveilnav.perception.vocabulary import COCO
+from surveilnav.words import canonical
 
 #: Structure by the name alone ("Wall.003", "Floor of Kitchen"); "floor lamp" is none.
 _STRUCTURE = re.compile(
@@ -47,13 +48,6 @@ _HM3D_PARTS: dict[str, tuple[str, ...]] = {
 _HM3D_STRUCTURE = {name: label for label, names in _HM3D_PARTS.items() for name in names}
 
 
-def plain_name(name: str) -> str:
-    """A name without numbering and underscores: "Sofa_Chair.003" -> "sofa chair"."""
-    words = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    words = re.sub(r"[_.\-\s]+", " ", re.sub(r"\d+", " ", words))
-    return words.strip().lower()
-
-
 def label_of_node(name: str, size_m: tuple[float, float, float]) -> str:
     """The class of a node by its name and its box, "wall" and the like included; "" for none."""
     plain = plain_name(name)
@@ -64,11 +58,8 @@ def label_of_node(name: str, size_m: tuple[float, float, float]) -> str:
 
 
 def label_of_extra(value: object) -> str | None:
-    """The class that a file states itself: canonical, "" where it isn't one; None if nothing is stated."""
-    if not isinstance(value, str):
-        return None
-    label = canonical(value)
-    return label if label in COCO or label in _HM3D_STRUCTURE.values() else ""
+    """The word that a file states itself, any one: canonical; None if nothing is stated."""
+    return canonical(value) if isinstance(value, str) else None
 
 
 def label_of_hm3d(name: str) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simulator.archive import Archive
 from simulator.furniture.catalog import CREDITS, CatalogModel, Furniture
-from simulator.furniture.labels import label_of, stand_in_of
+from simulator.furniture.labels import TARGETS, label_of, stand_in_of
 from simulator.furniture.models import Model, load_model
 from simulator.furniture.objfile import EmptyModelError
 from simulator.furniture.parametric import parametric_piece
@@ -21,7 +21,6 @@ from simulator.plans.shell import Shell
 from simulator.plans.stairs import IsFloor, find_transit
 from simulator.plans.sweethome import Color, Home, Level, Piece
 from simulator.world.scene import Floor, Material, Scene
-from surveilnav.categories import TARGETS
 from surveilnav.errors import BuildingError
 
 _GLASS = Material("glass", (0.8, 0.9, 0.95), alpha=0.15, shininess=0.8)

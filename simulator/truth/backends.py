@@ -6,12 +6,14 @@ Both exist for simulation only; they get instance ids through a channel of their
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from simulator.truth import name_space
 from simulator.truth.error_model import (
     Draws,
     ErrorModel,
@@ -23,54 +25,62 @@ from simulator.truth.error_model import (
     sights,
     uniforms,
 )
-from simulator.truth.visible import Box, Candidates, Place, VisibleThing, candidates, mask_within, visible_things
-from surveilnav.categories import COCO, canonical
+from simulator.truth.visible import (
+    Box,
+    Candidates,
+    Place,
+    VisibleThing,
+    candidates,
+    mask_within,
+    measured,
+    visible_things,
+)
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
-from surveilnav.perception import closed_set
-from surveilnav.perception.masks import mask_of
-from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
+from surveilnav.perception.backend import Backend, ModelIds, Stage, Work
+from surveilnav.perception.embedders import class_space
+from surveilnav.perception.embedders.class_space import ClassSpace
+from surveilnav.perception.segmenters.depth_in_box import mask_of
+from surveilnav.perception.sizes import WRONG_SIZE, extent_m, extents_of, plausible
+from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
+from surveilnav.words import canonical
 
+_EXTENTS_M = extents_of(COCO)
 _WEAKEST = 0.05  # weaker scores are noise, which real detectors leave out of a view's embedding too
 _NAMES = 4  # that are tried for one of which things are as large
 _HAZE_M = 1.5
 _HAZE = Luck(0.2, 0.5, 0.6, 2.0)
 
 
-class Oracle:
-    """Every visible instance of a COCO class, exactly, with score 1."""
+class Oracle(Backend):
+    """Every visible instance that is called by a name of COCO's or by a prompt, exactly, with score 1."""
 
     name = "oracle"
-    embedding_dim = closed_set.DIM
+    models = ModelIds(detector="instance-ids", segmenter="instance-ids", embedder=name_space.MODEL)
+    embedding_dim = name_space.DIM
     needs_truth = True
 
     def __init__(self, why: str = "asked for by name: the renderer's own instance ids", min_pixels: int = 60) -> None:
         self.why, self._min_pixels = why, min_pixels
-
-    def perceive(
-        self,
-        rgb: NDArray[np.uint8],
-        depth_m: NDArray[np.float32],
-        camera: Pinhole,
-        *,
-        prompts: Sequence[str] = (),
-        truth: TrueInstances | None = None,
-        key: tuple[object, ...] = (),
-    ) -> ViewPerception:
-        things = visible_things(_told(truth, depth_m, self.name), depth_m, self._min_pixels)
-        scores = [_one_hot(thing.label, 1.0) for thing in things]
-        detections = tuple(
-            Detected(t.label, 1.0, t.box_px, t.mask, closed_set.embed_object(s))
-            for t, s in zip(things, scores, strict=True)
-        )
-        return ViewPerception(self.name, detections, closed_set.embed_image(scores))
+        self.stages = (Stage("detect", self._look),)
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        return closed_set.embed_texts(texts)
+        return name_space.embed_texts(texts)
+
+    def _look(self, batch: Sequence[Work]) -> None:
+        for work in batch:
+            words = {*COCO, *(canonical(prompt) for prompt in work.prompts)}
+            told = _told(work.truth, work.view.depth_m, self.name)
+            things = visible_things(told, work.view.depth_m, self._min_pixels, words)
+            detections = tuple(
+                Detected(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label)) for t in things
+            )
+            image = name_space.embed_image([thing.label for thing in things])
+            work.seen = ViewPerception(self.name, detections, image, self.models.embedder)
 
 
-class Simulated:
+class Simulated(Backend):
     """The renderer's instance ids through an error model: misses, confusions, loose boxes, false positives.
 
     What it errs depends on ``seed``, the view's ``key``, and where the view was taken from (``error_model``).
@@ -79,28 +89,28 @@ class Simulated:
     """
 
     name = "simulated"
-    embedding_dim = closed_set.DIM
+    models = ModelIds(detector="error-model", segmenter="error-model", embedder=ClassSpace.model)
+    vocabulary = COCO
+    embedding_dim = class_space.DIM
     needs_truth = True
 
     def __init__(
         self, why: str = "asked for by name", seed: int = 0, model: ErrorModel | None = None, harder: float = 0.0
     ) -> None:
         self.why, self._seed, self._model, self._harder = why, seed, model or error_model(), harder
-        self._scene: tuple[dict[int, str], int] = ({}, 0)
+        self._scene: tuple[dict[int, str], dict[int, str], int] = ({}, {}, 0)
+        self.stages = (Stage("detect", self._look),)
 
-    def perceive(
-        self,
-        rgb: NDArray[np.uint8],
-        depth_m: NDArray[np.float32],
-        camera: Pinhole,
-        *,
-        prompts: Sequence[str] = (),
-        truth: TrueInstances | None = None,
-        key: tuple[object, ...] = (),
-    ) -> ViewPerception:
-        told = _told(truth, depth_m, self.name)
+    def _look(self, batch: Sequence[Work]) -> None:
+        for work in batch:
+            work.seen = self._seen(work)
+
+    def _seen(self, work: Work) -> ViewPerception:
+        depth_m, camera, key = work.view.depth_m, work.view.camera, work.key
+        told = _told(work.truth, depth_m, self.name)
+        labels, scene = self._scene_of(told.labels)
+        told = replace(told, labels=labels)
         is_camera = any(isinstance(part, str) and part.startswith("camera/") for part in key)
-        scene = self._scene_seed(told.labels)
         view = hashed(scene, key)
         detections, weak = [], []
         shown: dict[str, float] = {}
@@ -114,10 +124,10 @@ class Simulated:
         detections.sort(key=lambda d: -d.score)
         clear = 1.0 - np.prod([1.0 - scores for scores in weak], axis=0) if weak else np.zeros(len(COCO), np.float32)
         presence = np.maximum(clear, self._haze(scene, view, told.T_world_camera, shown, is_camera))
-        return ViewPerception(self.name, tuple(detections), closed_set.embed_image([presence]))
+        return ViewPerception(self.name, tuple(detections), class_space.embed_image([presence]), ClassSpace.model)
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        return closed_set.embed_texts(texts)
+        return class_space.embed_texts(texts)
 
     def _haze(
         self, scene: int, view: int, T_world_camera: Matrix4 | None, shown: dict[str, float], is_camera: bool
@@ -134,11 +144,13 @@ class Simulated:
             haze[COCO.index(label)] = _quantile(of.quantiles, share)
         return haze
 
-    def _scene_seed(self, labels: dict[int, str]) -> int:
-        """Sets the luck of one building's instances apart from another's."""
+    def _scene_of(self, labels: dict[int, str]) -> tuple[dict[int, str], int]:
+        """The labels that its figures are for, and a seed that sets the luck of one building's instances apart from
+        another's."""
         if self._scene[0] is not labels:
-            self._scene = labels, hashed(self._seed, sorted(labels.items()))
-        return self._scene[1]
+            known = measured(labels)
+            self._scene = labels, known, hashed(self._seed, sorted(known.items()))
+        return self._scene[1], self._scene[2]
 
     def _found(
         self,
@@ -184,7 +196,7 @@ class Simulated:
             if not fits:
                 all_scores *= WRONG_SIZE
             elif box is not None and min(box[2] - box[0], box[3] - box[1]) >= 2:
-                detected = Detected(said, score, box, mask, closed_set.embed_object(all_scores))
+                detected = Detected(said, score, box, mask, class_space.embed_object(all_scores))
             yield detected, all_scores
 
     def _names(self, kind: Kind, c: Candidates, i: int, sight: str, scene: int, view: int) -> list[str]:
@@ -242,18 +254,12 @@ def _size_of(
 
 def _fits(name: str, size_m: float | None, cut: bool) -> bool:
     """Whether something is as large as things of a class, as far as depth tells."""
-    return size_m is None or plausible(name, size_m, cut)
+    return size_m is None or plausible(_EXTENTS_M, name, size_m, cut)
 
 
 def _floor_of(told: TrueInstances) -> NDArray[np.bool_]:
     """(H, W) pixels that show the floor."""
     return np.isin(told.ids, [i for i, label in told.labels.items() if canonical(label) == "floor"])
-
-
-def _one_hot(label: str, score: float) -> NDArray[np.float32]:
-    scores = np.zeros(len(COCO), np.float32)
-    scores[COCO.index(label)] = score
-    return scores
 
 
 def _told(truth: TrueInstances | None, depth_m: NDArray[np.float32], name: str) -> TrueInstances:

@@ -7,8 +7,9 @@ from typing import Any
 from simulator.truth.backends import Oracle, Simulated
 from surveilnav.perception import Backend
 from surveilnav.perception import choose as real
+from surveilnav.perception.presets import PRESETS, Networks
 
-BACKENDS: tuple[str, ...] = ("auto", "onnx-coco", "oracle", "simulated")
+BACKENDS: tuple[str, ...] = ("auto", *PRESETS, "oracle", "simulated")
 
 
 def choose_backend(name: str = "auto", *, seed: int = 0, harder: float = 0.0, **networks: Any) -> Backend:
@@ -16,7 +17,7 @@ def choose_backend(name: str = "auto", *, seed: int = 0, harder: float = 0.0, **
 
     Args:
         seed, harder: of ``simulated``.
-        networks: see ``surveilnav.perception.choose.choose_backend``.
+        networks: see ``surveilnav.perception.presets.Networks``.
 
     Raises:
         PerceptionError: it can't run; the message says what is missing.
@@ -29,4 +30,4 @@ def choose_backend(name: str = "auto", *, seed: int = 0, harder: float = 0.0, **
         return Simulated(f"{told} stand in, so these figures aren't a detector's. {why}", seed)
 
     others = {"oracle": lambda why: Oracle(), "simulated": simulated}
-    return real.choose_backend(name, others=others, stand_in="simulated", **networks)
+    return real.choose_backend(name, Networks(**networks), others=others, stand_in="simulated")

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from surveilnav.categories import COCO
+from surveilnav.perception.vocabulary import COCO
 
 Floats = NDArray[np.float64]
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from simulator.furniture.labels import KINDS, PARTS
 from simulator.truth.error_model import Floats, features
-from surveilnav.categories import COCO, canonical
 from surveilnav.geometry import Matrix4, Pinhole
+from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import TrueInstances, box_cells
+from surveilnav.words import canonical
 
 #: Instances of these classes are surfaces of the building: what is seen on them belongs to a place, not to a thing.
 SURFACES = frozenset({"wall", "floor", "ceiling"})
@@ -66,10 +68,19 @@ class VisibleThing:
         return self.id
 
 
-def visible_things(truth: TrueInstances, depth_m: NDArray[np.float32], min_pixels: int) -> list[VisibleThing]:
-    """The instances of COCO's classes that show at least ``min_pixels`` pixels with depth, by id."""
+def visible_things(
+    truth: TrueInstances, depth_m: NDArray[np.float32], min_pixels: int, words: Container[str]
+) -> list[VisibleThing]:
+    """The instances called by one of the words that show at least ``min_pixels`` pixels with depth, by id."""
     things, _ = things_and_surfaces(truth, depth_m)
-    return [thing for thing in things if thing.label in COCO and thing.n_pixels >= min_pixels]
+    return [thing for thing in things if thing.label in words and thing.n_pixels >= min_pixels]
+
+
+def measured(labels: dict[int, str]) -> dict[int, str]:
+    """The labels that the error model has figures for: COCO's classes, kinds of furniture, parts of the building. What is
+    called else is to it a thing without a name."""
+    known = {label for label in set(labels.values()) if (w := canonical(label)) in COCO or w in KINDS or w in PARTS}
+    return {id_: label for id_, label in labels.items() if label in known}
 
 
 def things_and_surfaces(

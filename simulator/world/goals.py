@@ -18,14 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from simulator.furniture.labels import PARTS
 from simulator.world.distance_field import DistanceField
 from simulator.world.free_ground import FloorNavigation
 from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Instance, Scene
-from surveilnav.categories import canonical
 from surveilnav.errors import TargetError
 from surveilnav.robot_body import CAMERA_HEIGHT_M
+from surveilnav.words import canonical
 
 VIEWPOINT_REACH_M = 1.0
 SUCCESS_M = 0.1
@@ -115,14 +116,14 @@ class Verdict:
 
 
 def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: RayCaster | None = None) -> Goals:
-    """The goals of a search for ``label`` (any spelling that ``categories.canonical`` folds).
+    """The goals of a search for ``label`` (any spelling that ``words.canonical`` folds).
 
     Raises:
         TargetError: there is no such thing, or none that a robot can get to; the message lists what there is.
     """
     caster = caster or RayCaster(scene)
     wanted = canonical(label)
-    instances = scene.labelled(wanted) if wanted in scene.labels_by_id.values() else ()
+    instances = scene.called(wanted) if wanted not in PARTS else ()
     if not instances:
         raise TargetError(f"there is no {label!r} in {scene.name}; it has {_contents(scene)}")
     surfaces = [_surface(scene, instance) for instance in instances]

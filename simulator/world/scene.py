@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.furniture.labels import furniture_of
+from simulator.furniture.labels import PARTS, word_for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,12 +131,16 @@ class Scene:
     @property
     def labels_by_id(self) -> dict[int, str]:
         """Class name by instance id, for those that have one of their own (no walls and floors)."""
-        structural = {"", "wall", "floor", "ceiling", "door", "window", "stairs"}
-        return {i.id: i.label for i in self.instances if i.label not in structural}
+        return {i.id: i.label for i in self.instances if i.label and i.label not in PARTS}
 
     @property
     def truth_labels(self) -> dict[int, str]:
-        """The same with the parts of the building and with furniture that detectors don't know: what the perception backends
-        that are told the truth are told."""
-        told = ((i.id, i.label or furniture_of(i.name)) for i in self.instances)
-        return {id_: label for id_, label in told if label}
+        """The same with the parts of the building, and with a word for what has no class: its kind of furniture, else its
+        name. It is what the perception backends that are told the truth are told."""
+        told = ((i.id, word_for(i.name, i.label)) for i in self.instances)
+        return {id_: word for id_, word in told if word}
+
+    def called(self, word: str) -> tuple[Instance, ...]:
+        """All instances that ``truth_labels`` call so."""
+        words = self.truth_labels
+        return tuple(i for i in self.instances if words.get(i.id) == word)

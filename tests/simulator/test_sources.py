@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from simulator import sources
+from simulator.furniture.labels import TARGETS
 from simulator.sources import EXAMPLE_HOMES, list_buildings, open_building
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Scene
-from surveilnav.categories import COCO, TARGETS
 from surveilnav.contract import CAMERA_INFO
 from surveilnav.errors import AssetError, BuildingError
+from surveilnav.perception.vocabulary import COCO
 
 PLAN = """<home version='7000' name='x' wallHeight='250'>
  <level id='down' name='Ground' elevation='0' floorThickness='12' height='250'/>

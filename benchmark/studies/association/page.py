@@ -24,7 +24,8 @@ from benchmark.studies.association.replays import (
     variants,
 )  # fmt: skip
 from benchmark.studies.recordings import TOURS
-from surveilnav.categories import COCO, TARGETS
+from simulator.furniture.labels import TARGETS
+from surveilnav.perception.vocabulary import COCO
 
 FALSE_COST = 2
 

@@ -23,8 +23,8 @@ from services.fusion.core.config import (
 )
 from services.fusion.core.objects import ObjectMap
 from services.fusion.core.sightings import Sighting, locate_all
-from surveilnav.categories import COCO
 from surveilnav.messages.maps import ObjectRecord
+from surveilnav.perception.vocabulary import COCO
 
 SEED = 3  # of the furniture: neither that of the table of searches (0, 1) nor of the detectors' thresholds (7, 8)
 VOXEL_M = 0.025

@@ -14,7 +14,7 @@ from scipy.stats import rankdata
 
 from benchmark.studies.calibration.views import MIN_SIZE_RAD, Rows
 from simulator.truth.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, showing
-from surveilnav.categories import COCO
+from surveilnav.perception.vocabulary import COCO
 
 MIN_SCORE = 0.25
 #: Standard deviations of the priors of all weights, and of a class's own part of them.

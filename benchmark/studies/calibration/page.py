@@ -14,9 +14,9 @@ from scipy.special import ndtr
 
 from benchmark.studies.calibration.fit import apart, fit_probit, pairs_of
 from benchmark.studies.calibration.views import Looks, Rows, rows_of, simulated
+from simulator.furniture.labels import TARGETS
 from simulator.truth.error_model import FEATURES, ErrorModel, Floats, Kind, Luck, visible_rad
-from surveilnav.categories import TARGETS
-from surveilnav.perception import closed_set
+from surveilnav.perception.embedders import class_space
 from surveilnav.perception.prompts import value_prompt
 
 _NEAR_CHORD, _NEAR_M = 0.52, 1.0  # 30 degrees
@@ -115,7 +115,7 @@ class Side:
         """(views, 6) cosine of every view with the text of every target."""
         images = np.concatenate([self.presence, np.full((len(self.presence), 1), 0.3, np.float32)], axis=1)
         images /= np.linalg.norm(images, axis=1, keepdims=True)
-        texts = closed_set.embed_texts([value_prompt(target) for target in TARGETS])
+        texts = class_space.embed_texts([value_prompt(target) for target in TARGETS])
         return np.asarray(images @ texts.T, np.float64)
 
 

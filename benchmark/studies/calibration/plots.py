@@ -12,8 +12,8 @@ import numpy as np
 from benchmark.studies.calibration.fit import MIN_SCORE
 from benchmark.studies.calibration.page import BANDS, CHORDS, Side, correlations
 from benchmark.studies.calibration.views import Rows
+from simulator.furniture.labels import TARGETS
 from simulator.truth.error_model import Floats
-from surveilnav.categories import TARGETS
 
 
 def plots(real: Side, sims: Sequence[Side], out: Path) -> None:

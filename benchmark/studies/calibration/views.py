@@ -15,11 +15,11 @@ from benchmark.studies.recordings import Recording, SeenView
 from simulator.simulation import SimulatedBuilding
 from simulator.truth.backends import Simulated
 from simulator.truth.error_model import ErrorModel, Floats, sights
-from simulator.truth.visible import Candidates, Place, VisibleThing, candidates, world_points
-from surveilnav.categories import COCO
+from simulator.truth.visible import Candidates, Place, VisibleThing, candidates, measured, world_points
 from surveilnav.geometry import Pinhole, Pose
-from surveilnav.perception import closed_set
 from surveilnav.perception.boxes import overlaps
+from surveilnav.perception.embedders import class_space
+from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, TrueInstances, box_cells
 from surveilnav.stored import read_parts, write_parts
 
@@ -94,7 +94,7 @@ def looks_of(name: str, recording: Recording, building: SimulatedBuilding) -> Lo
     if recording.facts.scene_hash != building.scene.content_hash:
         raise ValueError(f"the recording of {name} shows another building: delete it")
     seen = [_look(s, building) for s in recording.views if s.perception is not None]
-    return Looks(name, dict(building.scene.truth_labels), seen)
+    return Looks(name, measured(building.scene.truth_labels), seen)
 
 
 def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
@@ -112,7 +112,7 @@ def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
         view.source, view.view, view.seq, Pose.from_matrix(view.T_world_camera), small,
         zlib.compress(shown.instance_ids.tobytes(), 1),
         zlib.compress((depth_m * 1000).round().astype(np.uint16).tobytes(), 1),
-        found, [round(float(p), 4) for p in closed_set.presence(image)],
+        found, [round(float(p), 4) for p in class_space.presence(image)],
     )  # fmt: skip
 
 
@@ -154,7 +154,7 @@ def simulated(looks: Looks, model: ErrorModel, seed: int = 0) -> tuple[list[list
         truth, depth_m = look.truth(looks.labels)
         seen = backend.perceive(_NO_PICTURE, depth_m, look.camera, truth=truth, key=look.key)
         found.append([_found(d, depth_m, truth.ids) for d in seen.detections])
-        presence.append(closed_set.presence(seen.image_embedding))
+        presence.append(class_space.presence(seen.image_embedding))
     return found, np.array(presence, np.float32)
 
 

@@ -1,10 +1,10 @@
-"""What fusion knows of classes by name; the numbers stand in the library's ``class_priors.json``."""
+"""What fusion knows of classes by name; the numbers stand in the library's ``data/coco/priors.json``."""
 
 from __future__ import annotations
 
 import msgspec
 
-from surveilnav.perception.class_priors import class_priors
+from surveilnav.perception.vocabulary import COCO
 
 
 class SizePrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -53,4 +53,4 @@ class FusionPriors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     size: dict[str, SizePrior]
 
 
-PRIORS = class_priors("fusion", FusionPriors)
+PRIORS = COCO.priors("fusion", FusionPriors)

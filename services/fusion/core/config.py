@@ -172,7 +172,7 @@ class EvidenceConfirmationConfig(_ThresholdConfig):
     """``EvidenceConfirmation``: enough sightings from different places, and no strong rival."""
 
     class_priors: bool = Field(
-        default=True, description="thresholds by class, where class_priors.json has one; False: one rule for all"
+        default=True, description="thresholds by class, where data/coco/priors.json has one; False: one rule for all"
     )
     near_m: float = Field(default=3.5, gt=0, description="a robot's detection within this range can confirm")
     early_confidence: float = Field(

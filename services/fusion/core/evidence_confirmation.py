@@ -20,7 +20,7 @@ from services.fusion.core.confidences import Confidences
 from services.fusion.core.config import EvidenceConfirmationConfig, FalsePositiveConfig
 from services.fusion.core.evidence import NOTHING, Evidence, Support
 
-_USUAL_RECALL = 0.8  # of classes that class_priors.json doesn't name
+_USUAL_RECALL = 0.8  # of classes that data/coco/priors.json doesn't name
 
 
 class EvidenceConfirmation:

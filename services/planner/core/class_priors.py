@@ -1,10 +1,10 @@
-"""What the planner knows of classes by name; the numbers stand in the library's ``class_priors.json``."""
+"""What the planner knows of classes by name; the numbers stand in the library's ``data/coco/priors.json``."""
 
 from __future__ import annotations
 
 import msgspec
 
-from surveilnav.perception.class_priors import class_priors
+from surveilnav.perception.vocabulary import COCO
 
 
 class PlannerPriors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -23,4 +23,4 @@ class PlannerPriors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     floor_chance: dict[str, float]
 
 
-PRIORS = class_priors("planner", PlannerPriors)
+PRIORS = COCO.priors("planner", PlannerPriors)

@@ -1,13 +1,16 @@
 """The backends of perception, pure: arrays in, arrays out.
 
-backend      the protocol ``Backend``
-choose       which one runs, and why
-onnx_coco    the real one: ``detectors`` that must agree (``boxes``), ``masks``, embeddings (``closed_set``)
+backend      the class ``Backend``: the stages that a view passes through
+protocols    its three parts: ``Detector``, ``Segmenter``, ``Embedder``
+pipeline     a backend made of the three
+presets      which three make which backend; ``choose`` takes one, and says why
+detectors, segmenters, embedders   the parts, a file a model
+vocabulary   the names of a closed set of classes, and what is known of them (``data``)
 weights      the networks' files: where they come from, and their hashes
+boxes        boxes with the scores of words; sizes: what depth says of a label
 prompts      the text that the value map compares views with (eq. 2)
-sizes, class_priors   what is known of classes by name
 """
 
-from surveilnav.perception.backend import Backend
+from surveilnav.perception.backend import Backend, ModelIds
 
-__all__ = ["Backend"]
+__all__ = ["Backend", "ModelIds"]

@@ -1,31 +1,82 @@
-"""What every backend of perception can do."""
+"""What every backend of perception can do: the stages that a view passes through, one after the other."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
+from surveilnav.perception.boxes import Boxes
+from surveilnav.perception.protocols import RgbdView
+from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.sensing.views import TrueInstances, ViewPerception
 
 
-class Backend(Protocol):
+@dataclass(frozen=True, slots=True)
+class ModelIds:
+    """Which models a backend runs; empty where it has none. ``embedder`` names the space of its vectors."""
+
+    detector: str = ""
+    segmenter: str = ""
+    embedder: str = ""
+
+
+@dataclass(slots=True, eq=False)
+class Work:
+    """One view on its way through the stages: what was asked, and what is known so far.
+
+    Attributes:
+        view: the picture.
+        prompts: words that an open-vocabulary detector should look for; closed-set ones ignore them.
+        truth: what each pixel shows; only for backends that need it.
+        key: names the view (source, view, seq): what a backend draws by chance depends on nothing else.
+        boxes: after detecting, with all words' scores.
+        rows: after segmenting, which of the boxes are reported; ``masks``: theirs.
+        seen: the answer, after the last stage.
+    """
+
+    view: RgbdView
+    prompts: Sequence[str] = ()
+    truth: TrueInstances | None = None
+    key: tuple[object, ...] = ()
+    boxes: Boxes = field(default_factory=Boxes.empty)
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    masks: list[NDArray[np.bool_] | None] = field(default_factory=list)
+    seen: ViewPerception | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One step of a backend. ``run`` takes a batch and writes its results into it; PerceptionError: it can't."""
+
+    name: str
+    run: Callable[[Sequence[Work]], None]
+
+
+class Backend(ABC):
     """Detects, segments and embeds; one instance serves one thread at a time.
 
     Attributes:
         name: the backend's name in messages and reports.
         why: one sentence for people: what runs, and why this one.
+        models: ids of the models that it runs.
+        vocabulary: the words that it knows; None: any.
         embedding_dim: D of every embedding.
         needs_truth: it must be told what each pixel shows (simulation only).
+        stages: what a view passes through, in order; views of a batch don't depend on each other.
     """
 
     name: str
     why: str
+    models: ModelIds = ModelIds()
+    vocabulary: Vocabulary | None = None
     embedding_dim: int
-    needs_truth: bool
+    needs_truth: bool = False
+    stages: tuple[Stage, ...]
 
     def perceive(
         self,
@@ -37,25 +88,21 @@ class Backend(Protocol):
         truth: TrueInstances | None = None,
         key: tuple[object, ...] = (),
     ) -> ViewPerception:
-        """What is seen in a registered RGB-D view.
-
-        Args:
-            rgb: (height, width, 3) uint8.
-            depth_m: (height, width) float32 [m], 0 where there is none.
-            camera: intrinsics of both.
-            prompts: class names an open-vocabulary detector should look for; closed-set ones ignore them.
-            truth: only for backends that need it.
-            key: names the view (source, view, seq): what a backend draws by chance depends on nothing else.
+        """What is seen in one view; the arguments are ``Work``'s and ``RgbdView``'s.
 
         Raises:
             PerceptionError: the backend can't answer.
         """
-        ...
+        work = Work(RgbdView(rgb, depth_m, camera), prompts, truth, key)
+        for stage in self.stages:
+            stage.run([work])
+        assert work.seen is not None, f"the last stage of {self.name} gives no answer"
+        return work.seen
 
+    @abstractmethod
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         """Unit embeddings (N, D) float32 of texts.
 
         Raises:
             TargetError: a text that this backend can't embed.
         """
-        ...

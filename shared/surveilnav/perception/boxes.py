@@ -1,4 +1,4 @@
-"""Boxes with the scores of all classes: overlap, suppression of duplicates, agreement of two detectors."""
+"""Boxes with the scores of all words: overlap, suppression of duplicates, agreement of two detectors."""
 
 from __future__ import annotations
 
@@ -8,26 +8,28 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.categories import COCO
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boxes:
-    """N boxes of one picture. ``xyxy`` (N, 4) float32 [pixels]; ``scores`` (N, 80) float32, 0-1, zero where unsaid."""
+    """N boxes of one picture and how well each of W words fits them.
+
+    ``xyxy`` (N, 4) float32 [pixels]; ``scores`` (N, W) float32, 0-1, zero where unsaid; ``words``: the W columns' names.
+    """
 
     xyxy: NDArray[np.float32]
     scores: NDArray[np.float32]
+    words: Sequence[str]
 
     @classmethod
-    def empty(cls) -> Boxes:
-        return cls(np.zeros((0, 4), np.float32), np.zeros((0, len(COCO)), np.float32))
+    def empty(cls, words: Sequence[str] = ()) -> Boxes:
+        return cls(np.zeros((0, 4), np.float32), np.zeros((0, len(words)), np.float32), words)
 
     @classmethod
     def joined(cls, parts: Sequence[Boxes]) -> Boxes:
-        parts = [p for p in parts if len(p)]
-        if not parts:
-            return cls.empty()
-        return cls(np.concatenate([p.xyxy for p in parts]), np.concatenate([p.scores for p in parts]))
+        """All boxes of one or more parts that have the same words."""
+        full = [p for p in parts if len(p)] or list(parts[:1])
+        xyxy, scores = np.concatenate([p.xyxy for p in full]), np.concatenate([p.scores for p in full])
+        return cls(xyxy, scores, full[0].words)
 
     def __len__(self) -> int:
         return len(self.xyxy)
@@ -37,17 +39,26 @@ class Boxes:
         """(N,) the highest score of each."""
         return self.scores.max(axis=1) if len(self) else np.zeros(0, np.float32)
 
+    @property
+    def labels(self) -> list[str]:
+        """The word of each one's highest score."""
+        return [self.words[i] for i in self.scores.argmax(axis=1).tolist()] if len(self) else []
+
     def where(self, keep: NDArray) -> Boxes:
-        return Boxes(self.xyxy[keep], self.scores[keep])
+        return Boxes(self.xyxy[keep], self.scores[keep], self.words)
+
+    def scored(self, scores: NDArray[np.float32]) -> Boxes:
+        """The same boxes with other scores (N, W)."""
+        return Boxes(self.xyxy, scores, self.words)
 
     def shifted(self, x_px: float, y_px: float) -> Boxes:
-        return Boxes(self.xyxy + np.array([x_px, y_px, x_px, y_px], np.float32), self.scores)
+        return Boxes(self.xyxy + np.array([x_px, y_px, x_px, y_px], np.float32), self.scores, self.words)
 
     def clipped(self, width_px: int, height_px: int, smallest_px: float = 4.0) -> Boxes:
         """Cut to the picture; what is left smaller than ``smallest_px`` a side goes."""
         xyxy = np.clip(self.xyxy, 0, np.array([width_px, height_px, width_px, height_px], np.float32))
         keep = (xyxy[:, 2:] - xyxy[:, :2]).min(axis=1, initial=np.inf) >= smallest_px
-        return Boxes(xyxy[keep], self.scores[keep])
+        return Boxes(xyxy[keep], self.scores[keep], self.words)
 
 
 def overlaps(a: NDArray[np.float32], b: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -82,7 +93,7 @@ def merged(boxes: Boxes, iou: float, inside: float = 2.0, most: int = 300) -> Bo
         taken |= group
         keep.append(i)
         scores.append(boxes.scores[group].max(axis=0))
-    return Boxes(boxes.xyxy[keep], np.array(scores))
+    return Boxes(boxes.xyxy[keep], np.array(scores), boxes.words)
 
 
 def agreed(views: Sequence[Boxes], iou: float, alone: float) -> Boxes:
@@ -114,5 +125,5 @@ def agreed(views: Sequence[Boxes], iou: float, alone: float) -> Boxes:
         total = scores[members].sum(axis=0) + alone * (len(views) - len(members)) * scores[i]
         out_scores.append(total / len(views))
     if not out_boxes:
-        return Boxes.empty()
-    return Boxes(np.array(out_boxes, np.float32), np.array(out_scores, np.float32))
+        return Boxes.empty(views[0].words)
+    return Boxes(np.array(out_boxes, np.float32), np.array(out_scores, np.float32), views[0].words)

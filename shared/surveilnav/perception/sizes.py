@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
-from surveilnav.perception.class_priors import class_priors
+from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.sensing.views import box_cells
 
 
@@ -18,7 +20,10 @@ class PerceptionPriors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     extent_m: dict[str, tuple[float, float]]
 
 
-SIZES_M = class_priors("perception", PerceptionPriors).extent_m
+def extents_of(vocabulary: Vocabulary) -> Mapping[str, tuple[float, float]]:
+    """What a vocabulary knows of its classes' sizes: the smallest and the largest extent [m] by name."""
+    return vocabulary.priors("perception", PerceptionPriors).extent_m
+
 
 #: What the score of a thing is multiplied with whose size isn't its class's.
 WRONG_SIZE = 0.4
@@ -39,7 +44,10 @@ def extent_m(
     return float((high - low).max())
 
 
-def plausible(label: str, size_m: float, cut: bool) -> bool:
-    """Whether a thing of that class may be that large. ``cut``: the picture's edge hides the rest of it."""
-    smallest, largest = SIZES_M.get(label, (0.0, np.inf))
+def plausible(extents_m: Mapping[str, tuple[float, float]], label: str, size_m: float, cut: bool) -> bool:
+    """Whether a thing of that class may be that large, by ``extents_of`` its vocabulary; a class unknown there may be any.
+
+    ``cut``: the picture's edge hides the rest of it.
+    """
+    smallest, largest = extents_m.get(label, (0.0, np.inf))
     return bool((cut or size_m >= smallest) and size_m <= largest)

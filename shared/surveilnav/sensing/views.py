@@ -62,7 +62,7 @@ class Detected:
     """One object that a detector found in one view.
 
     Attributes:
-        label: canonical class name.
+        label: what it is called, as ``surveilnav.words.canonical`` spells it.
         score: the detector's confidence, 0-1.
         box_px: (x0, y0, x1, y1) float pixels.
         mask: (y1 - y0, x1 - x0) bool for the box rounded outwards to whole pixels and clipped to the image
@@ -79,11 +79,16 @@ class Detected:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewPerception:
-    """What perception says about one view. ``image_embedding`` is (D,) float32, unit length."""
+    """What perception says about one view.
+
+    ``image_embedding`` is (D,) float32, unit length. ``embedding_model`` names the space of all its vectors: those of two
+    models can't be compared.
+    """
 
     backend: str
     detections: tuple[Detected, ...]
     image_embedding: NDArray[np.float32]
+    embedding_model: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ import pytest
 from benchmark.policies import POLICIES, apexnav, cooccurrence, l3mvn, vlfm
 from benchmark.policies.cooccurrence import Cooccurrence, count_train, of_train
 from services.planner.core.goals.frontiers import Frontier
-from surveilnav.categories import TARGETS
+from simulator.furniture.labels import TARGETS
 from surveilnav.errors import AssetError
 from surveilnav.messages import ObjectRecord
 

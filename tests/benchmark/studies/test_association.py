@@ -16,7 +16,7 @@ from services.fusion.core import FusionConfig, JointMap, ObjectConfig
 from services.fusion.core.config import AssociationConfig, PointsConfig
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
-from surveilnav.perception.closed_set import embed_image, embed_object
+from surveilnav.perception.embedders.class_space import embed_image, embed_object
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
 
 THINGS = {

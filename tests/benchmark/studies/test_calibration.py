@@ -16,12 +16,13 @@ from benchmark.studies.calibration.page import Side, compare
 from benchmark.studies.calibration.run import main, presence_of
 from benchmark.studies.calibration.views import Found, Rows
 from benchmark.studies.recordings import Tour, record
+from simulator.furniture.labels import TARGETS
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.truth import error_model
 from simulator.truth.backends import Simulated
 from simulator.truth.error_model import FEATURES, SIGHTS, Draws, Luck
 from simulator.truth.visible import VisibleThing
-from surveilnav.categories import COCO, TARGETS
+from surveilnav.perception.vocabulary import COCO
 
 
 @pytest.fixture(scope="module")

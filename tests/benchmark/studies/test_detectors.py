@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmark.studies.detectors import ROBOT, RenderedView, Tally, matches
 from simulator.truth.visible import VisibleThing
-from surveilnav.categories import COCO
-from surveilnav.perception.closed_set import embed_object
+from surveilnav.perception.embedders.class_space import embed_object
+from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, TrueInstances
 
 

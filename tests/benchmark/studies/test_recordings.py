@@ -14,7 +14,7 @@ from simulator.sources import open_building
 from simulator.truth.backends import Oracle
 from simulator.world.navigation import NavigationMap
 from surveilnav.geometry import Pinhole, camera_pose
-from surveilnav.perception.closed_set import embed_image, embed_object
+from surveilnav.perception.embedders.class_space import embed_image, embed_object
 from surveilnav.sensing.packing import decode_depth, encode_depth
 from surveilnav.sensing.views import Detected, PosedView, TrueInstances, ViewPerception
 

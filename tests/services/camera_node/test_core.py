@@ -16,7 +16,7 @@ from services.camera_node.core import (
     view_to_look_at,
     views_to_send,
 )
-from surveilnav.categories import COCO
+from surveilnav.perception.vocabulary import COCO
 
 
 def test_views_are_sent_once_while_somebody_listens() -> None:

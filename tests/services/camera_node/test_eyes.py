@@ -17,10 +17,10 @@ from services.camera_node.config import CameraSettings
 from services.camera_node.eyes import Eyes, open_eyes
 from services.camera_node.service import CameraService
 from simulator.truth.backends import Oracle
-from surveilnav.categories import COCO
 from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRAFFIC
 from surveilnav.errors import PerceptionError
 from surveilnav.messages import CameraRequest
+from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, ViewPerception
 
 QUICK = CameraSettings(perception="oracle", look_period_s=0.01)

@@ -17,7 +17,7 @@ import pytest
 
 from services.perception.config import PerceptionSettings
 from services.perception.service import PerceptionService
-from simulator.truth.backends import Oracle
+from simulator.truth.backends import Oracle, Simulated
 from surveilnav.bus import BusSettings, Node, Refused, Unanswered, clock_ns
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
@@ -189,18 +189,18 @@ def test_pictures_that_make_no_sense_are_refused_and_the_worker_goes_on(
 
 def test_texts_and_load(bus: BusSettings, client: Node) -> None:
     with Node("perception", "w7", bus) as node:
-        PerceptionService(node, Oracle("because"), PerceptionSettings(worker="w7", capacity=3))
+        PerceptionService(node, Simulated("because"), PerceptionSettings(worker="w7", capacity=3))
         asked = InferRequest(stamp_ns=clock_ns(), texts=["seems like there is a tv", "bed"])
         reply = ask(client, PERCEPTION_TEXT, asked, worker="w7", timeout_s=10).message
         assert len(reply.embeddings) == 2
-        tv, bed = (unpack_embedding(e, Oracle.embedding_dim) for e in reply.embeddings)
+        tv, bed = (unpack_embedding(e, Simulated.embedding_dim) for e in reply.embeddings)
         assert tv @ bed < 0.5
         for texts, name in ((["flux capacitor"], "bad_target"), ([], "bad_message"), (["bed"] * 1000, "bad_message")):
             with pytest.raises(Refused) as error:
                 ask(client, PERCEPTION_TEXT, InferRequest(stamp_ns=1, texts=texts), worker="w7", timeout_s=10)
             assert error.value.name == name
         load = ask(client, PERCEPTION_LOAD, worker="w7", timeout_s=10).message
-        assert (load.backend, load.why, load.queued, load.capacity) == ("oracle", "because", 0, 3)
+        assert (load.backend, load.why, load.queued, load.capacity) == ("simulated", "because", 0, 3)
 
 
 def test_the_process_says_its_backend_and_ends_on_sigterm(bus: BusSettings, client: Node) -> None:

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surveilnav.categories import COCO
 from surveilnav.perception.boxes import Boxes, agreed, merged, overlaps
-from surveilnav.perception.onnx_coco import quarters
+from surveilnav.perception.detectors.coco import quarters
+from surveilnav.perception.vocabulary import COCO
 
 
 def boxes(*rows: tuple[tuple[float, float, float, float], dict[str, float]]) -> Boxes:
@@ -17,7 +17,7 @@ def boxes(*rows: tuple[tuple[float, float, float, float], dict[str, float]]) -> 
     for i, (_, named) in enumerate(rows):
         for name, score in named.items():
             scores[i, COCO.index(name)] = score
-    return Boxes(np.array([r[0] for r in rows], np.float32).reshape(-1, 4), scores)
+    return Boxes(np.array([r[0] for r in rows], np.float32).reshape(-1, 4), scores, COCO)
 
 
 def literal_iou(a: np.ndarray, b: np.ndarray) -> float:
@@ -64,7 +64,7 @@ def test_agreement_raises_and_silence_lowers(alone: float, expected: float) -> N
     assert len(both) == 1
     assert both.best[0] == pytest.approx(0.55)
     assert 0 < both.xyxy[0, 0] < 5
-    single = agreed([boxes(((0, 0, 100, 100), {"tv": 0.6})), Boxes.empty()], 0.5, alone)
+    single = agreed([boxes(((0, 0, 100, 100), {"tv": 0.6})), Boxes.empty(COCO)], 0.5, alone)
     assert single.best[0] == pytest.approx(expected)
 
 
@@ -76,9 +76,9 @@ def test_detectors_that_contradict_each_other_lower_both_classes() -> None:
 
 
 def test_nothing_found_by_anybody() -> None:
-    assert len(agreed([Boxes.empty(), Boxes.empty()], 0.5, 0.3)) == 0
-    assert len(merged(Boxes.empty(), 0.5)) == 0
-    assert len(Boxes.joined([])) == 0
+    assert len(agreed([Boxes.empty(COCO), Boxes.empty(COCO)], 0.5, 0.3)) == 0
+    assert len(merged(Boxes.empty(COCO), 0.5)) == 0
+    assert len(Boxes.joined([Boxes.empty(COCO), Boxes.empty(COCO)])) == 0
 
 
 def test_clipping_drops_slivers() -> None:

@@ -46,9 +46,9 @@ def test_asked_by_name_a_backend_runs_or_says_what_is_missing(
     with pytest.raises(PerceptionError, match="onnx-coco"):
         choose_backend("crystal-ball")
     with pytest.raises(PerceptionError, match="yolox-nano"):
-        choose_backend("onnx-coco", detector_names=["yolo-99"])
+        choose_backend("onnx-coco", detectors=["yolo-99"])
     with pytest.raises(PerceptionError, match="at least one"):
-        choose_backend("onnx-coco", detector_names=[])
+        choose_backend("onnx-coco", detectors=[])
 
 
 class Served:

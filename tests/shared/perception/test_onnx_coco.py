@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 
 from simulator.truth.choose import choose_backend
-from surveilnav.categories import COCO
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.detectors import load
-from surveilnav.perception.onnx_coco import OnnxCoco, Thresholds
+from surveilnav.perception.detectors.coco import CocoDetector, load
+from surveilnav.perception.embedders.class_space import ClassSpace
+from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.segmenters.depth_in_box import DepthInBox
+from surveilnav.perception.sizes import extents_of
+from surveilnav.perception.vocabulary import COCO
 
 needs_models = pytest.mark.skipif(
     not os.environ.get("SURVEILNAV_MODELS_DIR"), reason="SURVEILNAV_MODELS_DIR names no directory with detector weights"
@@ -53,9 +56,9 @@ def iou(a: np.ndarray, b: tuple[float, float, float, float]) -> float:
 def test_every_family_finds_a_stop_sign_in_its_place(
     name: str, width: int, height: int, centre: tuple[int, int]
 ) -> None:
-    backend = choose_backend("onnx-coco", detector_names=[name], large_detector_names=[name], download=False)
-    assert isinstance(backend, OnnxCoco)
-    found = backend.boxes_of(stop_sign(width, height, centre, 90))
+    backend = choose_backend("onnx-coco", detectors=[name], large_detectors=[name], download=False)
+    assert isinstance(backend, Pipeline)
+    (found,) = backend.detector.detect([stop_sign(width, height, centre, 90)], [()])
     at = COCO.index("stop sign")
     best = int(found.scores[:, at].argmax())
     assert found.scores[best, at] > 0.3
@@ -94,7 +97,13 @@ class Scripted:
         xyxy = [(x, y, x + w, y + h) for x, y, w, h, _ in stats[1:]]
         scores = np.zeros((len(xyxy), len(COCO)), np.float32)
         scores[:, COCO.index("tv")] = 0.8
-        return Boxes(np.array(xyxy, np.float32).reshape(-1, 4), scores)
+        return Boxes(np.array(xyxy, np.float32).reshape(-1, 4), scores, COCO)
+
+
+def scripted(min_score: float) -> Pipeline:
+    """The backend ``onnx-coco`` around it."""
+    parts = CocoDetector([Scripted()]), DepthInBox(), ClassSpace()
+    return Pipeline("onnx-coco", "", *parts, min_score=min_score, extents_m=extents_of(COCO))
 
 
 @pytest.mark.parametrize("at", [(100, 100), (600, 600), (500, 900), (1100, 50), (1270, 1270)])
@@ -103,7 +112,7 @@ def test_tiles_give_each_thing_once_where_it_is(at: tuple[int, int]) -> None:
     x, y = at
     rgb[y : y + 120, x : x + 120] = (255, 0, 0)
     detector = Scripted()
-    found = OnnxCoco([detector], "").boxes_of(rgb)
+    found = CocoDetector([detector]).boxes_of(rgb)
     assert len(detector.shown) == 5
     assert len(found) == 1
     np.testing.assert_allclose(found.xyxy[0], (x, y, min(1280, x + 120), min(1280, y + 120)), atol=1)
@@ -113,19 +122,18 @@ def test_tiles_give_each_thing_once_where_it_is(at: tuple[int, int]) -> None:
 def test_pieces_that_tiles_cut_count_less_than_whole_things() -> None:
     class NearSighted(Scripted):
         def detect(self, rgb: np.ndarray) -> Boxes:
-            return super().detect(rgb) if rgb.shape[0] < 1280 else Boxes.empty()
+            return super().detect(rgb) if rgb.shape[0] < 1280 else Boxes.empty(COCO)
 
     rgb = np.zeros((1280, 1280, 3), np.uint8)
     rgb[100:220, 20:1260] = (255, 0, 0)
     rgb[800:900, 100:200] = (255, 0, 0)
-    found = OnnxCoco([NearSighted()], "").boxes_of(rgb)
+    found = CocoDetector([NearSighted()]).boxes_of(rgb)
     np.testing.assert_allclose(found.best, [0.8, 0.4, 0.4], atol=1e-6)
 
 
 def test_only_the_first_detector_tiles_large_views() -> None:
     robots, first, second = Scripted(), Scripted(), Scripted()
-    backend = OnnxCoco([robots], "", large=[first, second])
-    backend.boxes_of(np.zeros((1280, 1280, 3), np.uint8))
+    CocoDetector([robots], [first, second]).boxes_of(np.zeros((1280, 1280, 3), np.uint8))
     assert (len(robots.shown), len(first.shown), len(second.shown)) == (0, 5, 1)
 
 
@@ -136,21 +144,21 @@ def test_a_thing_of_impossible_size_counts_less(range_m: float, score: float) ->
     rgb[100:200, 100:200] = (255, 0, 0)
     depth = np.full((480, 640), 3 * range_m, np.float32)
     depth[100:200, 100:200] = range_m
-    backend = OnnxCoco([Scripted()], "", thresholds=Thresholds(min_score=0.33 if score == 0.0 else 0.25))
+    backend = scripted(0.33 if score == 0.0 else 0.25)
     found = backend.perceive(rgb, depth, Pinhole.from_hfov(640, 480, 1.8)).detections
     assert [d.score for d in found] == ([pytest.approx(score)] if score else [])
 
 
 def test_small_views_are_looked_at_once() -> None:
     detector = Scripted()
-    OnnxCoco([detector], "").boxes_of(np.zeros((480, 640, 3), np.uint8))
+    CocoDetector([detector]).boxes_of(np.zeros((480, 640, 3), np.uint8))
     assert detector.shown == [(480, 640, 3)]
 
 
 def test_weak_boxes_tint_the_image_but_are_not_detections() -> None:
     rgb = np.zeros((480, 640, 3), np.uint8)
     rgb[100:200, 100:200] = (255, 0, 0)
-    backend = OnnxCoco([Scripted()], "", thresholds=Thresholds(min_score=0.9))
+    backend = scripted(0.9)
     seen = backend.perceive(rgb, np.zeros((480, 640), np.float32), CAMERA)
     assert seen.detections == ()
     assert seen.image_embedding @ backend.embed_texts(["tv"])[0] > 0.5

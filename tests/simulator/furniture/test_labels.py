@@ -4,7 +4,7 @@ import pytest
 
 from simulator.furniture.labels import furniture_of, label_of, stand_in_of
 from simulator.furniture.parametric import PIECES
-from surveilnav.categories import COCO
+from surveilnav.perception.vocabulary import COCO
 
 SIZE = (1.2, 0.8, 0.75)
 

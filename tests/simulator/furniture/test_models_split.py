@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from simulator.furniture.labels import TARGETS
 from simulator.furniture.placing import Models, kinds, split_kind_of
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.sources import EXAMPLE_HOMES, open_building
-from surveilnav.categories import TARGETS
 
 
 def of_half(half: Models) -> set[str]:

@@ -111,7 +111,7 @@ def test_fits() -> None:
 
 
 def test_every_kind_names_its_label_and_fit() -> None:
-    from surveilnav.categories import COCO
+    from surveilnav.perception.vocabulary import COCO
 
     for kind in kinds().values():
         assert kind.label == "" or kind.label in COCO

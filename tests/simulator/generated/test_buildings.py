@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from simulator import sources
+from simulator.furniture.labels import TARGETS
 from simulator.plans.polygons import contains
 from simulator.sources import list_buildings, open_building
 from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Scene
-from surveilnav.categories import TARGETS
 from surveilnav.errors import AssetError, BuildingError
 
 

@@ -7,13 +7,14 @@ import pytest
 from msgspec.structs import replace as structs_replace
 from scipy.special import ndtr
 
+from simulator.furniture.labels import TARGETS
 from simulator.truth.backends import Oracle, Simulated
 from simulator.truth.error_model import FEATURES, SIGHTS, Haze, error_model, features
 from simulator.truth.visible import candidates, visible_things
-from surveilnav.categories import COCO, TARGETS
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
-from surveilnav.perception import closed_set
+from surveilnav.perception.embedders import class_space
+from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import TrueInstances, box_cells
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.3)
@@ -41,6 +42,22 @@ def test_oracle_says_what_is_there() -> None:
     assert couch.mask.sum() == 100 * 80 - 20 * 10
     assert Oracle.needs_truth
     assert seen.image_embedding @ Oracle().embed_texts(["tv"])[0] > 0.6
+
+
+def test_oracle_knows_any_word_that_it_is_asked_for() -> None:
+    depth, truth = scene()
+    truth = TrueInstances(truth.ids, {**truth.labels, 9: "samovar"})
+    oracle = Oracle()
+    unasked, asked = (oracle.perceive(RGB, depth, CAMERA, truth=truth, prompts=p) for p in ((), ("Samovar", "tray")))
+    assert [d.label for d in unasked.detections] == ["couch"]
+    assert [d.label for d in asked.detections] == ["couch", "samovar"]
+    samovar, tray, bed = oracle.embed_texts(["seems like there is a samovar", "tray", "bed"])
+    assert asked.detections[1].embedding @ samovar > 0.9
+    assert abs(asked.detections[1].embedding @ tray) < 0.5
+    assert asked.image_embedding @ samovar > unasked.image_embedding @ samovar + 0.4
+    assert unasked.image_embedding @ bed == pytest.approx(
+        class_space.embed_image([np.eye(80)[COCO.index("couch")]]) @ class_space.embed_texts(["bed"])[0], abs=1e-6
+    ), "COCO's classes are as alike as they were"
 
 
 @pytest.mark.parametrize("backend", [Oracle(), Simulated()])
@@ -79,7 +96,7 @@ def hits(backend: Simulated, label: str, views: int, scale: int = 2, pose: np.nd
     depth, truth, camera = one(label, scale)
     out = np.zeros((400 // views, views), bool)
     for building in range(len(out)):
-        told = TrueInstances(truth.ids, {**truth.labels, 1000: f"building {building}"}, pose)
+        told = TrueInstances(truth.ids, {**truth.labels, 1000 + building: "box"}, pose)
         for view in range(views):
             seen = backend.perceive(RGB, depth, camera, truth=told, key=("robot/r1", 0, view))
             out[building, view] = any(d.label == label and abs(d.box_px[0] / scale - 30) < 8 for d in seen.detections)
@@ -117,7 +134,7 @@ def test_a_harder_world_hides_things_and_gives_false_alarms() -> None:
     depth, truth, camera = one("", 2)
     alarms = []
     for harder in (-1.0, 1.0):
-        told = [TrueInstances(truth.ids, {1000: f"building {b}"}, _LEVEL) for b in range(100)]
+        told = [TrueInstances(truth.ids, {1000 + b: "box"}, _LEVEL) for b in range(100)]
         views = [Simulated(harder=harder).perceive(RGB, depth, camera, truth=t, key=("robot/r1", 0, 1)) for t in told]
         alarms.append(sum(len(v.detections) for v in views))
     assert alarms[1] > 3 * alarms[0] + 10
@@ -127,7 +144,7 @@ def test_false_alarms_stay_with_the_thing_that_caused_them() -> None:
     alike = []
     for building in range(250):
         depth, truth, camera = one("", 2)
-        told = TrueInstances(truth.ids, {1000: f"building {building}"}, _LEVEL)
+        told = TrueInstances(truth.ids, {1000 + building: "box"}, _LEVEL)
         two = [Simulated().perceive(RGB, depth, camera, truth=told, key=("robot/r1", 0, n)).detections for n in (1, 2)]
         alike.append([{d.label for d in seen} for seen in two])
     either = [(a, b) for a, b in alike if a or b]
@@ -143,7 +160,7 @@ def test_a_false_alarm_is_called_nothing_that_its_size_cannot_be() -> None:
         depth = np.where(truth.ids > 0, range_m, range_m + 2.0).astype(np.float32)
         names[range_m] = set()
         for n in range(150):
-            told = TrueInstances(truth.ids, {**truth.labels, 1000: f"building {n}"})
+            told = TrueInstances(truth.ids, {**truth.labels, 1000 + n: "box"})
             seen = Simulated(harder=2.0).perceive(RGB, depth, camera, truth=told, key=("robot/a", 0, n))
             on_lamp = [d for d in seen.detections if np.abs(np.array(d.box_px) - (60, 44, 100, 76)).max() < 16]
             names[range_m] |= {d.label for d in on_lamp}
@@ -157,7 +174,7 @@ def test_what_fits_no_name_is_no_false_alarm(monkeypatch: pytest.MonkeyPatch) ->
     depth, truth, camera = one("lamp", 2)
     monkeypatch.setattr("simulator.truth.backends._fits", lambda *of: False)
     for n in range(60):
-        told = TrueInstances(truth.ids, {**truth.labels, 1000: f"building {n}"})
+        told = TrueInstances(truth.ids, {**truth.labels, 1000 + n: "box"})
         assert not Simulated(harder=2.0).perceive(RGB, depth, camera, truth=told, key=("robot/a", 0, n)).detections
 
 
@@ -202,7 +219,7 @@ def test_a_class_seems_to_be_where_its_haze_is_thicker(beside: dict[str, float],
         image = backend.perceive(
             RGB, np.full((120, 160), 1.5, np.float32), CAMERA, truth=truth, key=(key,)
         ).image_embedding
-        return float(closed_set.presence(image)[COCO.index("umbrella")])
+        return float(class_space.presence(image)[COCO.index("umbrella")])
 
     with_it, without = (
         np.mean([presence(labels, key) for key in range(40)]) for labels in ({7: "cabinet"}, {7: "desk"})
@@ -251,6 +268,6 @@ def test_a_wrong_name_is_the_instance_s_own_or_the_view_s(kept: float) -> None:
 def test_things_without_depth_are_not_visible() -> None:
     depth, truth = scene()
     depth[:, :80] = 0
-    things = visible_things(truth, depth, 60)
+    things = visible_things(truth, depth, 60, {"bed", "chair", "tv", "couch", "toilet", "potted plant"})
     assert [t.label for t in things] == ["couch"]
     assert things[0].range_m == 1.0

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surveilnav.categories import COCO, TARGETS
+from simulator.furniture.labels import TARGETS
 from surveilnav.errors import TargetError
-from surveilnav.perception import closed_set
+from surveilnav.perception.embedders import class_space
+from surveilnav.perception.vocabulary import COCO, DATA
 
 
 def seen(**classes: float) -> list[np.ndarray]:
@@ -25,34 +25,34 @@ def seen(**classes: float) -> list[np.ndarray]:
 
 
 def test_presence_is_what_an_image_was_embedded_from() -> None:
-    image = closed_set.embed_image([*seen(bed=0.5), *seen(bed=0.5, tv=0.1)])
+    image = class_space.embed_image([*seen(bed=0.5), *seen(bed=0.5, tv=0.1)])
     expected = dict.fromkeys(COCO, 0.0) | {"bed": 0.75, "tv": 0.1}
-    assert closed_set.presence(image).tolist() == pytest.approx([expected[name] for name in COCO], abs=1e-6)
+    assert class_space.presence(image).tolist() == pytest.approx([expected[name] for name in COCO], abs=1e-6)
 
 
 def relevance(target: str, **classes: float) -> float:
-    text = closed_set.embed_texts([f"seems like there is a {target}"])[0]
-    return float(text @ closed_set.embed_image(seen(**classes)))
+    text = class_space.embed_texts([f"seems like there is a {target}"])[0]
+    return float(text @ class_space.embed_image(seen(**classes)))
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_cosine_of_objects_is_the_bhattacharyya_coefficient(seed: int) -> None:
     p, q = np.random.default_rng(seed).dirichlet(np.ones(len(COCO)), 2).astype(np.float32)
-    cosine = closed_set.embed_object(0.7 * p) @ closed_set.embed_object(0.2 * q)
+    cosine = class_space.embed_object(0.7 * p) @ class_space.embed_object(0.2 * q)
     assert cosine == pytest.approx(sum(np.sqrt(a * b) for a, b in zip(p, q, strict=True)), abs=1e-5)
 
 
 def test_all_embeddings_are_unit_vectors_of_one_space() -> None:
     vectors = [
-        closed_set.embed_object(np.zeros(80)), closed_set.embed_object(seen(bed=0.3)[0]), closed_set.embed_image([]),
-        closed_set.embed_image(seen(bed=1.0, tv=0.2)), *closed_set.embed_texts(list(COCO)),
+        class_space.embed_object(np.zeros(80)), class_space.embed_object(seen(bed=0.3)[0]), class_space.embed_image([]),
+        class_space.embed_image(seen(bed=1.0, tv=0.2)), *class_space.embed_texts(list(COCO)),
     ]  # fmt: skip
     for vector in vectors:
-        assert vector.shape == (closed_set.DIM,)
+        assert vector.shape == (class_space.DIM,)
         assert vector.dtype == np.float32
         assert np.linalg.norm(vector) == pytest.approx(1, abs=1e-5)
-    assert closed_set.embed_texts([]).shape == (0, closed_set.DIM)
+    assert class_space.embed_texts([]).shape == (0, class_space.DIM)
 
 
 @pytest.mark.parametrize(
@@ -87,16 +87,16 @@ def test_surer_sight_of_the_target_is_worth_more() -> None:
     ],
 )  # fmt: skip
 def test_texts_name_classes(text: str, name: str) -> None:
-    assert closed_set.class_named(text) == name
+    assert class_space.class_named(text) == name
 
 
 def test_an_unknown_class_is_the_users_mistake() -> None:
     with pytest.raises(TargetError, match="fire extinguisher"):
-        closed_set.embed_texts(["seems like there is a fire extinguisher"])
+        class_space.embed_texts(["seems like there is a fire extinguisher"])
 
 
 def test_the_table_knows_every_usual_target_and_says_where_it_comes_from() -> None:
-    table = json.loads((Path(closed_set.__file__).parent / "data" / "rooms.json").read_text())
+    table = json.loads((DATA / "coco" / "rooms.json").read_text())
     assert set(TARGETS) <= set(table["weights"]) <= set(COCO)
     assert "ProcTHOR" in table["source"]
     assert all(

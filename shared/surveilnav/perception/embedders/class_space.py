@@ -10,25 +10,26 @@ no negative component.
 - A text's embedding holds, for the class c that it names, how likely c stands where k is seen:
   P(c | k) = sum over kinds of room r of P(c | r) P(r | k), on the last axis P(c) itself. So the cosine of a view
   and "seems like there is a tv" is high where a tv is seen, fair where a couch is, low where a toilet is, and in
-  between where nothing is known. Rooms by class: data/rooms.json, with its source.
+  between where nothing is known. Rooms by class: data/coco/rooms.json, with its source.
 """
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.categories import COCO, closed_set_target
+from surveilnav.perception.boxes import Boxes
+from surveilnav.perception.protocols import ViewEmbedding
+from surveilnav.perception.vocabulary import COCO
+from surveilnav.words import canonical
 
 DIM = len(COCO) + 1
 _NOTHING = len(COCO)
-#: P(class in room) for the weights 0, 1, 2 of data/rooms.json ("never", "sometimes", "usually").
+#: P(class in room) for the weights 0, 1, 2 of data/coco/rooms.json ("never", "sometimes", "usually").
 _PRESENCE = np.array([0.02, 0.3, 0.9])
 #: What standing near the target is worth beside seeing the target itself (1).
 _NEARNESS = 0.35
@@ -37,6 +38,28 @@ _BASE = 0.3
 _PROMPT = re.compile(
     r"\s*(?:it\s+)?seems\s+like\s+there\s+is\s+(?:an?\s+|the\s+)?(?P<name>.+?)\s*[.!]?\s*", re.IGNORECASE
 )
+
+
+class ClassSpace:
+    """The embedder of this space: it reads what a detector of COCO's classes scored, not the picture."""
+
+    model = "coco-class-space"
+    dim = DIM
+
+    def embed_views(
+        self, images: Sequence[NDArray[np.uint8]], boxes: Sequence[Boxes], rows: Sequence[NDArray[np.int64]]
+    ) -> list[ViewEmbedding]:
+        """See ``Embedder.embed_views``. All boxes tint the view's vector, weak ones included."""
+        return [
+            ViewEmbedding(
+                embed_image(b.scores), np.array([embed_object(b.scores[i]) for i in r], np.float32).reshape(-1, DIM)
+            )
+            for b, r in zip(boxes, rows, strict=True)
+        ]
+
+    def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        """See ``embed_texts``."""
+        return embed_texts(texts)
 
 
 def embed_object(class_scores: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -77,16 +100,21 @@ def embed_texts(texts: Sequence[str]) -> NDArray[np.float32]:
 
 def class_named(text: str) -> str:
     """The class that a prompt or a plain name names. Raises TargetError."""
+    return COCO.known(named(text))
+
+
+def named(text: str) -> str:
+    """The word, whether COCO's or not, that a prompt or a plain name names."""
     match = _PROMPT.fullmatch(text)
-    return closed_set_target(match.group("name") if match else text)
+    return canonical(match.group("name") if match else text)
 
 
 @lru_cache(maxsize=1)
 def _relevance() -> NDArray[np.float32]:
     """(80, DIM) unit rows: the text embedding of every class."""
-    table = json.loads((Path(__file__).parent / "data" / "rooms.json").read_text(encoding="utf-8"))
-    known = [COCO.index(name) for name in table["weights"]]
-    p_class_in_room = _PRESENCE[np.array(list(table["weights"].values()))]  # (K, R)
+    rooms = COCO.rooms()
+    known = [COCO.index(name) for name in rooms]
+    p_class_in_room = _PRESENCE[np.array(list(rooms.values()))]  # (K, R)
     p_room_given_class = p_class_in_room / p_class_in_room.sum(axis=1, keepdims=True)
     relevance = np.zeros((len(COCO), DIM))
     relevance[np.ix_(known, known)] = _NEARNESS * p_class_in_room @ p_room_given_class.T  # P(c | k) at [c, k]

@@ -7,11 +7,14 @@ hangs together with it, so where the picture shows a level floor (``floor_of``) 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
+from surveilnav.perception.protocols import RgbdView
 from surveilnav.sensing.views import box_cells
 
 #: Depth may change by this share from a pixel to the next on one surface (plus the slope of a grazing one).
@@ -21,6 +24,23 @@ _MOST_PIXELS = 40_000
 #: The window around a box is so much wider on each side, as a share of the box.
 _MARGIN = 0.2
 _FLOOR_BAND_M = 0.06
+
+
+class DepthInBox:
+    """The segmenter of this module."""
+
+    model = "depth-in-box"
+
+    def segment(
+        self, views: Sequence[RgbdView], boxes: Sequence[NDArray[np.float32]]
+    ) -> list[list[NDArray[np.bool_] | None]]:
+        """See ``Segmenter.segment``."""
+        return [self._one(view, xyxy) for view, xyxy in zip(views, boxes, strict=True)]
+
+    @staticmethod
+    def _one(view: RgbdView, xyxy: NDArray[np.float32]) -> list[NDArray[np.bool_] | None]:
+        floor = floor_of(view.depth_m, view.camera) if len(xyxy) else None
+        return [mask_of(view.depth_m, (x0, y0, x1, y1), floor) for x0, y0, x1, y1 in xyxy.astype(float).tolist()]
 
 
 def mask_of(

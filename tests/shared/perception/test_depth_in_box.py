@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from surveilnav.geometry import Pinhole, camera_pose
-from surveilnav.perception.masks import floor_of, mask_of
+from surveilnav.perception.segmenters.depth_in_box import floor_of, mask_of
 
 CAMERA = Pinhole.from_hfov(320, 240, math.radians(79))
 

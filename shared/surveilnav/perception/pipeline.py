@@ -1,0 +1,104 @@
+"""A backend made of three parts: detect, segment, embed, each in batches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.perception.backend import Backend, ModelIds, Stage, Work
+from surveilnav.perception.boxes import Boxes
+from surveilnav.perception.protocols import Detector, Embedder, RgbdView, Segmenter
+from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
+from surveilnav.sensing.views import Detected, ViewPerception
+
+_EDGE_PX = 3.0  # a box that ends so near to the picture's edge is cut by it
+
+
+class Pipeline(Backend):
+    """Three parts, one after the other.
+
+    A thing whose size isn't that of its class gets a smaller score, where ``extents_m`` knows the class. Boxes below
+    ``min_score`` are not reported; they still reach the embedder, for whose view they may count.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        why: str,
+        detector: Detector,
+        segmenter: Segmenter,
+        embedder: Embedder,
+        *,
+        min_score: float,
+        extents_m: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        self.name, self.why = name, why
+        self.detector, self.segmenter, self.embedder = detector, segmenter, embedder
+        self.models = ModelIds(detector.model, segmenter.model, embedder.model)
+        self.vocabulary, self.embedding_dim = detector.vocabulary, embedder.dim
+        self._min_score, self._extents_m = min_score, extents_m or {}
+        self.stages = (
+            Stage("detect", self._detect),
+            Stage("segment", self._segment),
+            Stage("embed", self._embed),
+        )
+
+    def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        return self.embedder.embed_texts(texts)
+
+    def _detect(self, batch: Sequence[Work]) -> None:
+        found = self.detector.detect([w.view.rgb for w in batch], [w.prompts for w in batch])
+        for work, boxes in zip(batch, found, strict=True):
+            work.boxes = boxes
+
+    def _segment(self, batch: Sequence[Work]) -> None:
+        likely = [np.flatnonzero(w.boxes.best >= self._min_score) for w in batch]
+        xyxy = [w.boxes.xyxy[rows] for w, rows in zip(batch, likely, strict=True)]
+        every = self.segmenter.segment([w.view for w in batch], xyxy)
+        for work, rows, masks in zip(batch, likely, every, strict=True):
+            work.boxes = self._sized(work.view, work.boxes, rows, masks)
+            kept = np.flatnonzero(work.boxes.best[rows] >= self._min_score)
+            work.rows, work.masks = rows[kept], [masks[i] for i in kept]
+
+    def _embed(self, batch: Sequence[Work]) -> None:
+        images, boxes = [w.view.rgb for w in batch], [w.boxes for w in batch]
+        every = self.embedder.embed_views(images, boxes, [w.rows for w in batch])
+        for work, embedding in zip(batch, every, strict=True):
+            labels, best = work.boxes.labels, work.boxes.best
+            detections = [
+                Detected(labels[row], min(1.0, float(best[row])), _box(work.boxes.xyxy[row]), mask, vector)
+                for row, mask, vector in zip(work.rows.tolist(), work.masks, embedding.objects, strict=True)
+            ]
+            detections.sort(key=lambda d: -d.score)
+            work.seen = ViewPerception(self.name, tuple(detections), embedding.image, self.embedder.model)
+
+    def _sized(
+        self, view: RgbdView, boxes: Boxes, rows: NDArray[np.int64], masks: Sequence[NDArray[np.bool_] | None]
+    ) -> Boxes:
+        """The boxes with smaller scores where depth says that a thing can't be what its best score says."""
+        wrong = [
+            row
+            for row, mask in zip(rows.tolist(), masks, strict=True)
+            if mask is not None and not self._fits(view, boxes.labels[row], _box(boxes.xyxy[row]), mask)
+        ]
+        scores = boxes.scores.copy()
+        scores[wrong] *= WRONG_SIZE
+        return boxes.scored(scores)
+
+    def _fits(
+        self, view: RgbdView, label: str, box: tuple[float, float, float, float], mask: NDArray[np.bool_]
+    ) -> bool:
+        if label not in self._extents_m:
+            return True
+        x0, y0, x1, y1 = box
+        right, bottom = view.camera.width_px - _EDGE_PX, view.camera.height_px - _EDGE_PX
+        cut = x0 < _EDGE_PX or y0 < _EDGE_PX or x1 > right or y1 > bottom
+        size_m = extent_m(view.depth_m, view.camera, box, mask)
+        return size_m is None or plausible(self._extents_m, label, size_m, cut)
+
+
+def _box(xyxy: NDArray[np.float32]) -> tuple[float, float, float, float]:
+    x0, y0, x1, y1 = (float(v) for v in xyxy)
+    return x0, y0, x1, y1

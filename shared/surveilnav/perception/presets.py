@@ -1,0 +1,67 @@
+"""Backends by name: which detector, segmenter and embedder each is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from surveilnav.errors import PerceptionError
+from surveilnav.perception import weights
+from surveilnav.perception.backend import Backend
+from surveilnav.perception.detectors import coco
+from surveilnav.perception.embedders.class_space import ClassSpace
+from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.segmenters.depth_in_box import DepthInBox
+from surveilnav.perception.sizes import extents_of
+from surveilnav.perception.vocabulary import COCO
+
+#: The pairs that did best for their time on rendered homes: for robots' views, and for cameras' (the first in tiles).
+DEFAULT_DETECTORS: tuple[str, ...] = ("yolox-nano", "picodet-s")
+DEFAULT_LARGE_DETECTORS: tuple[str, ...] = ("yolox-nano", "deimv2-femto")
+
+#: Weaker things of COCO's networks are kept out of the answer (they still tint the view's embedding).
+_COCO_MIN_SCORE = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Networks:
+    """What settings say of the models.
+
+    Attributes:
+        detectors: the networks of ``onnx-coco`` for views of up to 900 pixels.
+        large_detectors: the same for larger ones.
+        threads: of each network.
+        download: whether weights may be fetched.
+    """
+
+    detectors: Sequence[str] = DEFAULT_DETECTORS
+    large_detectors: Sequence[str] = DEFAULT_LARGE_DETECTORS
+    threads: int = 1
+    download: bool = True
+
+
+def onnx_coco(networks: Networks, why: str) -> Backend:
+    """COCO detectors that have to agree, masks from depth, the space of COCO's classes.
+
+    Raises:
+        PerceptionError: a network can't be had.
+    """
+    small, large = tuple(networks.detectors), tuple(networks.large_detectors)
+    if not small or not large:
+        raise PerceptionError(f"onnx-coco needs at least one detector out of {sorted(weights.WEIGHTS)}")
+    loaded = {
+        n: coco.load(weights.find(n, download=networks.download), weights.WEIGHTS[n].family, networks.threads)
+        for n in dict.fromkeys((*small, *large))
+    }
+    said = " + ".join(small) if small == large else f"{' + '.join(small)}; for cameras {' + '.join(large)}"
+    kind = "a real detector" if len(loaded) == 1 else "real detectors that have to agree"
+    detector = coco.CocoDetector([loaded[n] for n in small], [loaded[n] for n in large], model="+".join(loaded))
+    return Pipeline(
+        "onnx-coco", f"{kind} ({said}), {why}", detector, DepthInBox(), ClassSpace(), min_score=_COCO_MIN_SCORE,
+        extents_m=extents_of(COCO),
+    )  # fmt: skip
+
+
+#: What makes a backend, told what settings say and why it runs.
+PRESETS: Mapping[str, Callable[[Networks, str], Backend]] = MappingProxyType({"onnx-coco": onnx_coco})

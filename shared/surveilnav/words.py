@@ -1,0 +1,40 @@
+"""Words for things: their one spelling, and what counts as one."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+from surveilnav.errors import TargetError
+
+#: Longer phrases name no thing; more words than these aren't looked for at once.
+MAX_WORD_CHARS, MAX_WORDS = 100, 256
+
+
+def canonical(name: str) -> str:
+    """The one spelling of a word: lower case, single spaces, synonyms folded ("Sofa" -> "couch")."""
+    folded = " ".join(name.strip().lower().replace("_", " ").replace("-", " ").split())
+    return _synonyms().get(folded, folded)
+
+
+def checked_word(name: str) -> str:
+    """``canonical(name)`` if it can name a thing: a short phrase in any language.
+
+    Raises:
+        TargetError: it is empty, too long, or holds what no word holds.
+    """
+    if len(name) > 4 * MAX_WORD_CHARS or len(word := canonical(name)) > MAX_WORD_CHARS:
+        raise TargetError(f"a target is a phrase of up to {MAX_WORD_CHARS} characters, got {len(name)}")
+    if not word.isprintable():
+        raise TargetError(f"a target holds letters, digits and signs that can be seen, got {word[:40]!r}")
+    if not any(c.isalnum() for c in word):
+        raise TargetError(f'a target names a thing ("fire extinguisher"), got {name[:40]!r}')
+    return word
+
+
+@cache
+def _synonyms() -> dict[str, str]:
+    """By another spelling, the word that it stands for."""
+    table = json.loads((Path(__file__).parent / "data" / "synonyms.json").read_text(encoding="utf-8"))
+    return {other: word for word, others in table.items() for other in others}
