@@ -107,6 +107,7 @@ class Episode:
         self._reports = surveillance and summaries and len(self._navigation.floors) > 1
         self._reported = sight.by_floor() if self._reports else _NO_SUMMARIES
         self._text = sight.backend.embed_texts([value_prompt(goals.label)])[0]
+        self._embedding_model = sight.backend.models.embedder
         self._joint: JointMap | None = None
         self._floor = start.floor  # as the maps call it
         self._invoked: dict[str, int] = {}
@@ -150,7 +151,7 @@ class Episode:
             _integrate(self._joint, self._sight, arrived)
         if (placed := _accepted(self._joint, seen)) is not None:
             self._floor = placed.floor
-        return self._joint, map_view(self._joint, self._floor, self._text)
+        return self._joint, map_view(self._joint, self._floor, self._text, self._embedding_model)
 
     def decide(self, maps: MapView) -> Decision:
         """The searcher's waypoint and action."""
@@ -201,11 +202,11 @@ def _accepted(joint: JointMap, seen: Sighted) -> Integrated | None:
         return joint.integrate(seen.view, seen.perception)
 
 
-def map_view(joint: JointMap, floor: str, text: np.ndarray) -> MapView:
+def map_view(joint: JointMap, floor: str, text: np.ndarray, embedding_model: str) -> MapView:
     """The planner's view of the joint maps of a floor."""
     grid, occupancy = joint.layer(floor, "occupancy")
     layers = {name: joint.layer(floor, name)[1] for name in ("explored", "frontier")}
-    value = joint.layer(floor, "value", text)[1]
+    value = joint.layer(floor, "value", text, embedding_model)[1]
     return MapView(
         floor, joint.floors[floor], grid, occupancy, layers["explored"], layers["frontier"], value,  # type: ignore[arg-type]
         joint.objects(floor), joint.floor_revision(floor),

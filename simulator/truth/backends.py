@@ -70,14 +70,14 @@ class Oracle(Backend):
 
     def _look(self, batch: Sequence[Work]) -> None:
         for work in batch:
-            words = {*COCO, *(canonical(prompt) for prompt in work.prompts)}
+            asked = tuple(canonical(prompt) for prompt in work.prompts)
             told = _told(work.truth, work.view.depth_m, self.name)
-            things = visible_things(told, work.view.depth_m, self._min_pixels, words)
+            things = visible_things(told, work.view.depth_m, self._min_pixels, {*COCO, *asked})
             detections = tuple(
                 Detected(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label)) for t in things
             )
             image = name_space.embed_image([thing.label for thing in things])
-            work.seen = ViewPerception(self.name, detections, image, self.models.embedder)
+            work.seen = ViewPerception(self.name, detections, image, self.models.embedder, asked)
 
 
 class Simulated(Backend):

@@ -18,7 +18,9 @@ from services.planner.core import FloorMemory, MapView, MissionState, PlannerCon
 from services.planner.core.motion.terrain import build_terrain, travel_time_m
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
+from surveilnav.perception.embedders.class_space import ClassSpace
 
+MODEL = ClassSpace.model
 HOME, SUBSTITUTE, TARGET, STEPS = "4_bedroom", "parametric_house", "tv", 150
 
 
@@ -100,7 +102,7 @@ def search():
         seen = sight.robot(state)
         placed = joint.integrate(seen.view, seen.perception)
         told = RobotView.from_status(robot.status_of(state, robot="r1"), "", ())
-        mission, decision = step(mission, map_view(joint, placed.floor, text), told, PlannerConfig())
+        mission, decision = step(mission, map_view(joint, placed.floor, text, MODEL), told, PlannerConfig())
         steps.append((seen.view, seen.perception, told, decision.action))
         if decision.finished:
             break
@@ -119,11 +121,11 @@ def test_whole_robot_step(benchmark, search):
         joint, mission = JointMap(), MissionState("no such thing", max_steps=STEPS + 1)
         for camera in cameras:
             joint.integrate(camera.view, camera.perception)
-        joint.layer(steps[0][0].floor, "value", text)
+        joint.layer(steps[0][0].floor, "value", text, MODEL)
         for view, perception, told, action in steps:
             begin = time.process_time()
             placed = joint.integrate(view, perception)
-            maps = map_view(joint, placed.floor, text)
+            maps = map_view(joint, placed.floor, text, MODEL)
             mapped = time.process_time()
             mission, decision = step(mission, maps, told, PlannerConfig())
             end = time.process_time()

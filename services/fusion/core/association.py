@@ -26,10 +26,14 @@ class Similarity(NamedTuple):
 
 def similarity(
     shape: Shape, embedding: NDArray[np.float32], other: Shape, other_embedding: NDArray[np.float32],
-    config: AssociationConfig,
+    config: AssociationConfig, *, comparable: bool = True,
 ) -> Similarity:  # fmt: skip
-    """Eq. 3: ``s = w_1 S_vis + w_2 S_geo``, of the cosine of embeddings (D,) and what ``config.geometry`` says of shapes."""
-    s_vis = config.w_visual * cosine(embedding, other_embedding)
+    """Eq. 3: ``s = w_1 S_vis + w_2 S_geo``, of the cosine of embeddings (D,) and what ``config.geometry`` says of shapes.
+
+    ``comparable``: both embeddings come from one model; else geometry has the weight of both.
+    """
+    s_vis = config.w_visual * cosine(embedding, other_embedding) if comparable else 0.0
+    w_geometric = config.w_geometric + (0.0 if comparable else config.w_visual)
     if apart(shape, other, 2 * config.overlap_voxel_m):
         return Similarity(s_vis, 0.0)
     there, back = overlaps(shape, other)
@@ -39,7 +43,7 @@ def similarity(
         s_geo = voxel_iou(shape, other)
     else:
         s_geo = max(there, back)
-    return Similarity(s_vis + config.w_geometric * s_geo, min(there, back))
+    return Similarity(s_vis + w_geometric * s_geo, min(there, back))
 
 
 def same_place(mutual: float, config: AssociationConfig) -> bool:
@@ -77,7 +81,7 @@ def overlaps(a: Shape, b: Shape) -> tuple[float, float]:
 
 
 def cosine(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
-    """Cosine similarity; 0 where the vectors come from different models or are nothing."""
+    """Cosine similarity; 0 where the vectors are of different length or are nothing."""
     if a.shape != b.shape:
         return 0.0
     length = float(np.linalg.norm(a) * np.linalg.norm(b))

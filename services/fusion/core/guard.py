@@ -7,14 +7,13 @@ A view alone (``check``):
     bad_depth           negative or infinite depth
     bad_detection       a score or box that isn't finite, or a score outside 0-1
     bad_mask            a mask of another size than its box
-    bad_embedding       an embedding that isn't finite
+    bad_embedding       an embedding that isn't finite, or of another length than the view's others
 
 A view among the others of its source (``Guard``):
     no_depth            not one pixel with a depth
     pose_jump           farther from the last view than it can have moved
     time_backwards      taken before the last view
     intrinsics_changed  another camera than in the last view
-    embedding_length    embeddings of another length than those in the maps
 
 and from the maps themselves ``out_of_map`` (farther off than a map may grow) and ``too_many_floors``.
 
@@ -37,7 +36,7 @@ from surveilnav.sensing.views import PosedView, ViewPerception, box_cells
 
 ViewFault = Literal[
     "bad_pose", "wrong_size", "bad_intrinsics", "bad_depth", "bad_detection", "bad_mask", "bad_embedding",
-    "no_depth", "pose_jump", "time_backwards", "intrinsics_changed", "embedding_length", "out_of_map",
+    "no_depth", "pose_jump", "time_backwards", "intrinsics_changed", "out_of_map",
     "too_many_floors",
 ]  # fmt: skip
 _MOST_MISSED = 2**53  # what every reader of a snapshot can hold
@@ -95,6 +94,9 @@ def _check_perception(perception: ViewPerception, camera: Pinhole) -> None:
         x0, y0, x1, y1 = box_cells(d.box_px, camera.width_px, camera.height_px)
         if d.mask is not None and d.mask.shape != (y1 - y0, x1 - x0):
             raise ViewError("bad_mask", f"a mask of {d.mask.shape} came with a box of {(y1 - y0, x1 - x0)} pixels")
+    sizes = {perception.image_embedding.size, *(d.embedding.size for d in perception.detections)} - {0}
+    if len(sizes) > 1:
+        raise ViewError("bad_embedding", f"one model's embeddings have one length, got {sorted(sizes)}")
     if not np.isfinite(perception.image_embedding).all():
         raise ViewError("bad_embedding", "the embedding of the picture isn't finite")
 
@@ -109,13 +111,15 @@ class LastView:
     floor: str
     floor_z_m: float
     intrinsics: tuple[float, ...]
+    words: tuple[str, ...] = ()  # that it was looked at for
 
     @classmethod
-    def of(cls, view: PosedView) -> LastView:
+    def of(cls, view: PosedView, perception: ViewPerception | None = None) -> LastView:
         """Of a view whose pose is finite."""
         c, pose = view.camera, tuple(view.T_world_camera[:3].ravel().tolist())
         intrinsics = float(c.width_px), float(c.height_px), c.fx_px, c.fy_px, c.cx_px, c.cy_px
-        return cls(view.seq, view.stamp_ns, pose, view.floor, view.floor_z_m, intrinsics)
+        words = perception.words if perception is not None else ()
+        return cls(view.seq, view.stamp_ns, pose, view.floor, view.floor_z_m, intrinsics, words)
 
 
 class Guard:
@@ -129,7 +133,6 @@ class Guard:
         self._config = config
         self._last: dict[tuple[str, int], LastView] = {}
         self._doubted: dict[tuple[str, int], LastView] = {}
-        self._dim = 0  # of embeddings; 0: none came yet
         self._heard: dict[str, int] = {}  # robot -> its newest sequence number, held or refused
         self.missed: dict[str, int] = {}  # robot -> observations that never came
 
@@ -156,19 +159,23 @@ class Guard:
             raise fault
         if not _any_depth(view.depth_m):
             raise ViewError("no_depth", "not one pixel has a depth")
-        self._check_length(perception)
         return True
+
+    def new_words(self, view: PosedView, perception: ViewPerception | None) -> frozenset[str]:
+        """The words that a camera's view which the maps hold wasn't looked at for before; none if they hold another."""
+        last = self._last.get((view.source, view.view))
+        if perception is None or last is None or view.is_robot or not _repeats(last, LastView.of(view), False):
+            return frozenset()
+        return frozenset(perception.words) - set(last.words)
 
     def note(self, view: PosedView, perception: ViewPerception | None) -> None:
         """Remembers a view that the maps now hold."""
-        key, now = (view.source, view.view), LastView.of(view)
+        key, now = (view.source, view.view), LastView.of(view, perception)
         self._last.pop(key, None)
         self._last[key] = now
         if len(self._last) > self._config.max_sources:
             del self._last[next(iter(self._last))]
         self._doubted.pop(key, None)
-        if self._dim == 0 and perception is not None:
-            self._dim = perception.image_embedding.size
 
     def _count_missed(self, view: PosedView) -> None:
         """Latest wins on the way here, so numbers may be missing: that is counted and no fault."""
@@ -200,25 +207,13 @@ class Guard:
             )
         return None
 
-    def _check_length(self, perception: ViewPerception | None) -> None:
-        if perception is None:
-            return
-        dim = self._dim or perception.image_embedding.size
-        sizes = {perception.image_embedding.size, *(d.embedding.size for d in perception.detections)} - {0}
-        if sizes - {dim}:
-            raise ViewError(
-                "embedding_length",
-                f"the maps hold embeddings of {dim} numbers, {perception.backend} gave {sorted(sizes)}: run the backend "
-                "that the maps were made with, or begin with empty ones",
-            )
-
     def state(self) -> dict[str, Any]:
         """All of it, as plain values, for ``of_state``."""
         views = {
             name: [[*key, asdict(view)] for key, view in kept.items()]
             for name, kept in (("last", self._last), ("doubted", self._doubted))
         }
-        return {**views, "dim": self._dim, "heard": dict(self._heard), "missed": dict(self.missed)}
+        return {**views, "heard": dict(self._heard), "missed": dict(self.missed)}
 
     @classmethod
     def of_state(cls, state: dict[str, Any], config: GuardConfig) -> Guard:
@@ -227,12 +222,13 @@ class Guard:
         guard._last, guard._doubted = (
             {(source, view): _last_view(fields) for source, view, fields in state[name]} for name in ("last", "doubted")
         )
-        guard._dim, guard._heard, guard.missed = state["dim"], dict(state["heard"]), dict(state["missed"])
+        guard._heard, guard.missed = dict(state["heard"]), dict(state["missed"])
         return guard
 
 
 def _last_view(fields: dict[str, Any]) -> LastView:
-    return LastView(**(fields | {"pose": tuple(fields["pose"]), "intrinsics": tuple(fields["intrinsics"])}))
+    lists = {name: tuple(fields.get(name, ())) for name in ("pose", "intrinsics", "words")}
+    return LastView(**(fields | lists))
 
 
 def _repeats(last: LastView, now: LastView, is_robot: bool) -> bool:

@@ -69,10 +69,23 @@ class JointMap:
         """
         check(view, perception)
         if not self.guard.admit(view, perception):
-            return None
+            return self._look_again(view, perception)
         done = self._integrate(view, perception)
         self.guard.note(view, perception)
         return done
+
+    def _look_again(self, view: PosedView, perception: ViewPerception | None) -> Integrated | None:
+        """Adds what was found in a view that the maps hold by words that it wasn't looked at for before."""
+        words = self.guard.new_words(view, perception)
+        if perception is None or not words:
+            return None
+        maps = self._floor_of(view)
+        self.revision += 1
+        maps.geometry.revision = self.revision
+        found = tuple(d for d in perception.detections if d.label in words)
+        n_located = maps.objects.look_again(view, found, perception.embedding_model)
+        self.guard.note(view, perception)
+        return Integrated(maps.geometry.floor, self.revision, 0, n_located, tuple(maps.objects.take_changes()))
 
     def integrate(self, view: PosedView, perception: ViewPerception | None) -> Integrated:
         """Adds one view, whatever came before it. ``perception`` None: no detector looked (no negative evidence).
@@ -102,9 +115,9 @@ class JointMap:
         if perception is not None:
             # value map (eq. 2)
             if perception.image_embedding.size:
-                maps.value.add(view, reach_m, perception.image_embedding)
+                maps.value.add(view, reach_m, perception.image_embedding, perception.embedding_model)
             # object map (eq. 3)
-            n_located = maps.objects.integrate(view, perception.detections)
+            n_located = maps.objects.integrate(view, perception.detections, perception.embedding_model)
         changes = tuple(maps.objects.take_changes())
         return Integrated(maps.geometry.floor, self.revision, n_points, n_located, changes)
 
@@ -122,7 +135,7 @@ class JointMap:
             self._name_of.setdefault(view.floor, name)
 
     def layer(
-        self, floor: str, name: str, text_embedding: NDArray[np.floating] | None = None
+        self, floor: str, name: str, text_embedding: NDArray[np.floating] | None = None, embedding_model: str = ""
     ) -> tuple[Grid, NDArray[np.generic]]:
         """A layer of a floor and its frame: occupancy, explored, frontier uint8; value float32; cloud (N, 6) float32;
         provenance (N, 3) int64, line by line with the cloud: number in ``source_sets``, first and last seen [ns].
@@ -147,16 +160,18 @@ class JointMap:
             raise KeyError(f"no layer {name!r}; there are {', '.join(DEFAULT_LAYERS)}")
         if text_embedding is None:
             raise ValueError("the value layer belongs to a target: its text embedding is needed")
-        return geometry.grid, maps.value.layer(geometry.grid, text_embedding)
+        return geometry.grid, maps.value.layer(geometry.grid, text_embedding, embedding_model)
 
     def knows(self, floor: str) -> bool:
         """Whether there is a map of a floor."""
         return self._name_of.get(floor, floor) in self._floors
 
-    def pending_value(self, floor: str, text_embedding: NDArray[np.floating]) -> PendingLayer | None:
+    def pending_value(
+        self, floor: str, text_embedding: NDArray[np.floating], embedding_model: str = ""
+    ) -> PendingLayer | None:
         """A new target's value layer, to be built while the maps go on; None if it is kept. KeyError: no such floor."""
         maps = self._named(floor)
-        return maps.value.pending(text_embedding, maps.geometry.grid.resolution_m)
+        return maps.value.pending(text_embedding, maps.geometry.grid.resolution_m, embedding_model)
 
     def adopt_value(self, floor: str, built: PendingLayer) -> None:
         """Keeps a pending layer that was built. KeyError: no such floor."""
@@ -165,6 +180,14 @@ class JointMap:
     def objects(self, floor: str) -> list[ObjectRecord]:
         """The objects of a floor. KeyError: no such floor."""
         return self._named(floor).objects.records()
+
+    def relevances(self, floor: str, text: NDArray[np.float32], embedding_model: str) -> dict[int, float | None]:
+        """By object id, how much the objects of a floor sound like a text. KeyError: no such floor."""
+        return self._named(floor).objects.relevances(text, embedding_model)
+
+    def views_left_out(self, floor: str, embedding_model: str) -> int:
+        """How many views of a floor another model looked at. KeyError: no such floor."""
+        return self._named(floor).value.left_out(embedding_model)
 
     def source_sets(self, floor: str) -> list[list[str]]:
         """The sets of sources that the layer ``provenance`` of a floor counts by. KeyError: no such floor."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.fusion.core.assessment import Status
+from services.fusion.core.association import cosine
 from services.fusion.core.config import ObjectConfig
 from services.fusion.core.evidence import Evidence
 from services.fusion.core.shape import Shape
@@ -22,7 +23,7 @@ from surveilnav.sensing.views import PosedView
 Change = Literal["created", "matched", "merged", "confirmed", "rejected", "flipped", "not_seen"]
 _STATE = (
     "id", "embedding_sum", "seen_from_sum", "first_seen_ns", "last_seen_ns", "label", "confidence", "status", "reason",
-    "n_detections", "changed",
+    "n_detections", "changed", "embedding_model",
 )  # fmt: skip
 
 
@@ -41,6 +42,7 @@ class MapObject:
 
     Attributes:
         embedding_sum: of its detections' unit embeddings (D,): in direction their mean, weighted by counts.
+        embedding_model: whose embeddings those are: the newest detection's model. Others' are left out.
         seen_from_sum: of the horizontal unit vectors (2,) from each detection to who made it.
         changed: since duplicates were last searched for.
         record: as others see it, until something happens to it.
@@ -61,6 +63,7 @@ class MapObject:
     n_detections: int = 0
     history: deque[ObjectEvent] = field(default_factory=deque)
     changed: bool = True
+    embedding_model: str = ""
     record: ObjectRecord | None = None
 
     @classmethod
@@ -70,15 +73,17 @@ class MapObject:
         return cls(
             id=id_, shape=sighting.shape, label=detected.label, embedding_sum=np.zeros_like(detected.embedding),
             seen_from_sum=np.zeros(2), first_seen_ns=view.stamp_ns, last_seen_ns=view.stamp_ns,
-            history=deque(maxlen=max_history),
+            history=deque(maxlen=max_history), embedding_model=sighting.embedding_model,
         )  # fmt: skip
 
     def fuse(self, view: PosedView, sighting: Sighting, max_voxels: int, *, weight: float, near: bool) -> None:
         """Adds a detection: its points, its embedding, its evidence (the paper's joint object fusion)."""
         detected = sighting.detected
         self.shape = self.shape.union(sighting.shape, max_voxels)
-        if self.embedding_sum.shape == detected.embedding.shape:
+        if self._comparable(sighting.embedding_model, detected.embedding):
             self.embedding_sum = self.embedding_sum + detected.embedding
+        else:
+            self.embedding_sum, self.embedding_model = detected.embedding, sighting.embedding_model
         self.seen_from_sum = self.seen_from_sum + _towards(view, sighting.shape)
         self.first_seen_ns = min(self.first_seen_ns, view.stamp_ns)
         self.last_seen_ns = max(self.last_seen_ns, view.stamp_ns)
@@ -92,7 +97,7 @@ class MapObject:
     def absorb(self, other: MapObject, max_voxels: int) -> None:
         """Adds all that was known of another object, which is the same thing."""
         self.shape = self.shape.union(other.shape, max_voxels)
-        if self.embedding_sum.shape == other.embedding_sum.shape:
+        if self._comparable(other.embedding_model, other.embedding_sum):
             self.embedding_sum = self.embedding_sum + other.embedding_sum
         self.seen_from_sum = self.seen_from_sum + other.seen_from_sum
         self.first_seen_ns = min(self.first_seen_ns, other.first_seen_ns)
@@ -102,6 +107,13 @@ class MapObject:
         self.evidence.absorb(other.evidence)
         events = sorted([*self.history, *other.history], key=lambda e: e.stamp_ns)
         self.history = deque(events, maxlen=self.history.maxlen)
+
+    def _comparable(self, embedding_model: str, embedding: NDArray[np.float32]) -> bool:
+        return embedding_model == self.embedding_model and embedding.shape == self.embedding_sum.shape
+
+    def relevance(self, text: NDArray[np.float32], embedding_model: str) -> float | None:
+        """Cosine of its detections' mean embedding and a text's (D,); None if they come from different models."""
+        return cosine(self.embedding_sum, text) if self._comparable(embedding_model, text) else None
 
     def state(self) -> dict[str, Any]:
         """All of it, as plain arrays and values, for ``of_state``."""
@@ -117,7 +129,7 @@ class MapObject:
         return cls(
             shape=Shape(state["keys"], voxel_m, config.association.overlap_voxel_m),
             evidence=Evidence.of_state(state["evidence"]), sources=set(state["sources"]), history=history,
-            **{name: state[name] for name in _STATE},
+            **{name: state[name] for name in _STATE if name in state},  # older states name no model
         )  # fmt: skip
 
 

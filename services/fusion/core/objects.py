@@ -61,11 +61,19 @@ class ObjectMap:
     def __len__(self) -> int:
         return len(self._objects)
 
-    def integrate(self, view: PosedView, detections: tuple[Detected, ...]) -> int:
+    def integrate(self, view: PosedView, detections: tuple[Detected, ...], embedding_model: str = "") -> int:
         """Adds what a detector saw in a view (nothing is a statement, too); returns how many detections had a place."""
         # masks -> points in the world
-        sightings = locate_all(view, detections, self._voxel_m, self._config)
+        sightings = locate_all(view, detections, self._voxel_m, self._config, embedding_model)
         self.add(view, detections, sightings)
+        return len(sightings)
+
+    def look_again(self, view: PosedView, detections: tuple[Detected, ...], embedding_model: str = "") -> int:
+        """``integrate`` for a view that was taken before: what isn't among the detections says nothing."""
+        sightings = locate_all(view, detections, self._voxel_m, self._config, embedding_model)
+        seen: set[tuple[int, str]] = set()
+        for sighting in sightings:
+            self._associate(view, sighting, seen)
         return len(sightings)
 
     def add(self, view: PosedView, detections: tuple[Detected, ...], sightings: Sequence[Sighting]) -> None:
@@ -134,7 +142,8 @@ class ObjectMap:
         c, shape, detected = self._config.association, sighting.shape, sighting.detected
         matches = []
         for o in self._around(shape):
-            found = similarity(shape, detected.embedding, o.shape, o.embedding_sum, c)
+            comparable = sighting.embedding_model == o.embedding_model
+            found = similarity(shape, detected.embedding, o.shape, o.embedding_sum, c, comparable=comparable)
             together = same_place(found.mutual, c)
             if found.s < c.tau and not together:
                 continue
@@ -234,7 +243,8 @@ class ObjectMap:
         c = self._config.association
         there, back = overlaps(a.shape, b.shape)
         if not same_place(min(there, back), c):
-            alike = cosine(a.embedding_sum, b.embedding_sum) >= c.merge_visual
+            comparable = a.embedding_model == b.embedding_model
+            alike = comparable and cosine(a.embedding_sum, b.embedding_sum) >= c.merge_visual
             together = max(there, back) >= c.merge_overlap or (
                 c.merge_box is not None and box_overlap(a.shape, b.shape) >= c.merge_box
             )
@@ -274,6 +284,10 @@ class ObjectMap:
         for o in self._objects.values():
             o.record = o.record or self._record(o)
         return [o.record for _, o in sorted(self._objects.items()) if o.record is not None]
+
+    def relevances(self, text: NDArray[np.float32], embedding_model: str) -> dict[int, float | None]:
+        """By id, how much each object sounds like a text (D,); None: its embedding comes from another model."""
+        return {o.id: o.relevance(text, embedding_model) for o in self._objects.values()}
 
     def _record(self, o: MapObject) -> ObjectRecord:
         points, confidences = o.shape.points, self._confirmation.confidences(o.evidence)

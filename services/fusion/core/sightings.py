@@ -19,22 +19,28 @@ from surveilnav.sensing.views import Detected, PosedView, box_cells
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """A detection with its place in the world. ``range_m``: median distance of its points from the camera."""
+    """A detection with its place in the world.
+
+    ``range_m``: median distance of its points from the camera. ``embedding_model``: of the detection's embedding.
+    """
 
     detected: Detected
     shape: Shape
     range_m: float
+    embedding_model: str = ""
 
 
 def locate_all(
-    view: PosedView, detections: tuple[Detected, ...], voxel_m: float, config: ObjectConfig
+    view: PosedView, detections: tuple[Detected, ...], voxel_m: float, config: ObjectConfig, embedding_model: str = ""
 ) -> list[Sighting]:
     """The detections of a view that have a place, strongest first: a weaker double finds its object taken."""
     strongest_first = sorted(detections, key=lambda d: (-d.score, d.label, d.box_px))
-    return [s for d in strongest_first if (s := locate(view, d, voxel_m, config)) is not None]
+    return [s for d in strongest_first if (s := locate(view, d, voxel_m, config, embedding_model))]
 
 
-def locate(view: PosedView, detected: Detected, voxel_m: float, config: ObjectConfig) -> Sighting | None:
+def locate(
+    view: PosedView, detected: Detected, voxel_m: float, config: ObjectConfig, embedding_model: str = ""
+) -> Sighting | None:
     """Back-projects a mask and keeps the largest DBSCAN cluster; None if too little is left of it."""
     c, camera = config.points, view.camera
     if detected.score < c.min_score:
@@ -63,4 +69,5 @@ def locate(view: PosedView, detected: Detected, voxel_m: float, config: ObjectCo
         return None
     p_world = transform_points(view.T_world_camera, p_camera[kept].astype(np.float64))
     range_m = float(np.median(np.linalg.norm(p_camera[kept], axis=1)))
-    return Sighting(detected, Shape.of_points(p_world, voxel_m, config.association.overlap_voxel_m), range_m)
+    shape = Shape.of_points(p_world, voxel_m, config.association.overlap_voxel_m)
+    return Sighting(detected, shape, range_m, embedding_model)

@@ -15,7 +15,9 @@ from services.fusion.core.config import FusionConfig
 from services.fusion.core.joint_map import JointMap
 
 #: Of what a snapshot holds: one of another version isn't read.
-VERSION = 2
+VERSION = 3
+#: Older ones that are still read: their views and objects name no model.
+_READABLE = (2, VERSION)
 _MAX_BYTES = 8 << 30
 
 
@@ -48,7 +50,7 @@ def freeze(joint: JointMap) -> dict[str, Any]:
 
 def thaw(frozen: dict[str, Any], config: FusionConfig) -> JointMap:
     """The joint maps of which ``freeze`` made a copy. SnapshotError: as ``load``."""
-    if frozen.get("version") != VERSION:
+    if frozen.get("version") not in _READABLE:
         raise SnapshotError("other_version", f"expected a snapshot of version {VERSION}, got {frozen.get('version')!r}")
     if frozen.get("sizes") != _sizes(config):
         raise SnapshotError("other_config", f"the maps were made with {frozen.get('sizes')}, set is {_sizes(config)}")

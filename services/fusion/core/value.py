@@ -43,18 +43,20 @@ class SeenView:
     axis_rad: float
     half_fov_rad: float  # 0: no cone, the same weight everywhere
     embedding: NDArray[np.float16]
+    embedding_model: str = ""
 
     @classmethod
     def of(
-        cls, view: PosedView, reach_m: NDArray[np.float32], embedding: NDArray[np.float32], stamp_ns: int
-    ) -> SeenView:
+        cls, view: PosedView, reach_m: NDArray[np.float32], embedding: NDArray[np.float32], stamp_ns: int,
+        embedding_model: str = "",
+    ) -> SeenView:  # fmt: skip
         """``reach_m`` (360, 2) from ``projection.reach``; ``embedding`` (D,) unit length."""
         x, y, _ = camera_position(view.T_world_camera)
         forward = view.T_world_camera[:3, 2]
         steep = abs(math.asin(max(-1.0, min(1.0, float(forward[2]))))) > _STEEP
         return cls(
             view.is_robot, stamp_ns, float(x), float(y), reach_m.astype(np.float16), math.atan2(forward[1], forward[0]),
-            0.0 if steep else view.camera.hfov_rad / 2, embedding.astype(np.float16),
+            0.0 if steep else view.camera.hfov_rad / 2, embedding.astype(np.float16), embedding_model,
         )  # fmt: skip
 
 
@@ -65,14 +67,18 @@ class ValueMap:
         self._config = config
         self._views: OrderedDict[tuple[str, int, int], SeenView] = OrderedDict()
         self._newest_ns = 0
-        self._layers: OrderedDict[bytes, _Layer] = OrderedDict()
+        self._layers: OrderedDict[tuple[str, bytes], _Layer] = OrderedDict()
         self._epoch = 0  # changes when views go: layers made before are worth nothing
 
     def __len__(self) -> int:
         return len(self._views)
 
-    def add(self, view: PosedView, reach_m: NDArray[np.float32], embedding: NDArray[np.float32]) -> None:
-        """Adds a view. A camera's view takes the place of its former self; a robot's are all kept, up to a limit.
+    def add(
+        self, view: PosedView, reach_m: NDArray[np.float32], embedding: NDArray[np.float32], embedding_model: str = ""
+    ) -> None:
+        """Adds a view with its embedding (D,).
+
+        A camera's view takes the place of its former self; a robot's are all kept, up to a limit.
 
         A view without a stamp (0) counts as new as the newest before it, or as the first after it that has one.
         """
@@ -80,18 +86,26 @@ class ValueMap:
         if self._views.pop(key, None) is not None:
             self._start_anew()
         self._newest_ns = max(self._newest_ns, view.stamp_ns)
-        seen = self._views[key] = SeenView.of(view, reach_m, embedding, view.stamp_ns or self._newest_ns)
+        seen = self._views[key] = SeenView.of(
+            view, reach_m, embedding, view.stamp_ns or self._newest_ns, embedding_model
+        )
         for layer in self._layers.values():
             layer.add(seen)
         if len(self._views) > self._config.max_views:
             self._forget_oldest()
 
-    def pending(self, text_embedding: NDArray[np.floating], resolution_m: float) -> PendingLayer | None:
+    def left_out(self, embedding_model: str) -> int:
+        """How many of the views kept say nothing about that model's texts: another model looked at them."""
+        return sum(view.embedding_model != embedding_model for view in self._views.values())
+
+    def pending(
+        self, text_embedding: NDArray[np.floating], resolution_m: float, embedding_model: str = ""
+    ) -> PendingLayer | None:
         """A layer that isn't kept yet, to be built while others use the map, then given to ``adopt``; None if it is."""
-        text = np.asarray(text_embedding, np.float32)
-        if text.tobytes() in self._layers:
+        layer = _Layer(text_embedding, embedding_model, resolution_m, self._config)
+        if layer.key in self._layers:
             return None
-        return PendingLayer(_Layer(text, resolution_m, self._config), list(self._views.values()), self._epoch)
+        return PendingLayer(layer, list(self._views.values()), self._epoch)
 
     def adopt(self, built: PendingLayer) -> None:
         """Keeps a layer built meanwhile, with the views that came since; useless and dropped if some went."""
@@ -101,20 +115,21 @@ class ValueMap:
             built.layer.add(view)
         self._keep(built.layer)
 
-    def layer(self, grid: Grid, text_embedding: NDArray[np.floating]) -> NDArray[np.float32]:
-        """The value map (rows, cols) float32 on ``grid`` for a text embedding (D,); NaN where nothing was seen."""
-        text = np.asarray(text_embedding, np.float32)
-        layer = self._layers.get(text.tobytes())
+    def layer(self, grid: Grid, text_embedding: NDArray[np.floating], embedding_model: str = "") -> NDArray[np.float32]:
+        """The value map (rows, cols) float32 on ``grid`` for a text embedding (D,) of a model; NaN where nothing was seen
+        by that model."""
+        new = _Layer(text_embedding, embedding_model, grid.resolution_m, self._config)
+        layer = self._layers.get(new.key)
         if layer is None:
-            layer = _Layer(text, grid.resolution_m, self._config)
+            layer = new
             for view in self._views.values():
                 layer.add(view)
         self._keep(layer)
         return layer.on(grid)
 
     def _keep(self, layer: _Layer) -> None:
-        self._layers[layer.text.tobytes()] = layer
-        self._layers.move_to_end(layer.text.tobytes())
+        self._layers[layer.key] = layer
+        self._layers.move_to_end(layer.key)
         while len(self._layers) > self._config.max_targets:
             self._layers.popitem(last=False)
 
@@ -162,8 +177,12 @@ class PendingLayer:
 class _Layer:
     """The value layer of one target; grows as needed."""
 
-    def __init__(self, text: NDArray[np.float32], resolution_m: float, config: ValueConfig) -> None:
-        self.text = text
+    def __init__(
+        self, text_embedding: NDArray[np.floating], embedding_model: str, resolution_m: float, config: ValueConfig
+    ) -> None:
+        text = np.asarray(text_embedding, np.float32)
+        self.key = embedding_model, text.tobytes()
+        self._embedding_model = embedding_model
         self._unit = text / max(float(np.linalg.norm(text)), 1e-9)
         self._r = resolution_m
         self._config = config
@@ -173,7 +192,7 @@ class _Layer:
 
     def add(self, view: SeenView) -> None:
         """Projects the cosine of a view and the target (the paper's ``cos(f_v, f_t)``) onto the cells that it reaches."""
-        if view.embedding.shape != self._unit.shape:  # another backend's: it says nothing about this text
+        if (view.embedding_model, view.embedding.shape) != (self._embedding_model, self._unit.shape):
             return
         score = float(view.embedding.astype(np.float32) @ self._unit)
         r = self._r

@@ -72,7 +72,8 @@ class Pipeline(Backend):
                 for row, mask, vector in zip(work.rows.tolist(), work.masks, embedding.objects, strict=True)
             ]
             detections.sort(key=lambda d: -d.score)
-            work.seen = ViewPerception(self.name, tuple(detections), embedding.image, self.embedder.model)
+            words = () if self.vocabulary is not None else tuple(work.prompts)
+            work.seen = ViewPerception(self.name, tuple(detections), embedding.image, self.embedder.model, words)
 
     def _sized(
         self, view: RgbdView, boxes: Boxes, rows: NDArray[np.int64], masks: Sequence[NDArray[np.bool_] | None]

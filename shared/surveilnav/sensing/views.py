@@ -82,13 +82,14 @@ class ViewPerception:
     """What perception says about one view.
 
     ``image_embedding`` is (D,) float32, unit length. ``embedding_model`` names the space of all its vectors: those of two
-    models can't be compared.
+    models can't be compared. ``words``: what an open-vocabulary detector looked for; closed-set ones look for all theirs.
     """
 
     backend: str
     detections: tuple[Detected, ...]
     image_embedding: NDArray[np.float32]
     embedding_model: str = ""
+    words: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
