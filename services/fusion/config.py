@@ -31,7 +31,13 @@ class FusionSettings(BaseSettings):
     snapshot_views: int = Field(default=100, ge=1, description="views logged between two snapshots of the maps")
     snapshot_mb: int = Field(default=256, ge=1, description="... or megabytes of them")
     max_events: int = Field(default=1_000_000, ge=1, description="of objects, kept in the store; the oldest go first")
-    prompts: list[str] = Field(default=[], description="class names for detectors with an open vocabulary (JSON list)")
+    prompts: list[str] = Field(
+        default=[],
+        description="words that detectors with an open vocabulary always look for, beside the missions' (JSON list)",
+    )
+    kept_pictures_mb: int = Field(
+        default=256, ge=0, description="of cameras' newest pictures, looked at again when a mission brings a new word"
+    )
     camera_views_per_step: int = Field(
         default=2, ge=1, description="camera views integrated between two looks at robots"
     )

@@ -10,19 +10,29 @@ import hashlib
 import queue
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from services.fusion.config import FusionSettings
 from services.fusion.records import PerceivedView, ViewKey
 from surveilnav.bus import Node, Received, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import BusError, PerceptionError, WireError
-from surveilnav.messages import FrameHeader, InferReply, InferRequest, WorkerLoad
+from surveilnav.messages import FrameHeader, InferReply, InferRequest, TextReply, WorkerLoad
 from surveilnav.sensing.packing import decode_frame, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception, looks_straight_down
+
+class TextEmbedding(NamedTuple):
+    """A text's unit vector (D,) float32, and the model that gave it."""
+
+    vector: NDArray[np.float32]
+    model: str
+
 
 #: Refusals that have to do with the moment, not with the picture.
 _PASSING = {"busy", "too_late", "no_truth"}
@@ -41,15 +51,19 @@ class _Lane:
 class PerceptionClient:
     """Views in by ``submit``, out by ``robots`` and ``cameras``."""
 
-    def __init__(self, node: Node, settings: FusionSettings, is_held: Callable[[ViewKey, bytes], bool]) -> None:
-        """``is_held``: whether the maps hold the picture of a camera's view with this digest; asked from any thread."""
-        self._node, self._settings = node, settings
+    def __init__(
+        self, node: Node, settings: FusionSettings, is_held: Callable[[ViewKey, bytes], bool],
+        words: Callable[[], tuple[str, ...]],
+    ) -> None:  # fmt: skip
+        """``is_held``: whether the maps hold the picture of a camera's view with this digest. ``words``: what detectors
+        with an open vocabulary should look for. Both are asked from any thread."""
+        self._node, self._settings, self._searched = node, settings, words
         self._workers = node.table(PERCEPTION_LOAD)
         self._lock = threading.Condition()
         self._robots = _Lane(queue.Queue(maxsize=8))
         self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
         self._is_held = is_held
-        self._texts: OrderedDict[tuple[str, str], bytes] = OrderedDict()
+        self._texts: OrderedDict[tuple[str, str], TextEmbedding] = OrderedDict()
         node.alive("perception")  # the first call starts watching
         for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
             threading.Thread(target=self._work, args=(lane,), name=f"perception-{name}", daemon=True).start()
@@ -59,12 +73,23 @@ class PerceptionClient:
         """Why perception doesn't answer now; empty while it does."""
         return self._robots.problem or self._cameras.problem
 
+    def words(self) -> tuple[str, ...]:
+        """What is looked for now; nothing in particular where every worker knows a closed set of classes."""
+        return self._searched() if any(load.open_vocabulary for load in self._loads()) else ()
+
     def submit(self, frame: Received[FrameHeader]) -> None:
         """Takes a picture in."""
         header = frame.message
         lane = self._robots if header.source.startswith("robot/") else self._cameras
         with self._lock:
             lane.waiting[header.source, header.view] = frame
+            self._lock.notify_all()
+
+    def look_again(self, frames: Iterable[Received[FrameHeader]]) -> None:
+        """Takes in pictures of cameras that were looked at before, for other words; newer ones go before."""
+        with self._lock:
+            for frame in frames:
+                self._cameras.waiting.setdefault((frame.message.source, frame.message.view), frame)
             self._lock.notify_all()
 
     def withdraw(self, source: str) -> None:
@@ -82,28 +107,28 @@ class PerceptionClient:
         """Up to ``most`` finished views of cameras."""
         return _drained(self._cameras.done, most)
 
-    def text_embedding(self, text: str) -> bytes:
-        """The embedding of a text, from memory where the same backend gave it before.
+    def text_embedding(self, text: str) -> TextEmbedding:
+        """The embedding of a text, from memory where a worker of the same model gave it before.
 
         Raises:
             PerceptionError: no worker answers.
             Refused: the worker won't, e.g. because it doesn't know the class.
         """
         load = self._least_loaded()
-        key = load.backend, text
-        if key not in self._texts:
-            request = InferRequest(stamp_ns=clock_ns(), texts=[text])
-            reply = self._node.ask(PERCEPTION_TEXT, request, worker=load.worker, timeout_s=5.0).message
-            if len(reply.embeddings) != 1:
-                raise WireError(f"expected one embedding, got {len(reply.embeddings)}")
-            unpack_embedding(reply.embeddings[0])
-            embedding: bytes = reply.embeddings[0]
-            with self._lock:
-                self._texts[key] = embedding
-                while len(self._texts) > 256:
-                    self._texts.popitem(last=False)
-            return embedding
-        return self._texts[key]
+        key = load.models.embedder, text
+        with self._lock:
+            if key in self._texts:
+                return self._texts[key]
+        request = InferRequest(stamp_ns=clock_ns(), texts=[text])
+        reply: TextReply = self._node.ask(PERCEPTION_TEXT, request, worker=load.worker, timeout_s=5.0).message
+        if len(reply.embeddings) != 1:
+            raise WireError(f"expected one embedding, got {len(reply.embeddings)}")
+        embedding = TextEmbedding(unpack_embedding(reply.embeddings[0]), reply.models.embedder)
+        with self._lock:
+            self._texts[key] = embedding
+            while len(self._texts) > 256:
+                self._texts.popitem(last=False)
+        return embedding
 
     def _work(self, lane: _Lane) -> None:
         while not self._node.stopping.is_set():
@@ -135,7 +160,8 @@ class PerceptionClient:
     def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
         """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""
         header, key = frame.message, (frame.message.source, frame.message.view)
-        digest = hashlib.blake2b(repr((header.T_world_camera, header.camera)).encode(), digest_size=16)
+        words = self.words()
+        digest = hashlib.blake2b(repr((header.T_world_camera, header.camera, *words)).encode(), digest_size=16)
         digest.update(frame.payload)
         if self._is_held(key, digest.digest()):
             return PerceivedView(key, header)
@@ -144,7 +170,7 @@ class PerceptionClient:
         looks_down = looks_straight_down(view.T_world_camera)
         while not looks_down and attempts < _ATTEMPTS:
             try:
-                reply, perception = self._ask(frame)
+                reply, perception = self._ask(frame, words)
                 break
             except (Refused, WireError) as error:
                 attempts += not (isinstance(error, Refused) and error.name in _PASSING)
@@ -160,13 +186,13 @@ class PerceptionClient:
         lane.problem = ""
         return PerceivedView(key, header, view, perception, frame.payload, reply, digest.digest())
 
-    def _ask(self, frame: Received[FrameHeader]) -> tuple[bytes, ViewPerception]:
+    def _ask(self, frame: Received[FrameHeader], words: tuple[str, ...]) -> tuple[bytes, ViewPerception]:
         """A worker's reply, as it was sent and as it is understood."""
         header, timeout_s = frame.message, self._settings.infer_timeout_s
         request = InferRequest(
             stamp_ns=clock_ns(), source=header.source, view=header.view, seq=header.seq, camera=header.camera,
             image=header.image, depth=header.depth, depth_range_m=header.depth_range_m,
-            prompts=self._settings.prompts, deadline_ms=int(900 * timeout_s),
+            prompts=list(words), deadline_ms=int(900 * timeout_s),
         )  # fmt: skip
         worker = self._least_loaded().worker
         reply: InferReply = self._node.ask(
@@ -177,17 +203,20 @@ class PerceptionClient:
         return msgspec.msgpack.encode(reply), perception_from_wire(reply, header.camera)
 
     def _least_loaded(self) -> WorkerLoad:
+        loads = self._loads()
+        if not loads:
+            raise PerceptionError("no worker is there")
+        return min(loads, key=lambda w: (w.queued, w.latency_ms, w.worker))
+
+    def _loads(self) -> list[WorkerLoad]:
         rows = self._workers.rows(max_age_s=PERCEPTION_LOAD.max_age_ms / 1000)
         # what a load says of itself is believed only of a worker that lives, and only if it can be
         alive = self._node.alive("perception")
-        loads: list[WorkerLoad] = [
+        return [
             r.message
             for r in rows
             if r.message.worker == r.ids["worker"] and r.ids["worker"] in alive and r.message.queued >= 0
         ]
-        if not loads:
-            raise PerceptionError("no worker is there")
-        return min(loads, key=lambda w: (w.queued, w.latency_ms, w.worker))
 
 
 def _drained(finished: queue.Queue[PerceivedView], most: int) -> list[PerceivedView]:

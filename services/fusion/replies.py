@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal, cast
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from services.fusion.core import FusionConfig, JointMap
 from services.fusion.durable_map import DurableMap
-from services.fusion.perception_client import PerceptionClient
+from services.fusion.perception_client import PerceptionClient, TextEmbedding
 from services.fusion.robot_places import RobotPlaces
 from services.fusion.store import StoreError
 from surveilnav.bus import Answer, Refused, Request, clock_ns
@@ -18,9 +17,10 @@ from surveilnav.errors import BusError, PerceptionError
 from surveilnav.messages import DEFAULT_LAYERS, LayerHeader, ObjectList, ObjectRecord
 from surveilnav.messages.maps import LayerName
 from surveilnav.perception.prompts import value_prompt
-from surveilnav.sensing.packing import pack_array, unpack_embedding
+from surveilnav.sensing.packing import pack_array
 
 DType = Literal["uint8", "float32", "int64"]
+_MAX_TEXT_CHARS = 200
 
 
 class Replies:
@@ -38,13 +38,14 @@ class Replies:
         floor, layer, target = request.ids.get("floor"), request.ids.get("layer"), request.parameters.get("target", "")
         if floor is None or layer not in DEFAULT_LAYERS:
             raise Refused("unknown_layer", f"ask for map/FLOOR/LAYER, with a layer of {', '.join(DEFAULT_LAYERS)}")
-        text_embedding = self._text_embedding(target) if layer == "value" else None
+        text = self._embedded(target, value_prompt(target)) if layer == "value" else None
         try:
-            if text_embedding is not None:
-                self._build_value(floor, text_embedding)
+            if text is not None:
+                self._build_value(floor, text)
             with self._maps.lock:
                 joint = self._joint_with(floor)
-                grid, array = joint.layer(floor, layer, text_embedding)
+                grid, array = joint.layer(floor, layer, *(text or ()))
+                left_out = joint.views_left_out(floor, text.model) if text else 0
                 revision = joint.floor_revision(floor)
                 source_sets = joint.source_sets(floor) if layer == "provenance" else []
         except KeyError as error:
@@ -52,13 +53,14 @@ class Replies:
         header = LayerHeader(
             stamp_ns=clock_ns(), floor=floor, layer=cast("LayerName", layer), revision=revision, grid=grid,
             dtype=cast("DType", str(array.dtype)), shape=array.shape, target=target, source_sets=source_sets,
+            views_left_out=left_out,
         )  # fmt: skip
         return Answer(header, pack_array(array))
 
-    def _build_value(self, floor: str, text_embedding: NDArray[np.float32]) -> None:
+    def _build_value(self, floor: str, text: TextEmbedding) -> None:
         """A new target's layer takes every view kept: it is built while the maps go on."""
         with self._maps.lock:
-            pending = self._joint_with(floor).pending_value(floor, text_embedding)
+            pending = self._joint_with(floor).pending_value(floor, *text)
         if pending is not None:
             pending.build()
             with self._maps.lock:
@@ -72,25 +74,29 @@ class Replies:
             return joint
         return JointMap.unseen(floor, place.z_m, (place.x_m, place.y_m), self._config)
 
-    def _text_embedding(self, target: str) -> NDArray[np.float32]:
-        if not 1 <= len(target) <= 200:
-            raise Refused("bad_target", "the value layer belongs to a target: add the parameter target=NAME")
+    def _embedded(self, said: str, prompt: str) -> TextEmbedding:
+        """The embedding of a prompt made of what somebody said."""
+        if not 1 <= len(said) <= _MAX_TEXT_CHARS:
+            raise Refused("bad_target", f"say what is looked for in 1 to {_MAX_TEXT_CHARS} characters: target=… or text=…")
         try:
-            return unpack_embedding(self._perception.text_embedding(value_prompt(target)))
+            return self._perception.text_embedding(prompt)
         except Refused:
             raise
         except (BusError, PerceptionError) as error:
-            raise Refused("perception_down", f"no value map of {target!r} without perception: {error}") from error
+            raise Refused("perception_down", f"nothing tells what {said!r} means without perception: {error}") from error
 
     # --- objects --------------------------------------------------------------------------------------------------
 
     def objects(self, request: Request) -> list[Answer]:
-        """All objects of one floor or of all; ``object=ID``: only that one; both it and ``history=all``: all events."""
+        """All objects of one floor or of all; ``object=ID``: only that one; both it and ``history=all``: all events;
+        ``text=...``: with how well each fits, by its kept embedding."""
         floor, wanted = request.ids.get("floor"), request.parameters.get("object", "")
         if wanted and not (wanted.isascii() and wanted.isdigit() and floor is not None):
             raise Refused("unknown_object", "ask objects/FLOOR?object=ID, ID a number")
+        said = request.parameters.get("text")
+        text = None if said is None else self._embedded(said, said)
         answers = []
-        for name, objects, revision in self._objects_of(floor):
+        for name, objects, revision in self._objects_of(floor, text):
             if wanted:
                 objects = [o for o in objects if o.id == int(wanted)]
                 if not objects:
@@ -101,14 +107,17 @@ class Replies:
             answers.append(Answer(message, ids={"floor": name}))
         return answers
 
-    def _objects_of(self, floor: str | None) -> list[tuple[str, list[ObjectRecord], int]]:
+    def _objects_of(
+        self, floor: str | None, text: TextEmbedding | None
+    ) -> list[tuple[str, list[ObjectRecord], int]]:
         """(floor, its objects, its revision) of one floor, or of all."""
         with self._maps.lock:
             found = []
             for name in [floor] if floor is not None else sorted(self._maps.joint.floors):
                 try:
                     joint = self._joint_with(name)
-                    found.append((name, joint.objects(name), joint.floor_revision(name)))
+                    fits = joint.relevances(name, *text) if text else {}
+                    found.append((name, _with_relevance(joint.objects(name), fits), joint.floor_revision(name)))
                 except KeyError as error:
                     raise Refused("unknown_floor", str(error.args[0])) from error
         return found
@@ -122,3 +131,7 @@ class Replies:
         if not history or (record.history and record.history[0] not in history):
             return record
         return msgspec.structs.replace(record, history=history)
+
+
+def _with_relevance(objects: list[ObjectRecord], fits: Mapping[int, float | None]) -> list[ObjectRecord]:
+    return [msgspec.structs.replace(o, relevance=fits[o.id]) if o.id in fits else o for o in objects]

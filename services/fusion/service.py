@@ -6,12 +6,14 @@ from collections.abc import Iterable
 
 from services.fusion.config import FusionSettings
 from services.fusion.durable_map import DurableMap
+from services.fusion.kept_pictures import KeptPictures
 from services.fusion.perception_client import PerceptionClient
 from services.fusion.records import PerceivedView
 from services.fusion.replies import Replies
 from services.fusion.revisions import Revisions
 from services.fusion.robot_places import RobotPlaces
 from services.fusion.sources import Sources
+from services.fusion.words import Words
 from surveilnav.bus import Node, Received
 from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS
 from surveilnav.messages import FrameHeader
@@ -25,7 +27,9 @@ class FusionService:
         self._views_per_step = settings.camera_views_per_step
         self._maps = DurableMap(node, settings)
         self._sources = Sources(node, settings, config.map, self._maps.contents.robots)
-        self._perception = PerceptionClient(node, settings, self._maps.holds)
+        self._words = Words(node, settings.prompts)
+        self._perception = PerceptionClient(node, settings, self._maps.holds, self._words.now)
+        self._pictures, self._looked_for = KeptPictures(settings.kept_pictures_mb << 20), frozenset[str]()
         self._places = RobotPlaces()
         self._revisions = Revisions(node, config.map, self._maps, self._perception, self._places, self._sources.cameras)
         replies = Replies(config, self._maps, self._perception, self._places)
@@ -40,6 +44,8 @@ class FusionService:
         frames, dropped = self._sources.poll()
         for source in dropped:
             self._perception.withdraw(source)
+            self._pictures.drop(source)
+        self._look_for_new_words()
         # perception looks at what is new
         finished = [*self._submit(frames), *self._perceived()]
         # joint maps: logged, then taken, then told of
@@ -60,8 +66,16 @@ class FusionService:
                 faulty.append(PerceivedView((header.source, header.view), header, fault=fault))
                 continue
             self._places.note(header)
+            self._pictures.put(frame)
             self._perception.submit(frame)
         return faulty
+
+    def _look_for_new_words(self) -> None:
+        """Has perception look again at the cameras' pictures when a mission brings a word that it didn't look for."""
+        words = frozenset(self._perception.words())
+        if words - self._looked_for:
+            self._perception.look_again(self._pictures.all())
+        self._looked_for = words
 
     def _perceived(self) -> list[PerceivedView]:
         """Robots' views first; cameras' in slices, so that a robot never waits for many."""

@@ -56,17 +56,25 @@ class Maps:
             for name in sorted(names)
         ]
 
-    def objects(self, floor: str | None, label: str | None) -> list[Object]:
-        """Objects by floor, last seen first; of one floor or one label if given."""
-        if floor is None:
+    def objects(self, floor: str | None, label: str | None, text: str = "") -> list[Object]:
+        """Objects by floor, last seen first; of one floor or one label if given. With a text: those first that fit it
+        best, by what their pictures looked like."""
+        parameters = {"text": text} if text else None
+        if floor is None and not text:
             rows = self._node.ask_all(contract.OBJECTS)
             if not rows and not self._state.alive("fusion"):
                 raise absent("fusion")
-        else:
-            rows = [ask_known(self._node, "floor", floor, "fusion", contract.OBJECTS, floor=floor)]
+        else:  # a text may be refused, which must be told
+            rows = [
+                ask_known(self._node, "floor", name, "fusion", contract.OBJECTS, parameters=parameters, floor=name)
+                for name in ([floor] if floor is not None else self._state.revisions.newest("floor"))
+            ]
         wanted = None if label is None else canonical(label)
         records = [r for row in rows for r in row.message.objects if wanted is None or r.label == wanted]
-        return [Object.from_record(r) for r in sorted(records, key=lambda r: (r.floor, -r.last_seen_ns, r.id))]
+        records.sort(key=lambda r: (r.floor, -r.last_seen_ns, r.id))
+        if text:
+            records.sort(key=lambda r: -1.0 if r.relevance is None else -r.relevance - 2.0)
+        return [Object.from_record(r) for r in records]
 
     def layer(self, floor: str, layer: str, target: str) -> tuple[Picture, int]:
         """The picture of a layer, and the revision that it shows. Asked of fusion only if the floor's maps changed."""

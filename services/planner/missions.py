@@ -8,11 +8,11 @@ from services.planner.config import PlannerSettings
 from services.planner.mission import Mission, Surroundings, accepted
 from services.planner.store import Store, StoreError
 from services.planner.summaries import Summaries
+from services.planner.targets import understood
 from surveilnav.bus import Node
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
-from surveilnav.errors import MissionError, TargetError
+from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
-from surveilnav.words import checked_word
 
 
 class Missions:
@@ -49,10 +49,7 @@ class Missions:
         would be."""
         if not 1 <= goal.max_steps <= self._settings.max_steps:
             raise MissionError("bad_goal", f"max_steps must be 1 to {self._settings.max_steps}, got {goal.max_steps}")
-        try:
-            target = checked_word(goal.target)
-        except TargetError as error:
-            raise MissionError("bad_target", str(error)) from error
+        target = understood(self._node, goal.target)
         with self._lock:
             if not self._resumed:  # a robot may have a mission already
                 raise MissionError("store_failed", "the store of missions can't be read yet: send the goal again later")

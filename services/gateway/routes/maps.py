@@ -40,11 +40,13 @@ def router(found: Maps) -> APIRouter:
     def objects(
         floor: Annotated[str | None, Query(pattern=ID_PATTERN)] = None,
         label: Annotated[str | None, Query(max_length=200)] = None,
+        text: Annotated[str, Query(max_length=200)] = "",
         limit: Limit = 100,
         offset: Offset = 0,
     ) -> Items[Object]:
-        """Objects with their histories, by floor, last seen first."""
-        return page_of(found.objects(floor, label), limit, offset)
+        """Objects with their histories, by floor, last seen first. ``text``: any words; those that look most like them
+        first, with their ``relevance``."""
+        return page_of(found.objects(floor, label, text.strip()), limit, offset)
 
     return router
 

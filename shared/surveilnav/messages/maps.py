@@ -17,7 +17,7 @@ class LayerHeader(Message, frozen=True, kw_only=True):
     """Describes one map layer; the payload is a zstd-compressed, row-major array.
 
     occupancy, explored, frontier: uint8 (0 or 1) on ``grid``; value: float32 on ``grid``, NaN where
-    unknown, for ``target``; cloud: (N, 6) float32 of x, y, z [m, world] and r, g, b [0-1]; provenance: (N, 3) int64,
+    unknown, for ``target``, without ``views_left_out`` views that another embedding model looked at; cloud: (N, 6) float32 of x, y, z [m, world] and r, g, b [0-1]; provenance: (N, 3) int64,
     a line for each of the cloud's points at the same revision: index into ``source_sets``, first and last seen [ns].
     """
 
@@ -28,6 +28,7 @@ class LayerHeader(Message, frozen=True, kw_only=True):
     dtype: Literal["uint8", "float32", "int64"]
     shape: tuple[int, ...]
     target: str = ""
+    views_left_out: int = 0
     source_sets: list[list[str]] = []
 
 
@@ -76,7 +77,8 @@ class ObjectRecord(msgspec.Struct, frozen=True, kw_only=True):
     ``confidence`` is the maximum over robot and surveillance, ``label`` the class of that maximum.
     ``center_m``, ``size_m``: axis-aligned box in the world [m]. ``points``: (N, 3) float32 bytes of at most
     256 of its points [m, world]. ``seen_from``: mean of the horizontal unit vectors (x, y) from the object to those who
-    detected it: long where it was seen from one side only, (0, 0) where unknown or from all around.
+    detected it: long where it was seen from one side only, (0, 0) where unknown or from all around. ``relevance``: cosine
+    of its embedding and that of the text asked for; None where none was, or where another model looked at it.
     """
 
     id: int
@@ -100,6 +102,7 @@ class ObjectRecord(msgspec.Struct, frozen=True, kw_only=True):
     history: list[ObjectEvent] = []
     label_scores: dict[str, float] = {}
     seen_from: tuple[float, float] = (0.0, 0.0)
+    relevance: float | None = None
 
 
 class ObjectList(Message, frozen=True, kw_only=True):

@@ -37,6 +37,7 @@ class Object(Resource):
     size_m: tuple[Number, Number, Number]
     first_seen: Time = Field(validation_alias="first_seen_ns")
     sources: list[str]
+    relevance: Number | None = Field(default=None, description="how well it fits the text asked for, -1 to 1")
     history: list[ObjectEvent]
 
     @classmethod
