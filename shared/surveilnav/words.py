@@ -28,6 +28,8 @@ def checked_word(name: str) -> str:
         raise TargetError(f"a target is a phrase of up to {MAX_WORD_CHARS} characters, got {len(name)}")
     if not word.isprintable():
         raise TargetError(f"a target holds letters, digits and signs that can be seen, got {word[:40]!r}")
+    if "." in word:
+        raise TargetError(f"a target holds no dot, which ends a word for some detectors, got {word[:40]!r}")
     if not any(c.isalnum() for c in word):
         raise TargetError(f'a target names a thing ("fire extinguisher"), got {name[:40]!r}')
     return word

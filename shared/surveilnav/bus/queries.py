@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote, unquote
@@ -41,13 +42,15 @@ class Answer:
     ids: dict[str, str] = field(default_factory=dict)
 
 
-Handler = Callable[[Request], Answer | list[Answer]]
+Answers = Answer | list[Answer]
+Handler = Callable[[Request], Answers | Future[Answers]]
 
 
 class Server:
     """Answers queries to one key (wildcards allowed) with ``handler``, on ``workers`` threads of their own.
 
-    When ``capacity`` queries wait, more are refused at once as "busy".
+    When ``capacity`` queries wait, more are refused at once as "busy". A handler that returns a future answers later: it
+    holds no thread meanwhile, and keeps its own count.
     """
 
     def __init__(
@@ -77,23 +80,47 @@ class Server:
     def _answer(self, query: Any, received_ns: int) -> None:
         try:
             answers = self._handler(self._request(query, received_ns))
+        except Exception as error:
+            self._fail(query, error)
+            return
+        if isinstance(answers, Future):
+            answers.add_done_callback(lambda done: self._settle(query, done))
+        else:
+            self._send(query, answers)
+
+    def _settle(self, query: Any, done: Future[Answers]) -> None:
+        """Answers a query whose handler took its time."""
+        try:
+            answers = done.result()
+        except Exception as error:
+            self._fail(query, error)
+        else:
+            self._send(query, answers)
+
+    def _send(self, query: Any, answers: Answers) -> None:
+        try:
             for answer in answers if isinstance(answers, list) else [answers]:
                 self._reply(query, answer)
-        except WireError as error:
-            self._connection.reject(self._stream.name, str(error))
-            self._refuse(query, "bad_message", str(error))
-        except Refused as error:
-            self._refuse(query, error.name, str(error))
-        except SurveilNavError as error:
-            self._refuse(query, "failed", str(error))
         except zenoh.ZError as error:
             self._connection.warn_seldom("reply failed", stream=self._stream.name, error=str(error))
-        except Exception as error:  # a handler's bug must not end the service, nor stay silent
-            if self._connection.may_log(f"query failed {self._stream.name}"):
-                self._connection.log.exception("query failed", stream=self._stream.name)
-            self._refuse(query, "internal", f"{type(error).__name__}: {error}")
+        except Exception as error:
+            self._fail(query, error)
         finally:
             query.drop()  # a query kept alive stalls its caller until the timeout
+
+    def _fail(self, query: Any, error: Exception) -> None:
+        """Says why there is no answer. A handler's bug must not end the service, nor stay silent."""
+        if isinstance(error, WireError):
+            self._connection.reject(self._stream.name, str(error))
+            self._refuse(query, "bad_message", str(error))
+        elif isinstance(error, Refused):
+            self._refuse(query, error.name, str(error), error.retry_after_ms)
+        elif isinstance(error, SurveilNavError):
+            self._refuse(query, "failed", str(error))
+        else:
+            if self._connection.may_log(f"query failed {self._stream.name}"):
+                self._connection.log.error("query failed", stream=self._stream.name, exc_info=error)
+            self._refuse(query, "internal", f"{type(error).__name__}: {error}")
 
     def _request(self, query: Any, received_ns: int) -> Request:
         """The query, decoded and checked. Raises WireError."""
@@ -125,8 +152,8 @@ class Server:
             query.reply(key, header, encoding=encoding)
         self._connection.traffic.count(key, "offered", len(header) + len(answer.payload) + len(key))
 
-    def _refuse(self, query: Any, name: str, message: str) -> None:
-        error = ErrorReply(stamp_ns=clock_ns(), name=name, message=message)
+    def _refuse(self, query: Any, name: str, message: str, retry_after_ms: int | None = None) -> None:
+        error = ErrorReply(stamp_ns=clock_ns(), name=name, message=message, retry_after_ms=retry_after_ms)
         try:
             query.reply_err(encode(error), encoding=encoding_of(ErrorReply))
         except zenoh.ZError as failure:
@@ -197,7 +224,7 @@ def _refusal(err: Any) -> Refused | None:
         error = decode(ErrorReply, err.payload.to_bytes(), schema_in(err.encoding))
     except WireError:
         return None
-    return Refused(error.name, error.message)
+    return Refused(error.name, error.message, error.retry_after_ms)
 
 
 def _parameters(query: Any) -> dict[str, str]:

@@ -25,11 +25,11 @@ class Unanswered(BusError):  # noqa: N818 - an answer, not a fault
 
 
 class Refused(BusError):  # noqa: N818
-    """A query that was answered with an error; ``name`` is from the contract."""
+    """A query that was answered with an error; ``name`` is from the contract, ``retry_after_ms`` is ``ErrorReply``'s."""
 
-    def __init__(self, name: str, message: str) -> None:
+    def __init__(self, name: str, message: str, retry_after_ms: int | None = None) -> None:
         super().__init__(message)
-        self.name = name
+        self.name, self.retry_after_ms = name, retry_after_ms
 
 
 def clock_ns() -> int:

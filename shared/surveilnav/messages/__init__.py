@@ -24,7 +24,7 @@ from surveilnav.messages.mission import (
     Plan,
 )
 from surveilnav.messages.node import Ack, ErrorReply, TrafficReport, TrafficRow
-from surveilnav.messages.perception import Detection, InferReply, InferRequest, TextReply, WorkerLoad
+from surveilnav.messages.perception import Detection, InferReply, InferRequest, ModelIds, TextReply, WorkerLoad
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Truth
 from surveilnav.messages.view import FrameHeader, Part
@@ -32,7 +32,7 @@ from surveilnav.messages.view import FrameHeader, Part
 __all__ = [
     "ACTIONS", "Ack", "CameraInfo", "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate", "Command",
     "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FrameHeader", "InferReply", "InferRequest", "LayerHeader",
-    "MissionAck", "MissionCancel", "MissionGoal", "MissionStatus", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation",
-    "Part", "Plan", "Revision", "RobotStatus", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth",
+    "MissionAck", "MissionCancel", "MissionGoal", "MissionStatus", "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord",
+    "Observation", "Part", "Plan", "Revision", "RobotStatus", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth",
     "WorkerLoad", "FINISHED_STATES",
 ]  # fmt: skip

@@ -16,10 +16,14 @@ class Ack(Message, frozen=True, kw_only=True):
 
 
 class ErrorReply(Message, frozen=True, kw_only=True):
-    """Why a query wasn't answered: a name from the contract and a text for people."""
+    """Why a query wasn't answered: a name from the contract and a text for people.
+
+    ``retry_after_ms``: when the same query may be answered; None: nobody knows, or never.
+    """
 
     name: str
     message: str
+    retry_after_ms: int | None = None
 
 
 class TrafficRow(msgspec.Struct, frozen=True):

@@ -13,9 +13,10 @@ class InferRequest(Message, frozen=True, kw_only=True):
     """Asks a worker about one view, or for the embeddings of texts.
 
     For a view the payload is ``image`` then ``depth`` as in a frame; ``source``, ``view``, ``seq`` name it.
-    ``texts`` asks for text embeddings instead (no payload). ``prompts`` are class names that an
-    open-vocabulary detector should look for; closed-set ones ignore them. A worker that can't answer
-    before ``deadline_ms`` has passed since it got the request refuses.
+    ``texts`` asks for text embeddings instead (no payload). ``prompts`` are words that an open-vocabulary detector
+    should look for; closed-set ones ignore them. ``detects`` false: only the view's embedding is wanted. A worker that
+    can't answer before ``deadline_ms`` has passed since it got the request refuses. ``asker`` names who asks, if it
+    wants a newer request of its own about the same view to take the place of one that still waits.
     """
 
     source: str = ""
@@ -28,24 +29,38 @@ class InferRequest(Message, frozen=True, kw_only=True):
     prompts: list[str] = []
     texts: list[str] = []
     deadline_ms: int = 30_000
+    detects: bool = True
+    asker: str = ""
+
+
+class ModelIds(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Which models answered; empty where there is none. ``embedder`` names the space of all vectors in the answer."""
+
+    detector: str = ""
+    segmenter: str = ""
+    embedder: str = ""
 
 
 class Detection(msgspec.Struct, frozen=True):
     """One object: canonical label, score 0-1, box (x0, y0, x1, y1) in pixels, unit embedding (float16 bytes).
 
-    ``mask`` holds the packed bits (numpy.packbits, row by row, zlib) of the box rounded outwards to whole
-    pixels; empty: the whole box.
+    ``mask`` holds the run lengths of the box rounded outwards to whole pixels, as ``surveilnav.sensing.rle`` writes
+    them; empty: the whole box.
     """
 
     label: str
     score: float
     box_px: tuple[float, float, float, float]
     embedding: bytes
-    mask: bytes = b""
+    mask: list[int] = []
 
 
 class InferReply(Message, frozen=True, kw_only=True):
-    """What a worker sees in one view. ``image_embedding``: float16 bytes, unit length."""
+    """What a worker sees in one view.
+
+    ``image_embedding``: float16 bytes, unit length. ``relevance``: by prompt, the cosine of the view's embedding with
+    the prompt's own (-1 to 1); prompts that the space has no place for are missing.
+    """
 
     worker: str
     backend: str
@@ -55,18 +70,26 @@ class InferReply(Message, frozen=True, kw_only=True):
     detections: list[Detection]
     image_embedding: bytes
     latency_ms: float = 0.0
+    relevance: dict[str, float] = {}
+    models: ModelIds = ModelIds()
 
 
 class TextReply(Message, frozen=True, kw_only=True):
-    """Embeddings of texts, one float16 vector each, in the order asked."""
+    """Embeddings of texts, one float16 vector each, in the order asked. ``models.embedder`` names their space."""
 
     worker: str
     backend: str
     embeddings: list[bytes]
+    models: ModelIds = ModelIds()
 
 
 class WorkerLoad(Message, frozen=True, kw_only=True):
-    """Queue and speed of a worker, at 1 Hz: who asks takes the least loaded first."""
+    """Queue and speed of a worker, at 1 Hz: who asks takes the least loaded first.
+
+    ``ready``: it answered a probe picture rightly; before that it refuses views. ``times``: by stage ("queue", "decode",
+    then the backend's own), how many views took how long, in the buckets of ``surveilnav.histogram``, since it started.
+    ``cached``: how many views were answered from memory.
+    """
 
     worker: str
     backend: str
@@ -74,3 +97,7 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
     queued: int
     capacity: int
     latency_ms: float
+    ready: bool = True
+    models: ModelIds = ModelIds()
+    times: dict[str, list[int]] = {}
+    cached: int = 0

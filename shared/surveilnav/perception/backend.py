@@ -10,19 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
+from surveilnav.messages import ModelIds
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.sensing.views import TrueInstances, ViewPerception
-
-
-@dataclass(frozen=True, slots=True)
-class ModelIds:
-    """Which models a backend runs; empty where it has none. ``embedder`` names the space of its vectors."""
-
-    detector: str = ""
-    segmenter: str = ""
-    embedder: str = ""
 
 
 @dataclass(slots=True, eq=False)
@@ -65,6 +57,7 @@ class Backend(ABC):
         why: one sentence for people: what runs, and why this one.
         models: ids of the models that it runs.
         vocabulary: the words that it knows; None: any.
+        needs_prompts: it finds nothing but what it is asked for; its embeddings don't depend on what it finds.
         embedding_dim: D of every embedding.
         needs_truth: it must be told what each pixel shows (simulation only).
         stages: what a view passes through, in order; views of a batch don't depend on each other.
@@ -74,6 +67,7 @@ class Backend(ABC):
     why: str
     models: ModelIds = ModelIds()
     vocabulary: Vocabulary | None = None
+    needs_prompts: bool = False
     embedding_dim: int
     needs_truth: bool = False
     stages: tuple[Stage, ...]

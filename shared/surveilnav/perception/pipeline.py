@@ -38,6 +38,7 @@ class Pipeline(Backend):
         self.detector, self.segmenter, self.embedder = detector, segmenter, embedder
         self.models = ModelIds(detector.model, segmenter.model, embedder.model)
         self.vocabulary, self.embedding_dim = detector.vocabulary, embedder.dim
+        self.needs_prompts = detector.vocabulary is None
         self._min_score, self._extents_m = min_score, extents_m or {}
         self.stages = (
             Stage("detect", self._detect),

@@ -1,4 +1,4 @@
-"""Pictures, depth, masks, embeddings and arrays as bytes, and back.
+"""Pictures, depth, embeddings and arrays as bytes, and back.
 
 What arrives is hostile until proven otherwise: sizes are checked before anything is decompressed, and whatever
 is wrong raises ``WireError``.
@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 import re
 import struct
-import zlib
 from collections.abc import Sequence
 from typing import Final
 
@@ -32,6 +31,7 @@ from surveilnav.contract import ID
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import Detection, FrameHeader, InferReply, Part
+from surveilnav.sensing import rle
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_cells
 
 DEPTH_QUANTUM_PER_M: Final = 0.001
@@ -101,15 +101,27 @@ def decode_rgbd(
     Raises:
         WireError: sizes, encodings or dimensions don't fit.
     """
+    check_rgbd(payload, image, depth, camera)
+    size = camera.width_px, camera.height_px
+    return (
+        decode_jpeg(payload[: image.n_bytes], *size),
+        decode_depth(payload[image.n_bytes :], *size, depth_range_m),
+    )
+
+
+def check_rgbd(payload: bytes, image: Part, depth: Part, camera: Pinhole) -> None:
+    """What can be known of a payload before a pixel is decoded: its parts, and the dimensions that the JPEG states.
+
+    Raises:
+        WireError: sizes, encodings or dimensions don't fit.
+    """
     if image.encoding != "jpeg" or depth.encoding != "depth-invq-zstd":
         raise WireError(f"expected parts jpeg and depth-invq-zstd, got {image.encoding} and {depth.encoding}")
     if image.n_bytes <= 0 or depth.n_bytes <= 0 or image.n_bytes + depth.n_bytes != len(payload):
         raise WireError(
             f"the payload has {len(payload)} bytes, its header says {image.n_bytes} (image) + {depth.n_bytes} (depth)"
         )
-    data = bytes(payload)
-    size = camera.width_px, camera.height_px
-    return decode_jpeg(data[: image.n_bytes], *size), decode_depth(data[image.n_bytes :], *size, depth_range_m)
+    _check_jpeg(payload[: image.n_bytes], camera.width_px, camera.height_px)
 
 
 def encode_jpeg(rgb: NDArray[np.uint8], quality: int = 90) -> bytes:
@@ -128,12 +140,7 @@ def decode_jpeg(data: bytes, width_px: int, height_px: int) -> NDArray[np.uint8]
     Raises:
         WireError: it isn't one, is cut off, or has other dimensions (known before a pixel is decoded).
     """
-    _check_pixels(width_px, height_px)
-    size = _jpeg_size(data)
-    if size != (width_px, height_px):
-        raise WireError(f"the header says {width_px}x{height_px}, the JPEG {size[0]}x{size[1]}")
-    if not data.endswith(b"\xff\xd9"):
-        raise WireError("the JPEG is cut off: it doesn't end with its end marker")
+    _check_jpeg(data, width_px, height_px)
     try:
         bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
@@ -141,6 +148,15 @@ def decode_jpeg(data: bytes, width_px: int, height_px: int) -> NDArray[np.uint8]
     if bgr is None or bgr.shape != (height_px, width_px, 3):
         raise WireError("the JPEG can't be decoded")
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def _check_jpeg(data: bytes, width_px: int, height_px: int) -> None:
+    _check_pixels(width_px, height_px)
+    size = _jpeg_size(data)
+    if size != (width_px, height_px):
+        raise WireError(f"the header says {width_px}x{height_px}, the JPEG {size[0]}x{size[1]}")
+    if not data.endswith(b"\xff\xd9"):
+        raise WireError("the JPEG is cut off: it doesn't end with its end marker")
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:
@@ -238,30 +254,7 @@ def _checked_range(depth_range_m: tuple[float, float]) -> tuple[float, float]:
     return near, far
 
 
-# --- masks and embeddings ---------------------------------------------------------------------------------------
-
-
-def pack_mask(mask: NDArray[np.bool_]) -> bytes:
-    """Packed bits of a mask (height, width): every row padded to whole bytes, zlib."""
-    if mask.ndim != 2:
-        raise ValueError(f"a mask is (height, width), got {mask.shape}")
-    return zlib.compress(np.packbits(mask.astype(np.bool_, copy=False), axis=1).tobytes(), 1)
-
-
-def unpack_mask(data: bytes, width_px: int, height_px: int) -> NDArray[np.bool_]:
-    """The mask (height, width) bool. Raises WireError if the bytes don't hold just that."""
-    _check_pixels(width_px, height_px)
-    row_bytes = -(-width_px // 8)
-    expected = row_bytes * height_px
-    inflate = zlib.decompressobj()
-    try:
-        raw = inflate.decompress(bytes(data), expected + 1)
-    except zlib.error as error:
-        raise WireError(f"a mask can't be decompressed: {error}") from None
-    if len(raw) != expected or not inflate.eof or inflate.unused_data:
-        raise WireError(f"a mask of {width_px}x{height_px} has {expected} bytes of bits, these are others")
-    bits = np.unpackbits(np.frombuffer(raw, np.uint8).reshape(height_px, row_bytes), axis=1, count=width_px)
-    return bits.view(np.bool_)
+# --- embeddings ------------------------------------------------------------------------------------------------
 
 
 def pack_embedding(embedding: NDArray[np.floating]) -> bytes:
@@ -297,7 +290,7 @@ def perception_to_wire(perception: ViewPerception) -> tuple[list[Detection], byt
     detections = [
         Detection(
             label=d.label, score=float(d.score), box_px=d.box_px, embedding=pack_embedding(d.embedding),
-            mask=b"" if d.mask is None else pack_mask(d.mask),
+            mask=[] if d.mask is None else rle.encode(d.mask),
         )
         for d in perception.detections
     ]  # fmt: skip
@@ -313,8 +306,10 @@ def perception_from_wire(reply: InferReply, camera: Pinhole) -> ViewPerception:
     image_embedding = unpack_embedding(reply.image_embedding)
     if len(reply.detections) > MAX_DETECTIONS:
         raise WireError(f"a view has up to {MAX_DETECTIONS} detections, got {len(reply.detections)}")
+    if bad := [value for value in reply.relevance.values() if not -1.0 <= value <= 1.0]:
+        raise WireError(f"a relevance lies between -1 and 1, got {bad[0]}")
     detections = tuple(_detected(d, camera, image_embedding.size) for d in reply.detections)
-    return ViewPerception(reply.backend, detections, image_embedding)
+    return ViewPerception(reply.backend, detections, image_embedding, reply.models.embedder)
 
 
 def _detected(d: Detection, camera: Pinhole, dim: int) -> Detected:
@@ -331,7 +326,7 @@ def _detected(d: Detection, camera: Pinhole, dim: int) -> Detected:
     if not 1 <= len(d.label) <= MAX_LABEL_CHARS:
         raise WireError(f"a label has 1 to {MAX_LABEL_CHARS} characters, got {len(d.label)}")
     left, top, right, bottom = box_cells((x0, y0, x1, y1), camera.width_px, camera.height_px)
-    mask = unpack_mask(d.mask, right - left, bottom - top) if d.mask else None
+    mask = rle.decode(d.mask, right - left, bottom - top) if d.mask else None
     return Detected(d.label, d.score, (x0, y0, x1, y1), mask, unpack_embedding(d.embedding, dim))
 
 

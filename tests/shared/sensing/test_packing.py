@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-import zlib
 
 import cv2
 import msgspec
@@ -17,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole, Pose, camera_pose
-from surveilnav.messages import FrameHeader, InferReply, Part
+from surveilnav.messages import FrameHeader, InferReply, ModelIds, Part
 from surveilnav.sensing import packing
 from surveilnav.sensing.views import Detected, ViewPerception
 
@@ -185,28 +184,6 @@ def test_flipped_bytes_give_a_view_or_a_wire_error(data: st.DataObject) -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, max_side=40)))
-def test_mask_round_trip(mask: np.ndarray) -> None:
-    np.testing.assert_array_equal(packing.unpack_mask(packing.pack_mask(mask), mask.shape[1], mask.shape[0]), mask)
-
-
-def test_masks_that_lie() -> None:
-    mask = np.ones((10, 20), dtype=bool)
-    data = packing.pack_mask(mask)
-    bomb = zlib.compress(bytes(50_000_000))
-    for bad, size in (
-        (data, (30, 10)),
-        (data, (20, 9)),
-        (data[:-3], (20, 10)),
-        (data + b"x", (20, 10)),
-        (bomb, (20, 10)),
-        (b"?", (20, 10)),
-    ):
-        with pytest.raises(WireError, match="mask"):
-            packing.unpack_mask(bad, *size)
-
-
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 1024))
 def test_embedding_round_trip(seed: int, dim: int) -> None:
     vector = np.random.default_rng(seed).normal(size=dim).astype(np.float32)
@@ -258,6 +235,8 @@ def reply(**changes: object) -> InferReply:
         seq=1,
         detections=detections,
         image_embedding=image,
+        models=ModelIds(embedder="clip"),
+        relevance={"bed": 0.5},
     )
     return msgspec.structs.replace(made, **changes)
 
@@ -271,6 +250,13 @@ def test_perception_round_trip() -> None:
     assert seen.detections[1].mask is None
     np.testing.assert_allclose(seen.detections[0].embedding, unit(1), atol=1e-3)
     np.testing.assert_allclose(seen.image_embedding, unit(3), atol=1e-3)
+    assert seen.embedding_model == "clip"
+
+
+@pytest.mark.parametrize("relevance", [math.nan, 1.5, -math.inf])
+def test_relevances_that_make_no_sense(relevance: float) -> None:
+    with pytest.raises(WireError, match="relevance"):
+        packing.perception_from_wire(reply(relevance={"bed": relevance}), CAMERA)
 
 
 @pytest.mark.parametrize(
@@ -280,6 +266,7 @@ def test_perception_round_trip() -> None:
         ({"box_px": (30.0, 0.0, 10.0, 9.0)}, "box"),
         ({"box_px": (100.0, 0.0, 120.0, 9.0)}, "box"),
         ({"box_px": (10.2, 5.0, 40.0, 15.1)}, "mask"),
+        ({"mask": [5, 5]}, "mask"),
         ({"score": 1.5}, "score"),
         ({"score": math.nan}, "score"),
         ({"label": ""}, "label"),

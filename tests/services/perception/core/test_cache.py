@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import math
+
+import msgspec
+import pytest
+
+from services.perception.core.cache import ByteCache, content_key, text_key
+from surveilnav.geometry import Pinhole
+from surveilnav.messages import InferRequest, ModelIds, Part
+
+ASKED = InferRequest(
+    stamp_ns=1, source="robot/r", view=0, seq=1, camera=Pinhole.from_hfov(64, 48, 1.2), image=Part("jpeg", 3),
+    depth=Part("depth-invq-zstd", 2), depth_range_m=(0.5, 5.0), prompts=["tv"],
+)  # fmt: skip
+MODELS = ModelIds("d", "s", "e")
+
+
+def test_the_bytes_stay_bounded_and_what_was_used_last_stays() -> None:
+    cache: ByteCache[int] = ByteCache(4 * 1256)
+    for i in range(4):
+        cache.put(bytes([i]), i, 1000)
+    assert cache.get(bytes([0])) == 0
+    cache.put(bytes([4]), 4, 1000)
+    assert [cache.get(bytes([i])) for i in range(5)] == [0, None, 2, 3, 4]
+    for i in range(1000):
+        cache.put(i.to_bytes(4, "big"), i, 700)
+        assert cache.n_bytes <= 4 * 1256
+
+
+def test_a_value_put_again_counts_once_and_a_large_one_is_not_kept() -> None:
+    cache: ByteCache[str] = ByteCache(2000)
+    for _ in range(5):
+        cache.put(b"k", "v", 100)
+    assert cache.n_bytes == 356
+    cache.put(b"large", "v", 5000)
+    assert cache.get(b"large") is None
+    assert cache.get(b"k") == "v"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"prompts": ["tv", "bed"]},
+        {"detects": False},
+        {"depth_range_m": (0.5, 6.0)},
+        {"camera": Pinhole.from_hfov(64, 48, math.radians(80))},
+        {"image": Part("jpeg", 2), "depth": Part("depth-invq-zstd", 3)},
+    ],
+)
+def test_all_that_an_answer_depends_on_is_in_its_key(changes: dict[str, object]) -> None:
+    other = msgspec.structs.replace(ASKED, **changes)
+    assert content_key(other, b"abcde", MODELS) != content_key(ASKED, b"abcde", MODELS)
+
+
+def test_pictures_and_models_are_in_the_key_and_who_asks_is_not() -> None:
+    key = content_key(ASKED, b"abcde", MODELS)
+    assert content_key(ASKED, b"abcdf", MODELS) != key
+    assert content_key(ASKED, b"abcde", ModelIds("d", "s", "f")) != key
+    again = msgspec.structs.replace(ASKED, source="camera/c", view=3, seq=9, stamp_ns=5, asker="x", deadline_ms=1)
+    assert content_key(again, b"abcde", MODELS) == key
+    assert text_key("tv") != text_key("tv ")
