@@ -27,6 +27,7 @@ from surveilnav.messages import FrameHeader, InferReply, InferRequest, TextReply
 from surveilnav.sensing.packing import decode_frame, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception, looks_straight_down
 
+
 class TextEmbedding(NamedTuple):
     """A text's unit vector (D,) float32, and the model that gave it."""
 
@@ -75,7 +76,12 @@ class PerceptionClient:
 
     def words(self) -> tuple[str, ...]:
         """What is looked for now; nothing in particular where every worker knows a closed set of classes."""
-        return self._searched() if any(load.open_vocabulary for load in self._loads()) else ()
+        return self._searched() if self.open_vocabulary else ()
+
+    @property
+    def open_vocabulary(self) -> bool:
+        """Whether a worker looks for whatever words it is given."""
+        return any(load.open_vocabulary for load in self._loads())
 
     def submit(self, frame: Received[FrameHeader]) -> None:
         """Takes a picture in."""
@@ -192,7 +198,7 @@ class PerceptionClient:
         request = InferRequest(
             stamp_ns=clock_ns(), source=header.source, view=header.view, seq=header.seq, camera=header.camera,
             image=header.image, depth=header.depth, depth_range_m=header.depth_range_m,
-            prompts=list(words), deadline_ms=int(900 * timeout_s),
+            prompts=list(words), detects=bool(words) or not self.open_vocabulary, deadline_ms=int(900 * timeout_s),
         )  # fmt: skip
         worker = self._least_loaded().worker
         reply: InferReply = self._node.ask(

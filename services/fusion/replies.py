@@ -77,13 +77,17 @@ class Replies:
     def _embedded(self, said: str, prompt: str) -> TextEmbedding:
         """The embedding of a prompt made of what somebody said."""
         if not 1 <= len(said) <= _MAX_TEXT_CHARS:
-            raise Refused("bad_target", f"say what is looked for in 1 to {_MAX_TEXT_CHARS} characters: target=… or text=…")
+            raise Refused(
+                "bad_target", f"say what is looked for in 1 to {_MAX_TEXT_CHARS} characters: target=… or text=…"
+            )
         try:
             return self._perception.text_embedding(prompt)
         except Refused:
             raise
         except (BusError, PerceptionError) as error:
-            raise Refused("perception_down", f"nothing tells what {said!r} means without perception: {error}") from error
+            raise Refused(
+                "perception_down", f"nothing tells what {said!r} means without perception: {error}"
+            ) from error
 
     # --- objects --------------------------------------------------------------------------------------------------
 
@@ -107,9 +111,7 @@ class Replies:
             answers.append(Answer(message, ids={"floor": name}))
         return answers
 
-    def _objects_of(
-        self, floor: str | None, text: TextEmbedding | None
-    ) -> list[tuple[str, list[ObjectRecord], int]]:
+    def _objects_of(self, floor: str | None, text: TextEmbedding | None) -> list[tuple[str, list[ObjectRecord], int]]:
         """(floor, its objects, its revision) of one floor, or of all."""
         with self._maps.lock:
             found = []

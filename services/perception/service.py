@@ -71,7 +71,7 @@ class PerceptionService:
         reply = InferReply(
             stamp_ns=clock_ns(), worker=self._settings.worker, backend=self._backend.name, source=request.source,
             view=request.view, seq=request.seq, detections=detections, image_embedding=image_embedding,
-            latency_ms=latency_ms,
+            latency_ms=latency_ms, models=self._backend.models, words=list(seen.words),
         )  # fmt: skip
         return Answer(reply)
 
@@ -91,7 +91,12 @@ class PerceptionService:
             raise Refused("bad_target", str(error)) from error
         embeddings = [pack_embedding(row) for row in rows]
         name = self._backend.name
-        return Answer(TextReply(stamp_ns=clock_ns(), worker=self._settings.worker, backend=name, embeddings=embeddings))
+        return Answer(
+            TextReply(
+                stamp_ns=clock_ns(), worker=self._settings.worker, backend=name, embeddings=embeddings,
+                models=self._backend.models,
+            )
+        )  # fmt: skip
 
     def step(self) -> bool:
         """Says once a second how busy it is."""
@@ -106,6 +111,7 @@ class PerceptionService:
         return WorkerLoad(
             stamp_ns=clock_ns(), worker=self._settings.worker, backend=self._backend.name, why=self._backend.why,
             queued=self._queued, capacity=self._settings.capacity, latency_ms=self._latency_ms,
+            models=self._backend.models, open_vocabulary=self._backend.vocabulary is None,
         )  # fmt: skip
 
     def _check_deadline(self, request: InferRequest, query: Request) -> None:

@@ -30,7 +30,7 @@ def understood(node: Node, name: str) -> str:
             return word
         except Refused as error:
             if error.name == "bad_target":
-                refusal = error.message
+                refusal = str(error)
         except BusError:
             continue
     if refusal:

@@ -143,7 +143,9 @@ MAP_REVISION = Stream(
 )  # fmt: skip
 OBJECTS = Stream(
     "objects", "{building}/objects/{floor}", m.ObjectList, "fusion", "query", None, 5_000,
-    "data", "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; text=…: how well each fits",
+    "data",
+    "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; "
+    "text=WORDS: with how well each fits",
 )  # fmt: skip
 MISSION_GOAL = Stream(
     "mission_goal", "{building}/mission/{mission}/goal", m.MissionAck, "planner", "query", None, 5_000,

@@ -37,7 +37,8 @@ from simulator.truth.visible import (
 )
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
-from surveilnav.perception.backend import Backend, ModelIds, Stage, Work
+from surveilnav.messages import ModelIds
+from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.segmenters.depth_in_box import mask_of

@@ -17,8 +17,9 @@ class LayerHeader(Message, frozen=True, kw_only=True):
     """Describes one map layer; the payload is a zstd-compressed, row-major array.
 
     occupancy, explored, frontier: uint8 (0 or 1) on ``grid``; value: float32 on ``grid``, NaN where
-    unknown, for ``target``, without ``views_left_out`` views that another embedding model looked at; cloud: (N, 6) float32 of x, y, z [m, world] and r, g, b [0-1]; provenance: (N, 3) int64,
-    a line for each of the cloud's points at the same revision: index into ``source_sets``, first and last seen [ns].
+    unknown, for ``target``, without the views that another embedding model looked at (``views_left_out``); cloud: (N, 6)
+    float32 of x, y, z [m, world] and r, g, b [0-1]; provenance: (N, 3) int64, a line for each of the cloud's points at
+    the same revision: index into ``source_sets``, first and last seen [ns].
     """
 
     floor: str

@@ -59,7 +59,8 @@ class InferReply(Message, frozen=True, kw_only=True):
     """What a worker sees in one view.
 
     ``image_embedding``: float16 bytes, unit length. ``relevance``: by prompt, the cosine of the view's embedding with
-    the prompt's own (-1 to 1); prompts that the space has no place for are missing.
+    the prompt's own (-1 to 1); prompts that the space has no place for are missing. ``words``: what a detector with an
+    open vocabulary looked for.
     """
 
     worker: str
@@ -72,6 +73,7 @@ class InferReply(Message, frozen=True, kw_only=True):
     latency_ms: float = 0.0
     relevance: dict[str, float] = {}
     models: ModelIds = ModelIds()
+    words: list[str] = []
 
 
 class TextReply(Message, frozen=True, kw_only=True):
@@ -88,7 +90,7 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
 
     ``ready``: it answered a probe picture rightly; before that it refuses views. ``times``: by stage ("queue", "decode",
     then the backend's own), how many views took how long, in the buckets of ``surveilnav.histogram``, since it started.
-    ``cached``: how many views were answered from memory.
+    ``cached``: how many views were answered from memory. ``open_vocabulary``: it looks for whatever words it is given.
     """
 
     worker: str
@@ -101,3 +103,4 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
     models: ModelIds = ModelIds()
     times: dict[str, list[int]] = {}
     cached: int = 0
+    open_vocabulary: bool = False

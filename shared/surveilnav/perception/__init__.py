@@ -11,6 +11,6 @@ boxes        boxes with the scores of words; sizes: what depth says of a label
 prompts      the text that the value map compares views with (eq. 2)
 """
 
-from surveilnav.perception.backend import Backend, ModelIds
+from surveilnav.perception.backend import Backend
 
-__all__ = ["Backend", "ModelIds"]
+__all__ = ["Backend"]

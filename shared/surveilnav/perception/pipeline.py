@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.perception.backend import Backend, ModelIds, Stage, Work
+from surveilnav.messages import ModelIds
+from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.protocols import Detector, Embedder, RgbdView, Segmenter
 from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible

@@ -33,6 +33,7 @@ from surveilnav.geometry import Pinhole
 from surveilnav.messages import Detection, FrameHeader, InferReply, Part
 from surveilnav.sensing import rle
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_cells
+from surveilnav.words import MAX_WORDS
 
 DEPTH_QUANTUM_PER_M: Final = 0.001
 
@@ -309,7 +310,10 @@ def perception_from_wire(reply: InferReply, camera: Pinhole) -> ViewPerception:
     if bad := [value for value in reply.relevance.values() if not -1.0 <= value <= 1.0]:
         raise WireError(f"a relevance lies between -1 and 1, got {bad[0]}")
     detections = tuple(_detected(d, camera, image_embedding.size) for d in reply.detections)
-    return ViewPerception(reply.backend, detections, image_embedding, reply.models.embedder)
+    if len(reply.words) > MAX_WORDS:
+        raise WireError(f"a view is looked at for up to {MAX_WORDS} words, got {len(reply.words)}")
+    words = tuple(reply.words)
+    return ViewPerception(reply.backend, detections, image_embedding, reply.models.embedder, words)
 
 
 def _detected(d: Detection, camera: Pinhole, dim: int) -> Detected:

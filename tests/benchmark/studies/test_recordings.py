@@ -14,6 +14,7 @@ from simulator.sources import open_building
 from simulator.truth.backends import Oracle
 from simulator.world.navigation import NavigationMap
 from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.perception.backend import Backend, Stage
 from surveilnav.perception.embedders.class_space import embed_image, embed_object
 from surveilnav.sensing.packing import decode_depth, encode_depth
 from surveilnav.sensing.views import Detected, PosedView, TrueInstances, ViewPerception
@@ -41,12 +42,19 @@ def test_a_detection_shows_what_most_of_its_mask_shows():
 def test_the_backend_isnt_told_what_the_witness_sees():
     told = []
 
-    class Blind:
-        name, why, embedding_dim, needs_truth = "blind", "", 81, False
+    class Blind(Backend):
+        name, why, embedding_dim = "blind", "", 81
 
-        def perceive(self, rgb, depth_m, camera, *, prompts=(), truth=None, key=()):
-            told.append(truth)
-            return ViewPerception("blind", (detected((0.0, 0.0, 4.0, 4.0)),), embed_image([]))
+        def __init__(self):
+            self.stages = (Stage("look", self.look),)
+
+        def look(self, batch):
+            for work in batch:
+                told.append(work.truth)
+                work.seen = ViewPerception("blind", (detected((0.0, 0.0, 4.0, 4.0)),), embed_image([]))
+
+        def embed_texts(self, texts):
+            raise NotImplementedError
 
     ids = np.full((12, 16), 7, np.uint16)
     rgb, depth_m = np.zeros((12, 16, 3), np.uint8), np.ones((12, 16), np.float32)

@@ -23,6 +23,7 @@ from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, Part, Truth
+from surveilnav.perception.backend import Backend
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
 
@@ -30,7 +31,7 @@ CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
 RANGE_M = (0.5, 5.0)
 
 
-class Patient:
+class Patient(Backend):
     """A backend that answers when it is let."""
 
     name, why, embedding_dim, needs_truth = "patient", "for tests", 4, False

@@ -28,6 +28,7 @@ from surveilnav.contract import (
     MISSION_PLAN,
     MISSION_STATUS,
     OBJECTS,
+    PERCEPTION_TEXT,
     ROBOT_COMMAND,
     ROBOT_STATUS,
 )  # fmt: skip
@@ -42,6 +43,7 @@ from surveilnav.messages import (
     Revision,
     RobotStatus,
     Stair,
+    TextReply,
 )  # fmt: skip
 from surveilnav.sensing.packing import pack_array
 
@@ -276,10 +278,41 @@ def test_several_robots_at_once_and_one_mission_each(fakes, planner, client):
 
 
 @pytest.mark.parametrize(
+    ("workers", "accepted"),
+    [
+        ({}, True),
+        ({"a": False}, False),
+        ({"a": False, "b": True}, True),
+        ({"a": None}, True),
+        ({"a": None, "b": False}, False),
+    ],
+)
+def test_a_target_is_what_some_worker_understands(fakes, planner, make_node, client, workers, accepted):
+    """Workers by name: whether they know the word; None: they don't answer so."""
+    fakes()
+    for name, knows in workers.items():
+
+        def answer(request, knows=knows):
+            assert request.message.texts == ["seems like there is a samovar"]
+            if knows is None:
+                raise Refused("busy", "later")
+            if not knows:
+                raise Refused("bad_target", "nearest to it: vase")
+            return Answer(TextReply(stamp_ns=1, worker="w", backend="b", embeddings=[b""]))
+
+        make_node("perception", name).serve(PERCEPTION_TEXT, answer, worker=name)
+    planner()
+    ack = submit(client, "m1", target="Samovar")
+    assert ack.accepted == accepted
+    assert accepted or (ack.error, ack.message) == ("bad_target", "nearest to it: vase")
+
+
+@pytest.mark.parametrize(
     ("goal", "error", "text"),
     [
-        ({"target": "unicorn"}, "bad_target", "couch"),
-        ({"target": ""}, "bad_target", "couch"),
+        ({"target": "x" * 500}, "bad_target", "up to 100 characters"),
+        ({"target": ""}, "bad_target", "names a thing"),
+        ({"target": "bed\x1b[2J"}, "bad_target", "can be seen"),
         ({"robot": "r9"}, "unknown_robot", "r1"),
         ({"max_steps": 0}, "bad_goal", "1 to"),
         ({"max_steps": 10**9}, "bad_goal", "1 to"),
