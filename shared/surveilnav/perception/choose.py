@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 from surveilnav.errors import PerceptionError
-from surveilnav.perception import Backend, detectors, weights
+from surveilnav.perception import Backend, detectors, models
 from surveilnav.perception.onnx_coco import OnnxCoco, Thresholds
 
 #: The pairs that did best for their time on rendered homes: for robots' views, and for cameras' (the first in tiles).
@@ -32,7 +32,7 @@ def choose_backend(
     """The backend of that name; "auto" takes the best that can run.
 
     Args:
-        detector_names: the weights of ``onnx-coco`` (``weights.WEIGHTS``) for views of up to 900 pixels.
+        detector_names: the detectors of ``onnx-coco`` (``models.COCO_DETECTORS``) for views of up to 900 pixels.
         large_detector_names: the same for larger ones.
         thresholds: of ``onnx-coco``.
         threads: of each network.
@@ -67,9 +67,9 @@ def _onnx_coco(
     reason: str,
 ) -> OnnxCoco:
     if not small or not large:
-        raise PerceptionError(f"onnx-coco needs at least one detector out of {sorted(weights.WEIGHTS)}")
+        raise PerceptionError(f"onnx-coco needs at least one detector out of {sorted(models.COCO_DETECTORS)}")
     loaded = {
-        n: detectors.load(weights.find(n, download=download), weights.WEIGHTS[n].family, threads)
+        n: detectors.load(models.find(n, download=download), models.family(n), threads)
         for n in dict.fromkeys((*small, *large))
     }
     said = " + ".join(small) if small == large else f"{' + '.join(small)}; for cameras {' + '.join(large)}"

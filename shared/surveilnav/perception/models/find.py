@@ -1,0 +1,113 @@
+"""Where a model lies on this machine: SURVEILNAV_MODELS_DIR first, then the cache, then a download."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from surveilnav.config import models_dir, path_set_by
+from surveilnav.errors import PerceptionError
+from surveilnav.perception.models import check, digest
+from surveilnav.perception.models.catalogue import CATALOGUE, Model, model_called
+from surveilnav.perception.models.pull import cache, pull
+from surveilnav.perception.models.transfer import OnProgress
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a model lies, or would lie. ``called``: how the place is named to a person."""
+
+    path: Path
+    called: str
+
+
+def find(name: str, *, download: bool = True, on_progress: OnProgress | None = None) -> Path:
+    """The file or folder of a model, checked.
+
+    Args:
+        name: of the catalogue; or a folder's name in SURVEILNAV_MODELS_DIR; or a folder's path (with a slash in it).
+        download: whether it may be fetched if it isn't on this machine.
+        on_progress: is told of each file's bytes.
+
+    Raises:
+        PerceptionError: it can't be had, or what is there isn't it.
+    """
+    own = _own_folder(name)
+    if own is not None:
+        return check.checked_folder(own)
+    model = model_called(name)
+    place = present(model)
+    if place is not None and not (download and _half_pulled(place, model)):
+        return check.checked(place.path, model)
+    if not download or not model.source:
+        how = f"`surveilnav models pull {name}` fetches it." if model.source else model.note
+        raise PerceptionError(f"{model.path} isn't on this machine. {how}")
+    return pull(name, on_progress=on_progress)
+
+
+def family(name: str) -> str:
+    """Who reads a model: the catalogue's word, or of another folder the ``model_type`` of its config.json.
+
+    Raises:
+        PerceptionError: there is no such model, or its config.json says nothing.
+    """
+    own = _own_folder(name)
+    return check.model_type(own) if own is not None else model_called(name).family
+
+
+def model_id(name: str, path: Path) -> str:
+    """``name@hash8``: which weights made an embedding, so that no two kinds are ever compared.
+
+    Args:
+        name: as given to ``find``; of a path, its last part counts.
+        path: what ``find`` returned. The hash is of its weights' content, and remembered by path, size and time.
+
+    Raises:
+        PerceptionError: it can't be read.
+    """
+    files = check.weights_of(path) if path.is_dir() else [path]
+    try:
+        hashes = [digest.sha256(file) for file in files]
+    except OSError as error:
+        raise PerceptionError(f"the weights in {path} can't be read: {error.strerror}") from error
+    if not hashes:
+        raise PerceptionError(f"{path} has no weights: expected model.safetensors or pytorch_model.bin in it")
+    whole = hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
+    return f"{Path(name).name}@{whole[:8]}"
+
+
+def present(model: Model) -> Place | None:
+    """Where something lies under a model's name, whatever it is; None: nowhere."""
+    for place in _places(model):
+        if place.path.exists() or place.path.is_symlink():
+            return place
+    return None
+
+
+def _places(model: Model) -> Iterator[Place]:
+    custom = path_set_by(model.setting) if model.setting else None
+    if custom is not None:
+        yield Place(custom, model.setting)
+        return
+    given = models_dir()
+    if given is not None:
+        yield Place(given / model.path, "SURVEILNAV_MODELS_DIR")
+    yield Place(cache() / model.path, "the cache")
+
+
+def _half_pulled(place: Place, model: Model) -> bool:
+    """Whether a pull into the cache broke off between two files."""
+    half = model.is_folder and bool(list(check.missing_files(place.path, model)))
+    return half and place.path.parent == cache()
+
+
+def _own_folder(name: str) -> Path | None:
+    """The folder that a path or an unknown name in SURVEILNAV_MODELS_DIR means; None: a name of the catalogue."""
+    if "/" in name or "\\" in name:
+        return Path(name).expanduser()
+    given = models_dir()
+    if name and name not in CATALOGUE and given is not None and (given / name).is_dir():
+        return given / name
+    return None
