@@ -4,7 +4,7 @@
 """
 
 from surveilnav.perception.models.catalogue import CATALOGUE, COCO_DETECTORS, Model, model_called
-from surveilnav.perception.models.find import family, find, model_id
+from surveilnav.perception.models.find import family, find, model_id, survey
 from surveilnav.perception.models.pull import pull
 
-__all__ = ["CATALOGUE", "COCO_DETECTORS", "Model", "family", "find", "model_called", "model_id", "pull"]
+__all__ = ["CATALOGUE", "COCO_DETECTORS", "Model", "family", "find", "model_called", "model_id", "pull", "survey"]

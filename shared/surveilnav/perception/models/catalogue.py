@@ -33,6 +33,7 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         repo, revision: on the Hugging Face hub.
         url: of the one file, where it isn't on the hub.
         setting: the environment variable that names a custom file. Such a model has no public address.
+        about_mb: its size in MB, where that of no file is known exactly.
         note: what a stranger should know.
         confirmed: what of this entry was seen on public pages. Nothing else was.
     """
@@ -47,6 +48,7 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     revision: str = ""
     url: str = ""
     setting: str = ""
+    about_mb: int = 0
     note: str = ""
     confirmed: str = ""
 
@@ -66,9 +68,9 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         return f"{self.repo}@{self.revision}" if self.repo else self.url
 
     @property
-    def known_bytes(self) -> int:
-        """The size of all files whose size is known, in bytes."""
-        return sum(file.bytes or 0 for file in self.files)
+    def size_bytes(self) -> int:
+        """How large it is, in bytes: exactly, or about, or 0 where nobody knows. Small files don't count."""
+        return sum(file.bytes or 0 for file in self.files) or self.about_mb * 1_000_000
 
     def address(self, file: File, revision: str, endpoint: str) -> str:
         """The URL of one file. ``endpoint``: the hub's; ``revision``: a branch or commit there."""

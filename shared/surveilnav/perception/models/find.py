@@ -16,11 +16,11 @@ from surveilnav.perception.models.transfer import OnProgress
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """Where a model lies, or would lie. ``called``: how the place is named to a person."""
+class Seen:
+    """What lies under a model's name. ``path``: None where nothing does; ``fault``: what is wrong with it, or empty."""
 
-    path: Path
-    called: str
+    path: Path | None = None
+    fault: str = ""
 
 
 def find(name: str, *, download: bool = True, on_progress: OnProgress | None = None) -> Path:
@@ -38,9 +38,9 @@ def find(name: str, *, download: bool = True, on_progress: OnProgress | None = N
     if own is not None:
         return check.checked_folder(own)
     model = model_called(name)
-    place = present(model)
-    if place is not None and not (download and _half_pulled(place, model)):
-        return check.checked(place.path, model)
+    path = _present(model)
+    if path is not None and not (download and _half_pulled(path, model)):
+        return check.checked(path, model)
     if not download or not model.source:
         how = f"`surveilnav models pull {name}` fetches it." if model.source else model.note
         raise PerceptionError(f"{model.path} isn't on this machine. {how}")
@@ -78,29 +78,42 @@ def model_id(name: str, path: Path) -> str:
     return f"{Path(name).name}@{whole[:8]}"
 
 
-def present(model: Model) -> Place | None:
+def survey(name: str, *, anew: bool = False) -> Seen:
+    """What is here of a model of the catalogue. Never downloads, never raises for what it finds.
+
+    Args:
+        anew: hash all of it, whatever is remembered of an earlier look.
+    """
+    model = model_called(name)
+    path = _present(model)
+    if path is None:
+        return Seen()
+    try:
+        return Seen(check.checked(path, model, anew=anew))
+    except PerceptionError as error:
+        return Seen(path, str(error))
+
+
+def _present(model: Model) -> Path | None:
     """Where something lies under a model's name, whatever it is; None: nowhere."""
-    for place in _places(model):
-        if place.path.exists() or place.path.is_symlink():
-            return place
-    return None
+    return next((path for path in _places(model) if path.exists() or path.is_symlink()), None)
 
 
-def _places(model: Model) -> Iterator[Place]:
+def _places(model: Model) -> Iterator[Path]:
+    """Where a model may lie, the first first."""
     custom = path_set_by(model.setting) if model.setting else None
     if custom is not None:
-        yield Place(custom, model.setting)
+        yield custom
         return
     given = models_dir()
     if given is not None:
-        yield Place(given / model.path, "SURVEILNAV_MODELS_DIR")
-    yield Place(cache() / model.path, "the cache")
+        yield given / model.path
+    yield cache() / model.path
 
 
-def _half_pulled(place: Place, model: Model) -> bool:
+def _half_pulled(path: Path, model: Model) -> bool:
     """Whether a pull into the cache broke off between two files."""
-    half = model.is_folder and bool(list(check.missing_files(place.path, model)))
-    return half and place.path.parent == cache()
+    return path.parent == cache() and model.is_folder and bool(list(check.missing_files(path, model)))
 
 
 def _own_folder(name: str) -> Path | None:

@@ -72,7 +72,6 @@ def transfer(wanted: Wanted, on_progress: OnProgress | None = None) -> tuple[str
     """
     said = Said(wanted.n_bytes)
     try:
-        wanted.path.parent.mkdir(parents=True, exist_ok=True)
         if wanted.n_bytes is None or wanted.begun_bytes() != wanted.n_bytes:
             said = _receive_all(wanted, on_progress)
         return _accept(wanted, said), said
@@ -147,6 +146,7 @@ def _said(answer: httpx.Response) -> Said:
 
 def _write(wanted: Wanted, answer: httpx.Response, said: Said, on_progress: OnProgress | None) -> None:
     """Appends an answer's content to the part. PerceptionError: it is longer than expected, or the disk is too small."""
+    wanted.path.parent.mkdir(parents=True, exist_ok=True)
     done = wanted.begun_bytes()
     total = wanted.n_bytes or said.total_bytes
     _expect_room(wanted, (total or done) - done)
@@ -211,9 +211,12 @@ def _cannot_write(wanted: Wanted, error: OSError) -> PerceptionError:
 
 def _not_had(wanted: Wanted, error: httpx.HTTPError | httpx.InvalidURL) -> PerceptionError:
     begun = wanted.begun_bytes()
-    status = f"HTTP {error.response.status_code}" if isinstance(error, httpx.HTTPStatusError) else ""
+    why = f"{type(error).__name__}: {error}"
+    if isinstance(error, httpx.HTTPStatusError):
+        why = f"HTTP {error.response.status_code}"
     kept = f" {begun / 1e6:,.1f} MB are kept: the next pull goes on from there." if begun else ""
     return PerceptionError(
         f"{wanted.path.name} isn't on this machine and can't be downloaded from {wanted.url} "
-        f"({status or f'{type(error).__name__}: {error}'}).{kept} Or put it into a folder and point SURVEILNAV_MODELS_DIR at that."
+        f"({why}).{kept} "
+        "Or put it into a folder and point SURVEILNAV_MODELS_DIR at that."
     )
