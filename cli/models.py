@@ -33,8 +33,9 @@ def list_models(as_json: AsJson = False) -> None:
         size = f"{row['bytes'] / 1e6:,.0f}" if row["bytes"] else "?"
         here = f"[red]{escape(row['fault'])}[/]" if row["fault"] else escape(row["path"] or "-")
         table.add_row(row["name"], row["kind"], size, row["licence"], row["hash"], here)
-    console.print(table, width=None if console.is_terminal else 200)
-    console.print(
+    wide = console if console.is_terminal else Console(stderr=True, highlight=False, width=200)
+    wide.print(table)
+    wide.print(
         "\nhash: `known` stands in the catalogue. `first pull` is trusted when it first comes, and written into "
         "models.lock.json; later content is held to it.\nMB counts the weights. `--json` has notes and sources."
     )

@@ -154,7 +154,7 @@ def _write(wanted: Wanted, answer: httpx.Response, said: Said, on_progress: OnPr
     if tag and not tag.startswith("W/"):  # a weak one can't vouch for bytes
         wanted.note.write_text(tag)
     with wanted.part.open("ab") as out:
-        for chunk in answer.iter_bytes(1 << 20):
+        for chunk in answer.iter_bytes():
             out.write(chunk)
             done += len(chunk)
             if wanted.n_bytes is not None and done > wanted.n_bytes:
