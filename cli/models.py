@@ -77,7 +77,10 @@ def pull(
 
 @app.command()
 def check(
-    names: Annotated[list[str] | None, typer.Argument(help="Models; all that are here if none is named.")] = None,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(help="Names or folders' paths; all of the catalogue that are here if none is given."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Hash models anew, and compare. Exit 1 if one is damaged, or named and not here."""

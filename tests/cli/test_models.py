@@ -60,6 +60,8 @@ def test_check_fails_for_what_is_wrong_or_named_and_missing(typed, folder):
     status, out, _ = typed("check", "picodet-s", "--json")
     assert status == 1
     assert "models pull picodet-s" in json.loads(out)["picodet-s"]["fault"]
+    status, _, err = typed("check", folder / "mine")
+    assert (status, "there is nothing" in err) == (1, True)
     (folder / "yolox_nano.onnx").write_bytes(b"damaged")
     status, _, err = typed("check")
     assert status == 1

@@ -79,17 +79,21 @@ def model_id(name: str, path: Path) -> str:
 
 
 def survey(name: str, *, anew: bool = False) -> Seen:
-    """What is here of a model of the catalogue. Never downloads, never raises for what it finds.
+    """What is here of a model. Never downloads; what it finds wrong is in ``Seen.fault``.
 
     Args:
+        name: as for ``find``.
         anew: hash all of it, whatever is remembered of an earlier look.
+
+    Raises:
+        PerceptionError: there is no model of that name.
     """
-    model = model_called(name)
-    path = _present(model)
+    own = _own_folder(name)
+    path = own if own is not None else _present(model_called(name))
     if path is None:
         return Seen()
     try:
-        return Seen(check.checked(path, model, anew=anew))
+        return Seen(check.checked_folder(path) if own else check.checked(path, model_called(name), anew=anew))
     except PerceptionError as error:
         return Seen(path, str(error))
 

@@ -172,6 +172,17 @@ def test_hashes_are_remembered_over_starts_until_the_file_changes(machine, tmp_p
     assert models.model_id("x", path) != before
 
 
+def test_processes_keep_each_others_hashes(machine, tmp_path, monkeypatch):
+    for name in ("x.onnx", "y.onnx"):
+        (tmp_path / name).write_bytes(name.encode())
+    digest.sha256(tmp_path / "x.onnx")
+    monkeypatch.setattr(digest, "_known", {"began before x was hashed": (0, 0, "")})  # another process
+    digest.sha256(tmp_path / "y.onnx")
+    assert {str(tmp_path / "x.onnx"), str(tmp_path / "y.onnx")} <= set(
+        json.loads((machine / "digests.json").read_text())
+    )
+
+
 def test_damaged_memory_of_hashes_costs_nothing_but_time(machine, tmp_path, monkeypatch):
     machine.mkdir(parents=True)
     (machine / "digests.json").write_text("[")

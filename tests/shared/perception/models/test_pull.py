@@ -6,6 +6,7 @@ import errno
 import json
 import shutil
 import socket
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
 from surveilnav.perception.models import digest, transfer
+from surveilnav.perception.models.catalogue import File, Model
 
 DATA = bytes(range(256)) * 20
 
@@ -23,6 +25,12 @@ def test_a_download_is_checked_kept_and_used_again(machine, one_file):
     assert len(one_file.asked) == 1
     assert one_file.asked[0][1]["accept-encoding"] == "identity"
     assert not list(machine.glob("*.part*"))
+
+
+def test_who_wants_the_same_at_the_same_time_waits(one_file):
+    with ThreadPoolExecutor(4) as pool:
+        assert len({str(path) for path in pool.map(models.find, ["fake"] * 4)}) == 1
+    assert len(one_file.asked) == 1
 
 
 def test_progress_is_told(one_file):
@@ -85,6 +93,16 @@ def test_another_file_than_expected_is_not_used(length, machine, one_file):
     with pytest.raises(PerceptionError, match=r"another file than expected.*SURVEILNAV_MODELS_DIR"):
         models.find("fake")
     assert not list(machine.glob("fake*"))
+
+
+def test_a_size_is_held_to_where_no_hash_is_known(one_file, monkeypatch):
+    of_unknown_hash = Model(
+        name="sized", kind="detector", family="yolox", licence="none", url=f"{one_file.address}/fake.onnx",
+        files=(File("sized.onnx", len(DATA) + 1),),
+    )  # fmt: skip
+    monkeypatch.setitem(models.CATALOGUE, "sized", of_unknown_hash)
+    with pytest.raises(PerceptionError, match=r"5,120 bytes .* not 5,121"):
+        models.find("sized")
 
 
 def test_a_part_of_another_file_is_thrown_away(machine, one_file):
