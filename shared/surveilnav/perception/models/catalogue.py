@@ -15,7 +15,7 @@ DATA = Path(__file__).parent / "catalogue.json"
 class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A file of a model.
 
-    ``bytes``, ``sha256``: of its content, None where unknown until the first pull. ``optional``: the model runs without.
+    ``bytes``, ``sha256``: of its content, None: unknown until the first pull. ``optional``: the model runs without.
     """
 
     name: str

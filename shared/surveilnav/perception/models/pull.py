@@ -76,5 +76,5 @@ def _expect_optional(model: Model, file: File, error: FileNotFoundError) -> None
     if not file.optional:
         raise PerceptionError(
             f"{error.filename} doesn't exist (404), but {model.name} needs {file.name}. Its source has changed, or "
-            "HF_ENDPOINT names a server without it. Get the file elsewhere, and point SURVEILNAV_MODELS_DIR at its folder."
+            "HF_ENDPOINT names a server without it. Get it elsewhere, and name its folder by SURVEILNAV_MODELS_DIR."
         ) from error

@@ -145,7 +145,7 @@ def _said(answer: httpx.Response) -> Said:
 
 
 def _write(wanted: Wanted, answer: httpx.Response, said: Said, on_progress: OnProgress | None) -> None:
-    """Appends an answer's content to the part. PerceptionError: it is longer than expected, or the disk is too small."""
+    """Appends an answer's content to the part. PerceptionError: there is no room for it."""
     wanted.path.parent.mkdir(parents=True, exist_ok=True)
     done = wanted.begun_bytes()
     total = wanted.n_bytes or said.total_bytes
@@ -200,12 +200,12 @@ def _expect_room(wanted: Wanted, missing_bytes: int) -> None:
 def _cannot_write(wanted: Wanted, error: OSError) -> PerceptionError:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return PerceptionError(
-            f"no room for {wanted.path.name} in {wanted.path.parent}. Make room, or set SURVEILNAV_CACHE_DIR to a larger "
-            "disk; the next pull goes on from what is there."
+            f"no room for {wanted.path.name} in {wanted.path.parent}. Make room, or set SURVEILNAV_CACHE_DIR to "
+            "a larger disk; the next pull goes on from what is there."
         )
     return PerceptionError(
-        f"{wanted.path.name} can't be written into {wanted.path.parent} ({error.strerror}). Set SURVEILNAV_CACHE_DIR to a "
-        "folder you can write, or point SURVEILNAV_MODELS_DIR at a folder that has the model."
+        f"{wanted.path.name} can't be written into {wanted.path.parent} ({error.strerror}). Set SURVEILNAV_CACHE_DIR to "
+        "a folder you can write, or point SURVEILNAV_MODELS_DIR at a folder that has it."
     )
 
 
