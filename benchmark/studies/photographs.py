@@ -1,7 +1,7 @@
 """What the detectors see in photographs that Python packages carry: a picture with boxes, and a table.
 
     pip install --no-deps scikit-image
-    python -m benchmark.studies.photographs --picture docs/images/photographs.jpg > table.md   # for docs/results/perception.md
+    python -m benchmark.studies.photographs --picture docs/images/photographs.jpg    # the table goes to stdout
 
 What a photograph shows was written down by eye, as COCO's class names. A name counts as right if the photograph shows
 such a thing, wherever its box is: there are no true boxes.

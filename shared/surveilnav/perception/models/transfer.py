@@ -204,8 +204,8 @@ def _cannot_write(wanted: Wanted, error: OSError) -> PerceptionError:
             "a larger disk; the next pull goes on from what is there."
         )
     return PerceptionError(
-        f"{wanted.path.name} can't be written into {wanted.path.parent} ({error.strerror}). Set SURVEILNAV_CACHE_DIR to "
-        "a folder you can write, or point SURVEILNAV_MODELS_DIR at a folder that has it."
+        f"{wanted.path.name} can't be written into {wanted.path.parent} ({error.strerror}). Set SURVEILNAV_CACHE_DIR "
+        "to a folder you can write, or point SURVEILNAV_MODELS_DIR at a folder that has it."
     )
 
 

@@ -43,6 +43,5 @@ def test_the_closed_set_is_what_the_backend_runs():
 def test_addresses_go_through_the_endpoint_and_name_the_revision():
     model = models.model_called("owlv2-base")
     address = model.address(model.files[0], model.revision, "https://mirror.org")
-    assert address == (
-        "https://mirror.org/google/owlv2-base-patch16-ensemble/resolve/cfd3195ba4ea9592eec887ded089f4c08eff231d/config.json"
-    )
+    repository, revision = "google/owlv2-base-patch16-ensemble", "cfd3195ba4ea9592eec887ded089f4c08eff231d"
+    assert address == f"https://mirror.org/{repository}/resolve/{revision}/config.json"
