@@ -14,8 +14,9 @@ from rich.console import Console
 
 from simulator.furniture.assets import ensure_assets
 from simulator.sources import EXAMPLE_HOMES
-from surveilnav.config import cache_dir, models_dir
+from surveilnav.config import cache_dir, models_dir, offline
 from surveilnav.errors import SurveilNavError
+from surveilnav.perception.models import CATALOGUE, COCO_DETECTORS, survey
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,8 @@ class Finding:
 
 
 def examine() -> list[Finding]:
-    """Looks at Python, packages, furniture, weights, disk and Docker."""
-    return [_python(), *_packages(), _assets(), _weights(), _disk(), _docker()]
+    """Looks at Python, packages, furniture, models, disk and Docker."""
+    return [_python(), *_packages(), _assets(), _models(), _disk(), _docker()]
 
 
 def _python() -> Finding:
@@ -64,20 +65,23 @@ def _assets() -> Finding:
     return Finding("example homes", "ok", f"Sweet Home 3D's {len(EXAMPLE_HOMES)} homes and furniture")
 
 
-def _weights() -> Finding:
+def _models() -> Finding:
     try:
         folder = models_dir()
+        found = {name: survey(name) for name in CATALOGUE}
     except SurveilNavError as error:
-        return Finding("detector weights", "missing", str(error), "unset SURVEILNAV_MODELS_DIR or point it at a folder")
-    if folder is None:
-        detail = "SURVEILNAV_MODELS_DIR isn't set: they are downloaded when first needed"
-        return Finding("detector weights", "note", detail, "without a network, perception is `simulated`")
-    names = sorted(p.name for p in folder.glob("*.onnx"))
-    if not names:
-        return Finding(
-            "detector weights", "note", f"no .onnx in {folder}", "docs/understand/perception.md lists the files"
-        )
-    return Finding("detector weights", "ok", ", ".join(names))
+        return Finding("models", "missing", str(error), "unset SURVEILNAV_MODELS_DIR or point it at a folder")
+    if wrong := [seen.fault for name, seen in found.items() if seen.fault and name in COCO_DETECTORS]:
+        return Finding("models", "missing", " ".join(wrong), "surveilnav models check")
+    names = [name + (" (damaged or half)" if seen.fault else "") for name, seen in found.items() if seen.path]
+    detectors = [name for name in names if name in COCO_DETECTORS]
+    if not detectors and offline():
+        remedy = "perception is `simulated`; or point SURVEILNAV_MODELS_DIR at a folder with a detector"
+        return Finding("models", "note", "no detector is here, and SURVEILNAV_OFFLINE or HF_HUB_OFFLINE is set", remedy)
+    if not detectors:
+        detail = "no detector is here" if folder is None else f"no detector in {folder}"
+        return Finding("models", "note", f"{detail}: the small ones are pulled when needed", "surveilnav models list")
+    return Finding("models", "ok", ", ".join(names))
 
 
 def _disk() -> Finding:

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from pydantic_settings import SettingsError
 from rich.console import Console
 
-from cli import bench, dataset
+from cli import bench, dataset, models
 from surveilnav.errors import SurveilNavError
 
 app = typer.Typer(
@@ -25,6 +25,7 @@ app = typer.Typer(
 )  # fmt: skip
 app.add_typer(dataset.app, name="dataset")
 app.add_typer(bench.app, name="bench")
+app.add_typer(models.app, name="models")
 console = Console(stderr=True, highlight=False)
 
 

@@ -9,12 +9,15 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import (
     BarColumn,
+    DownloadColumn,
     MofNCompleteColumn,
     Progress,
     SpinnerColumn,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
+    TransferSpeedColumn,
 )
 
 _SAY_EVERY_S = 15.0
@@ -69,5 +72,33 @@ def counting(console: Console, things: str) -> Iterator[Callable[[int, int, str]
         said_s = now_s
         left = f", {(now_s - began_s) / (done - first) * (of - done) / 60:.0f} min left" if done > first else ""
         console.print(f"  {done} of {of} {things}{left} {which}".rstrip())
+
+    yield say
+
+
+@contextmanager
+def downloading(console: Console) -> Iterator[Callable[[int, int | None, str], None]]:
+    """A function (bytes so far, of, file) for downloads: a bar for each file, or a line where there is no terminal."""
+    if console.is_terminal:
+        columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn(),
+                   TimeRemainingColumn())  # fmt: skip
+        with Progress(*columns, console=console) as progress:
+            tasks: dict[str, TaskID] = {}
+
+            def move(done: int, of: int | None, file: str) -> None:
+                """Moves the file's bar, which is made on its first bytes."""
+                if file not in tasks:
+                    tasks[file] = progress.add_task(file, total=of)
+                progress.update(tasks[file], completed=done, total=of)
+
+            yield move
+        return
+    said: set[str] = set()
+
+    def say(done: int, of: int | None, file: str) -> None:
+        """A line for each file."""
+        if file not in said:
+            said.add(file)
+            console.print(f"  {file}{f' ({of / 1e6:,.1f} MB)' if of else ''} ...")
 
     yield say

@@ -50,7 +50,11 @@ SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is nu
 | variable | default | what |
 |---|---|---|
 | `SURVEILNAV_CACHE_DIR` | `~/.cache/surveilnav` | what can be made or downloaded again: furniture, baked light, views |
-| `SURVEILNAV_MODELS_DIR` | not set | a folder with detector weights ([perception](../understand/perception.md)) |
+| `SURVEILNAV_MODELS_DIR` | not set | a folder with [models](models.md) |
+| `SURVEILNAV_OFFLINE` | not set | `1`: no model is ever downloaded |
+| `SURVEILNAV_YOLO_WORLD` | not set | an ONNX file of your own, the model `yolo-world` |
+| `HF_HUB_OFFLINE` | not set | `1`: the same, as other users of the Hugging Face hub know it |
+| `HF_ENDPOINT` | `https://huggingface.co` | the hub that models are pulled from, or a mirror of it |
 | `SURVEILNAV_URL` | `http://127.0.0.1:8080` | the gateway that `surveilnav find` and `surveilnav status` ask |
 """
 

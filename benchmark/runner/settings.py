@@ -15,7 +15,7 @@ from services.fusion.core import FusionConfig
 from services.planner.core import PlannerConfig
 from simulator.truth.choose import BACKENDS
 from surveilnav.errors import ConfigError
-from surveilnav.perception.weights import WEIGHTS
+from surveilnav.perception.models import COCO_DETECTORS
 
 Planner = Literal["fmm", "sp"]
 
@@ -60,7 +60,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         _expect("views", self.views, get_args(Views))
         _expect("perception", self.perception, [b for b in BACKENDS if b != "auto"])  # a table must say what looked
         for detector in self.detectors:
-            _expect("each of detectors", detector, list(WEIGHTS))
+            _expect("each of detectors", detector, list(COCO_DETECTORS))
         if not 1 <= self.max_steps <= 5000:
             raise ConfigError(f"an episode has 1 to 5000 steps, got {self.max_steps}")
         if not 1 <= self.resolution_divisor <= 8:

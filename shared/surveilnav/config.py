@@ -44,3 +44,20 @@ def models_dir() -> Path | None:
     if not path.is_dir():
         raise ConfigError(f"SURVEILNAV_MODELS_DIR must name a directory with detector weights, got {value!r}")
     return path
+
+
+def offline() -> bool:
+    """Whether nothing may be downloaded: SURVEILNAV_OFFLINE or HF_HUB_OFFLINE is set, and isn't 0, false, no or off."""
+    values = (os.environ.get(name, "").strip().lower() for name in ("SURVEILNAV_OFFLINE", "HF_HUB_OFFLINE"))
+    return any(value not in ("", "0", "false", "no", "off") for value in values)
+
+
+def hub_endpoint() -> str:
+    """The address of the Hugging Face hub or of a mirror: HF_ENDPOINT, else the hub's own."""
+    return os.environ.get("HF_ENDPOINT", "").strip().rstrip("/") or "https://huggingface.co"
+
+
+def path_set_by(variable: str) -> Path | None:
+    """The path that an environment variable names; None where it isn't set."""
+    value = os.environ.get(variable, "").strip()
+    return Path(value).expanduser() if value else None

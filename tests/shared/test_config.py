@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from surveilnav.config import cache_dir, models_dir
+from surveilnav.config import cache_dir, hub_endpoint, models_dir, offline, path_set_by
 from surveilnav.errors import ConfigError
 
 
@@ -36,3 +36,21 @@ def test_models_are_optional_and_must_exist(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(tmp_path / "no"))
     with pytest.raises(ConfigError, match="SURVEILNAV_MODELS_DIR"):
         models_dir()
+
+
+def test_offline_is_said_by_either_variable(monkeypatch: pytest.MonkeyPatch) -> None:
+    for ours, the_hubs, said in (("", "", False), ("0", "no", False), ("1", "0", True), ("", "TRUE", True)):
+        monkeypatch.setenv("SURVEILNAV_OFFLINE", ours)
+        monkeypatch.setenv("HF_HUB_OFFLINE", the_hubs)
+        assert offline() is said
+
+
+def test_the_hub_and_paths_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("HF_ENDPOINT", raising=False)
+    assert hub_endpoint() == "https://huggingface.co"
+    monkeypatch.setenv("HF_ENDPOINT", " https://mirror.org/ ")
+    assert hub_endpoint() == "https://mirror.org"
+    monkeypatch.setenv("X", "~/a")
+    assert path_set_by("X") == Path("~/a").expanduser()
+    monkeypatch.setenv("X", " ")
+    assert path_set_by("X") is None

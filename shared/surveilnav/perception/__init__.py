@@ -6,7 +6,7 @@ pipeline     a backend made of the three
 presets      which three make which backend; ``choose`` takes one, and says why
 detectors, segmenters, embedders   the parts, a file a model
 vocabulary   the names of a closed set of classes, and what is known of them (``data``)
-weights      the networks' files: where they come from, and their hashes
+models       the networks' files: where they come from, and that they are what they should be
 boxes        boxes with the scores of words; sizes: what depth says of a label
 prompts      the text that the value map compares views with (eq. 2)
 """

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from surveilnav.errors import PerceptionError
-from surveilnav.perception import weights
+from surveilnav.perception import models
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.embedders.class_space import ClassSpace
@@ -49,14 +49,13 @@ def onnx_coco(networks: Networks, why: str) -> Backend:
     """
     small, large = tuple(networks.detectors), tuple(networks.large_detectors)
     if not small or not large:
-        raise PerceptionError(f"onnx-coco needs at least one detector out of {sorted(weights.WEIGHTS)}")
-    loaded = {
-        n: coco.load(weights.find(n, download=networks.download), weights.WEIGHTS[n].family, networks.threads)
-        for n in dict.fromkeys((*small, *large))
-    }
+        raise PerceptionError(f"onnx-coco needs at least one detector out of {list(models.COCO_DETECTORS)}")
+    files = {n: models.find(n, download=networks.download) for n in dict.fromkeys((*small, *large))}
+    loaded = {n: coco.load(path, models.family(n), networks.threads) for n, path in files.items()}
+    ids = "+".join(models.model_id(n, path) for n, path in files.items())
     said = " + ".join(small) if small == large else f"{' + '.join(small)}; for cameras {' + '.join(large)}"
     kind = "a real detector" if len(loaded) == 1 else "real detectors that have to agree"
-    detector = coco.CocoDetector([loaded[n] for n in small], [loaded[n] for n in large], model="+".join(loaded))
+    detector = coco.CocoDetector([loaded[n] for n in small], [loaded[n] for n in large], model=ids)
     return Pipeline(
         "onnx-coco", f"{kind} ({said}), {why}", detector, DepthInBox(), ClassSpace(), min_score=_COCO_MIN_SCORE,
         extents_m=extents_of(COCO),

@@ -19,7 +19,7 @@ from benchmark.tables.arms import TABLES, Arm, Table
 from benchmark.tables.make import expect_own_runs, make
 from benchmark.tables.page import Line, _over_bytes, page, plot
 from surveilnav.errors import ConfigError, SurveilNavError
-from surveilnav.perception.weights import WEIGHTS
+from surveilnav.perception.models import CATALOGUE
 from tests.benchmark.runner.test_records import FAILED, RECORD
 
 ARMS = (Arm("with", RunSettings(), (67.4, 34.5)), Arm("without", RunSettings(surveillance=False)))
@@ -261,7 +261,7 @@ def test_a_folder_of_another_run_is_said_before_another_table_is_played(tmp_path
 def test_what_an_arm_needs_is_said_before_another_table_is_played(tmp_path, monkeypatch, settings, said):
     """A split that wasn't built, weights that are damaged."""
     monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(tmp_path))
-    (tmp_path / WEIGHTS["yolox-nano"].file).write_bytes(b"damaged")
+    (tmp_path / CATALOGUE["yolox-nano"].path).write_bytes(b"damaged")
     index = write(tmp_path / "val_mini" / "val_mini.json.gz", {})
     counts = SplitCounts(scenes=0, floors=0, cameras=0, episodes=1)
     manifest = Manifest(
@@ -275,7 +275,7 @@ def test_what_an_arm_needs_is_said_before_another_table_is_played(tmp_path, monk
 
 def test_what_is_played_already_needs_no_weights(tmp_path, monkeypatch, basis):
     monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(tmp_path))
-    (tmp_path / WEIGHTS["deimv2-femto"].file).write_bytes(b"damaged")
+    (tmp_path / CATALOGUE["deimv2-femto"].path).write_bytes(b"damaged")
     arm = Arm("one", RunSettings(perception="onnx-coco", detectors=["deimv2-femto"]))
     run = keep(tmp_path, arm, basis, RECORD)
     with pytest.raises(SurveilNavError, match="isn't what deimv2-femto should be"):

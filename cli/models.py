@@ -1,0 +1,104 @@
+"""``surveilnav models``: list, pull and check what looks at pixels."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from cli.progress import downloading
+from surveilnav.perception import models
+
+app = typer.Typer(no_args_is_help=True, help="Detectors, segmenters, embedders: list, pull, check.")
+console = Console(stderr=True, highlight=False)
+
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
+Names = Annotated[list[str], typer.Argument(help="Models, as `surveilnav models list` calls them.")]
+
+
+@app.command("list")
+def list_models(as_json: AsJson = False) -> None:
+    """Say which models there are, how large, under which licence, and where they lie on this machine."""
+    rows = [_row(model) for model in models.CATALOGUE.values()]
+    if as_json:
+        print(json.dumps(rows))
+        return
+    table = Table("model", "kind", "MB", "licence", "hash", "here", box=None, pad_edge=False)
+    for row in rows:
+        size = f"{row['bytes'] / 1e6:,.0f}" if row["bytes"] else "?"
+        here = f"[red]{escape(row['fault'])}[/]" if row["fault"] else escape(row["path"] or "-")
+        table.add_row(row["name"], row["kind"], size, row["licence"], row["hash"], here)
+    wide = console if console.is_terminal else Console(stderr=True, highlight=False, width=200)
+    wide.print(table)
+    wide.print(
+        "\nhash: `known` stands in the catalogue. `first pull` is trusted when it first comes, and written into "
+        "models.lock.json; later content is held to it.\nMB counts the weights. `--json` has notes and sources."
+    )
+
+
+def _row(model: models.Model) -> dict[str, Any]:
+    seen = models.survey(model.name)
+    return {
+        "name": model.name, "kind": model.kind, "family": model.family, "vocabulary": model.vocabulary,
+        "bytes": model.size_bytes, "licence": model.licence, "hash": _hash_known(model),
+        "source": model.source or model.setting, "confirmed": model.confirmed, "note": model.note,
+        "path": str(seen.path) if seen.path else "", "fault": seen.fault,
+    }  # fmt: skip
+
+
+def _hash_known(model: models.Model) -> str:
+    """Whether the weights' hash stands in the catalogue."""
+    if not model.source:
+        return "none"
+    return "known" if any(file.sha256 for file in model.files) else "first pull"
+
+
+@app.command()
+def pull(
+    names: Names,
+    to: Annotated[Path | None, typer.Option(help="A folder of models to pull into; the cache if not said.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fetch models. What broke off goes on where it was; what is here already is checked and kept."""
+    found: dict[str, str] = {}
+    for model in [models.model_called(name) for name in names]:  # a wrong name ends it before the first byte
+        console.print(f"{model.name}: {model.licence}, from {model.source or model.setting}", soft_wrap=True)
+        with downloading(console) as on_progress:
+            found[model.name] = str(models.pull(model.name, to=to, on_progress=on_progress))
+        console.print(f"[green]ok[/] {escape(found[model.name])}", soft_wrap=True)
+    if as_json:
+        print(json.dumps(found))
+
+
+@app.command()
+def check(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(help="Names or folders' paths; all of the catalogue that are here if none is given."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Hash models anew, and compare. Exit 1 if one is damaged, or named and not here."""
+    seen = {name: models.survey(name, anew=True) for name in names or models.CATALOGUE}
+    if not names:
+        seen = {name: found for name, found in seen.items() if found.path}
+    faults = {name: found.fault or ("" if found.path else _not_here(name)) for name, found in seen.items()}
+    if as_json:
+        print(json.dumps({name: {"ok": not fault, "fault": fault} for name, fault in faults.items()}))
+    else:
+        for name, fault in faults.items():
+            said = f"[red]wrong[/] {name}: {escape(fault)}" if fault else f"[green]ok[/]    {name}: {seen[name].path}"
+            console.print(said, soft_wrap=True)
+        if not faults:
+            console.print("no model is on this machine; `surveilnav models list` says which there are")
+    raise typer.Exit(1 if any(faults.values()) else 0)
+
+
+def _not_here(name: str) -> str:
+    model = models.model_called(name)
+    return f"not on this machine. {f'`surveilnav models pull {name}` fetches it.' if model.source else model.note}"

@@ -1,0 +1,10 @@
+"""Models that look at pixels: which there are, where they lie, and that they are what they should be.
+
+``find("yolox-nano")`` gives a checked file or folder; ``pull`` fetches one; ``model_id`` says which weights it has.
+"""
+
+from surveilnav.perception.models.catalogue import CATALOGUE, COCO_DETECTORS, Model, model_called
+from surveilnav.perception.models.find import family, find, model_id, survey
+from surveilnav.perception.models.pull import pull
+
+__all__ = ["CATALOGUE", "COCO_DETECTORS", "Model", "family", "find", "model_called", "model_id", "pull", "survey"]

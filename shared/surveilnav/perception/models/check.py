@@ -1,0 +1,150 @@
+"""Whether what lies in a folder is the model that it is called: whole, readable, with the hash that it should have."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from surveilnav.errors import PerceptionError
+from surveilnav.perception.models import digest, lock
+from surveilnav.perception.models.catalogue import Model
+
+_WEIGHTS = ("*.safetensors", "pytorch_model*.bin")
+_LARGEST_HEADER = 100_000_000  # bytes: of a safetensors file, by its specification
+
+
+def checked(path: Path, model: Model, *, anew: bool = False) -> Path:
+    """``path``, once it is seen to be ``model``.
+
+    Args:
+        path: its file or folder.
+        anew: hash everything, whatever is remembered of an earlier look.
+
+    Raises:
+        PerceptionError: something is missing, cut off, unreadable, or has another hash.
+    """
+    there(path)
+    if not model.is_folder:
+        _expect_file(path, model, path.parent, anew)
+        return path
+    missing = list(missing_files(path, model))
+    if missing:
+        raise PerceptionError(
+            f"{path} holds half of {model.name}: {', '.join(missing)} missing. "
+            f"`surveilnav models pull {model.name}` fetches it into the cache; or copy the files there."
+        )
+    checked_folder(path)
+    for file in model.files:
+        if (path / file.name).exists():
+            _expect_file(path / file.name, model, path.parent, anew)
+    return path
+
+
+def missing_files(folder: Path, model: Model) -> Iterator[str]:
+    """The files that a model's folder lacks. Weights in another format than the catalogue's do as well."""
+    have_weights = bool(weights_of(folder))
+    for file in model.files:
+        of_weights = any(Path(file.name).match(pattern) for pattern in _WEIGHTS)
+        if not file.optional and not (folder / file.name).is_file() and not (of_weights and have_weights):
+            yield file.name
+
+
+def checked_folder(folder: Path) -> Path:
+    """``folder``, once it is seen to be a model as transformers writes it. PerceptionError: it isn't."""
+    there(folder)
+    if not folder.is_dir():
+        raise PerceptionError(f"expected a folder with config.json and weights, {folder} is a file")
+    model_type(folder)
+    weights = weights_of(folder)
+    if not weights:
+        raise PerceptionError(f"{folder} has no weights: expected model.safetensors or pytorch_model.bin in it")
+    for path in (*sorted(folder.glob("*.json")), *weights):
+        whole(path)
+    return folder
+
+
+def weights_of(folder: Path) -> list[Path]:
+    """The files of weights that a loader would read: safetensors if there are any, else PyTorch's, in order."""
+    for pattern in _WEIGHTS:
+        if found := sorted(folder.glob(pattern)):
+            return found
+    return []
+
+
+def model_type(folder: Path) -> str:
+    """The ``model_type`` that a folder's config.json says. PerceptionError: it says none."""
+    path = folder / "config.json"
+    there(path)
+    try:
+        said = msgspec.json.decode(path.read_bytes(), type=dict[str, Any]).get("model_type")
+    except (OSError, msgspec.DecodeError) as error:
+        raise PerceptionError(f"{path} should be a model's settings in JSON, but can't be read: {error}") from error
+    if not isinstance(said, str) or not said:
+        raise PerceptionError(f"{path} names no model_type: expected a folder that transformers' save_pretrained wrote")
+    return said
+
+
+def there(path: Path) -> None:
+    """PerceptionError: nothing lies at ``path``, or it is a link that leads nowhere."""
+    try:
+        path.stat()
+    except FileNotFoundError as error:
+        if path.is_symlink():
+            raise PerceptionError(
+                f"{path} is a link that leads nowhere: remove it, or mend what it points to"
+            ) from error
+        raise PerceptionError(f"expected a model's file or folder at {path}, there is nothing") from error
+    except OSError as error:  # a circle of links, no permission
+        raise PerceptionError(f"{path} can't be reached ({error.strerror}): mend it, or remove it") from error
+
+
+def whole(path: Path) -> None:
+    """PerceptionError: a file is empty, cut off or no JSON, as far as its format tells."""
+    try:
+        size = path.stat().st_size
+        if size == 0:
+            raise PerceptionError(f"{path} is empty: remove it, and pull or copy it again")
+        if path.suffix == ".json":
+            msgspec.json.decode(path.read_bytes())
+        elif path.suffix == ".safetensors" and size != (should := _size_by_header(path)):
+            raise PerceptionError(
+                f"{path} isn't whole: {size:,} bytes are there, its beginning speaks of {should:,}. "
+                "Remove it, and pull or copy it again."
+            )
+    except msgspec.DecodeError as error:
+        raise PerceptionError(f"{path} is damaged ({error}): remove it, and pull or copy it again") from error
+    except OSError as error:
+        raise PerceptionError(f"{path} can't be read: {error.strerror}") from error
+
+
+def _size_by_header(path: Path) -> int:
+    """How large a safetensors file should be, in bytes, by its header: a length, a table of tensors, their bytes."""
+    with path.open("rb") as file:
+        length = struct.unpack("<Q", file.read(8).ljust(8, b"\xff"))[0]
+        if length > _LARGEST_HEADER:
+            raise PerceptionError(f"{path} is no safetensors file: remove it, and pull or copy it again")
+        table = msgspec.json.decode(file.read(length), type=dict[str, dict[str, Any]])
+    ends = [int(tensor["data_offsets"][1]) for tensor in table.values() if "data_offsets" in tensor]
+    return 8 + int(length) + max(ends, default=0)
+
+
+def _expect_file(path: Path, model: Model, root: Path, anew: bool) -> None:
+    """PerceptionError: a file isn't whole, or hasn't the hash that the catalogue or the lock in ``root`` says."""
+    there(path)
+    whole(path)
+    expected = lock.expected(next((file for file in model.files if file.name == path.name), None), lock.of(model, root))
+    if expected is None:
+        return
+    try:
+        found = digest.sha256(path, anew=anew)
+    except OSError as error:
+        raise PerceptionError(f"{path} can't be read: {error.strerror}") from error
+    if found != expected:
+        raise PerceptionError(
+            f"{path} isn't what {model.name} should be: its sha256 begins {found[:12]}, not {expected[:12]}. "
+            "Remove it, and it will be downloaded again. A model of your own goes by its folder's path instead."
+        )

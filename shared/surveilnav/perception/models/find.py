@@ -1,0 +1,130 @@
+"""Where a model lies on this machine: SURVEILNAV_MODELS_DIR first, then the cache, then a download."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from surveilnav.config import models_dir, path_set_by
+from surveilnav.errors import PerceptionError
+from surveilnav.perception.models import check, digest
+from surveilnav.perception.models.catalogue import CATALOGUE, Model, model_called
+from surveilnav.perception.models.pull import cache, pull
+from surveilnav.perception.models.transfer import OnProgress
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What lies under a model's name. ``path``: None where nothing does; ``fault``: what is wrong with it, or empty."""
+
+    path: Path | None = None
+    fault: str = ""
+
+
+def find(name: str, *, download: bool = True, on_progress: OnProgress | None = None) -> Path:
+    """The file or folder of a model, checked.
+
+    Args:
+        name: of the catalogue; or a folder's name in SURVEILNAV_MODELS_DIR; or a folder's path (with a slash in it).
+        download: whether it may be fetched if it isn't on this machine.
+        on_progress: is told of each file's bytes.
+
+    Raises:
+        PerceptionError: it can't be had, or what is there isn't it.
+    """
+    own = _own_folder(name)
+    if own is not None:
+        return check.checked_folder(own)
+    model = model_called(name)
+    path = _present(model)
+    if path is not None and not (download and _half_pulled(path, model)):
+        return check.checked(path, model)
+    if not download or not model.source:
+        how = f"`surveilnav models pull {name}` fetches it." if model.source else model.note
+        raise PerceptionError(f"{model.path} isn't on this machine. {how}")
+    return pull(name, on_progress=on_progress)
+
+
+def family(name: str) -> str:
+    """Who reads a model: the catalogue's word, or of another folder the ``model_type`` of its config.json.
+
+    Raises:
+        PerceptionError: there is no such model, or its config.json says nothing.
+    """
+    own = _own_folder(name)
+    return check.model_type(own) if own is not None else model_called(name).family
+
+
+def model_id(name: str, path: Path) -> str:
+    """``name@hash8``: which weights made an embedding, so that no two kinds are ever compared.
+
+    Args:
+        name: as given to ``find``; of a path, its last part counts.
+        path: what ``find`` returned. The hash is of its weights' content, and remembered by path, size and time.
+
+    Raises:
+        PerceptionError: it can't be read.
+    """
+    files = check.weights_of(path) if path.is_dir() else [path]
+    try:
+        hashes = [digest.sha256(file) for file in files]
+    except OSError as error:
+        raise PerceptionError(f"the weights in {path} can't be read: {error.strerror}") from error
+    if not hashes:
+        raise PerceptionError(f"{path} has no weights: expected model.safetensors or pytorch_model.bin in it")
+    whole = hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
+    return f"{Path(name).name}@{whole[:8]}"
+
+
+def survey(name: str, *, anew: bool = False) -> Seen:
+    """What is here of a model. Never downloads; what it finds wrong is in ``Seen.fault``.
+
+    Args:
+        name: as for ``find``.
+        anew: hash all of it, whatever is remembered of an earlier look.
+
+    Raises:
+        PerceptionError: there is no model of that name.
+    """
+    own = _own_folder(name)
+    path = own if own is not None else _present(model_called(name))
+    if path is None:
+        return Seen()
+    try:
+        return Seen(check.checked_folder(path) if own else check.checked(path, model_called(name), anew=anew))
+    except PerceptionError as error:
+        return Seen(path, str(error))
+
+
+def _present(model: Model) -> Path | None:
+    """Where something lies under a model's name, whatever it is; None: nowhere."""
+    return next((path for path in _places(model) if path.exists() or path.is_symlink()), None)
+
+
+def _places(model: Model) -> Iterator[Path]:
+    """Where a model may lie, the first first."""
+    custom = path_set_by(model.setting) if model.setting else None
+    if custom is not None:
+        yield custom
+        return
+    given = models_dir()
+    if given is not None:
+        yield given / model.path
+    yield cache() / model.path
+
+
+def _half_pulled(path: Path, model: Model) -> bool:
+    """Whether a pull into the cache broke off between two files."""
+    return path.parent == cache() and model.is_folder and bool(list(check.missing_files(path, model)))
+
+
+def _own_folder(name: str) -> Path | None:
+    """The folder that a path or an unknown name in SURVEILNAV_MODELS_DIR means; None: a name of the catalogue."""
+    if "/" in name or "\\" in name:
+        return Path(name).expanduser()
+    given = models_dir()
+    if name and name not in CATALOGUE and given is not None and (given / name).is_dir():
+        return given / name
+    return None

@@ -1,0 +1,92 @@
+"""``surveilnav models`` as a user types it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from cli.doctor import examine
+from cli.main import main
+
+
+@pytest.fixture
+def folder(monkeypatch, tmp_path):
+    """A folder of models, and nothing else that the environment says."""
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("SURVEILNAV_OFFLINE", "1")
+    monkeypatch.setenv("COLUMNS", "200")
+    given = tmp_path / "given"
+    given.mkdir()
+    monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(given))
+    return given
+
+
+@pytest.fixture
+def typed(folder, monkeypatch, capsys):
+    """``typed(*arguments)``: exit status, stdout, stderr of `surveilnav models ...`."""
+    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["surveilnav", "models", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in err
+        return ended.value.code, out, err
+
+    return run
+
+
+def test_list_says_what_there_is_and_what_is_here(typed, folder):
+    (folder / "yolox_nano.onnx").write_bytes(b"damaged")
+    status, out, _ = typed("list", "--json")
+    rows = {row["name"]: row for row in json.loads(out)}
+    assert status == 0
+    assert rows["clip-vit-b32"]["licence"].startswith("MIT")
+    assert (rows["owlv2-base"]["hash"], rows["clip-vit-h14"]["hash"], rows["yolo-world"]["hash"]) == (
+        "known", "first pull", "none",
+    )  # fmt: skip
+    assert "isn't what yolox-nano should be" in rows["yolox-nano"]["fault"]
+    assert rows["picodet-s"]["path"] == ""
+    status, _, err = typed("list")
+    assert status == 0
+    assert "siglip2-base" in err
+    assert "models.lock.json" in err
+
+
+def test_check_fails_for_what_is_wrong_or_named_and_missing(typed, folder):
+    assert typed("check")[0] == 0
+    status, out, _ = typed("check", "picodet-s", "--json")
+    assert status == 1
+    assert "models pull picodet-s" in json.loads(out)["picodet-s"]["fault"]
+    status, _, err = typed("check", folder / "mine")
+    assert (status, "there is nothing" in err) == (1, True)
+    (folder / "yolox_nano.onnx").write_bytes(b"damaged")
+    status, _, err = typed("check")
+    assert status == 1
+    assert "wrong yolox-nano" in err
+
+
+def test_pull_names_a_mistake_in_a_line(typed):
+    for arguments, said in ((["clip"], "expected a model out of"), (["clip-vit-b32"], "SURVEILNAV_OFFLINE")):
+        status, _, err = typed("pull", *arguments)
+        assert status == 1
+        assert said in err
+
+
+def test_the_doctor_knows_the_models(folder, monkeypatch):
+    def says():
+        return next(finding for finding in examine() if finding.what == "models")
+
+    assert (says().level, "SURVEILNAV_OFFLINE" in says().detail) == ("note", True)
+    monkeypatch.delenv("SURVEILNAV_OFFLINE")
+    assert str(folder) in says().detail
+    (folder / "yolox_nano.onnx").write_bytes(b"damaged")
+    assert (says().level, says().remedy) == ("missing", "surveilnav models check")
+
+
+def test_whole_models_are_listed_checked_and_kept(typed, folder, models_dir, monkeypatch):
+    monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(models_dir))
+    status, out, _ = typed("check", "yolox-nano", "--json")
+    assert (status, json.loads(out)) == (0, {"yolox-nano": {"ok": True, "fault": ""}})
