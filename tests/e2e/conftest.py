@@ -16,7 +16,7 @@ from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node, clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_GOAL, MISSION_STATUS, TRAFFIC
-from surveilnav.messages import MissionAck, MissionGoal, MissionStatus, TrafficReport
+from surveilnav.messages import FINISHED_STATES, MissionAck, MissionGoal, MissionStatus, TrafficReport
 
 
 @dataclass
@@ -43,9 +43,10 @@ class System:
         return self.node.ask(MISSION_STATUS, mission=mission).message
 
     def wait(self, condition: Callable[[MissionStatus], bool], timeout_s: float, mission: str = "m1") -> MissionStatus:
-        """The first status that meets the condition."""
+        """The first status that meets the condition. A mission that is over meets it at once or never."""
         until_s = time.monotonic() + timeout_s
         while not condition(status := self.status(mission)):
+            assert status.state not in FINISHED_STATES, f"over: {status}"
             assert time.monotonic() < until_s, f"not within {timeout_s} s: {status}"
             time.sleep(0.05)
         return status
@@ -69,9 +70,16 @@ def system(tmp_path: Path, home_cache: Path) -> Iterator[Callable[..., System]]:
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[System]:
-    """One that tests share which leave it as they found it; its gateway's port is ``running.gateway_port``."""
+    """One that tests share: each has a mission of its own, ends it, and leaves all services running."""
     with starting(tmp_path_factory.mktemp("running"), home_cache) as start:
         yield start(cameras=1, gateway_port=free_port())
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[System]:
+    """One of two floors, the robot upstairs; shared as ``running`` is. The third camera downstairs sees the kitchen."""
+    with starting(tmp_path_factory.mktemp("house"), home_cache) as start:
+        yield start("parametric_house", cameras=5, robot_start="5,4.25,1,0")
 
 
 @contextmanager
