@@ -14,6 +14,7 @@ import zenoh
 from surveilnav.bus import clock_ns
 from surveilnav.contract import MISSION_CANCEL, MISSION_STATUS, ROBOT_STATUS, STREAMS
 from surveilnav.messages import FINISHED_STATES, MissionCancel
+from tests.waiting import until
 
 
 def frame_bytes(report) -> int:
@@ -25,16 +26,11 @@ def test_only_cameras_of_the_robots_floor_send_frames(house):
     s = house
     floors = {c.name: c.floor for c in s.building.plan.cameras}
     assert set(floors.values()) == {"0", "1"}
-    until = time.monotonic() + 30
-    while not (robots := s.node.ask_all(ROBOT_STATUS)):  # its token may be there before it answers
-        assert time.monotonic() < until
+    robots = until(lambda: s.node.ask_all(ROBOT_STATUS))  # its token may be there before it answers
     robot_floor = robots[0].message.floor
     here = [name for name, floor in floors.items() if floor == robot_floor]
     others = [name for name, floor in floors.items() if floor != robot_floor]
-    until = time.monotonic() + 60
-    while any(frame_bytes(s.traffic("camera", name)) <= 100_000 for name in here):
-        assert time.monotonic() < until
-        time.sleep(0.2)
+    until(lambda: all(frame_bytes(s.traffic("camera", name)) > 100_000 for name in here), timeout_s=60.0)
     began = {name: s.traffic("camera", name) for name in others}
     time.sleep(2.0)
     for name in others:
@@ -124,13 +120,10 @@ def test_a_mission_survives_the_death_of_its_planner(running):
     steps = []
     for _ in range(3):
         reached = (steps[-1] if steps else 0) + 4
-        steps.append(s.wait(lambda m: m.step >= reached or m.state in FINISHED_STATES, 90, mission).step)
+        steps.append(s.wait(lambda m, reached=reached: m.step >= reached or m.state in FINISHED_STATES, 90, mission).step)
         s.kill("planner")
         s.stack.start_service("planner")
-        until_s = time.monotonic() + 30
-        while not s.node.ask_all(MISSION_STATUS, mission=mission):
-            assert time.monotonic() < until_s, "the planner didn't come back with its mission"
-            time.sleep(0.2)
+        until(lambda: s.node.ask_all(MISSION_STATUS, mission=mission), "the planner is back without its mission", 30.0)
     ended = s.wait(lambda m: m.state in FINISHED_STATES, 180, mission)
     assert (ended.state, ended.found) == ("done", True), ended
     assert steps[-1] < ended.step, "each time in the midst of it"
@@ -138,10 +131,7 @@ def test_a_mission_survives_the_death_of_its_planner(running):
     assert seq - before == ended.step, "as many actions as were decided: none twice, none lost"
     s.kill("planner")
     s.stack.start_service("planner")
-    until_s = time.monotonic() + 30
-    while not s.node.ask_all(MISSION_STATUS, mission=mission):
-        assert time.monotonic() < until_s
-        time.sleep(0.2)
+    until(lambda: s.node.ask_all(MISSION_STATUS, mission=mission), timeout_s=30.0)
     told = httpx.get(f"http://127.0.0.1:{s.gateway_port}/api/v1/missions").raise_for_status().json()["items"]
     assert [(m["id"], m["state"], m["found"]) for m in told if m["id"] == mission] == [(mission, "done", True)]
 
@@ -173,9 +163,7 @@ def test_find_and_status_through_the_gateway(running):
         command = [sys.executable, "-m", "cli.main", *arguments, "--url", url, "--json"]
         return subprocess.run(command, capture_output=True, text=True, timeout=150, check=False)
 
-    until = time.monotonic() + 30
-    while (run := surveilnav("status")).returncode and time.monotonic() < until:
-        time.sleep(0.5)
+    run = until(lambda: (done := surveilnav("status")).returncode == 0 and done, timeout_s=30.0)
     facts = json.loads(run.stdout)
     assert [r["id"] for r in facts["robots"]["items"]] == ["r1"]
     assert [c["id"] for c in facts["cameras"]["items"]] == ["c0-1"]

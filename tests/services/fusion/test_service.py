@@ -10,7 +10,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -43,19 +42,10 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.views import Detected, ViewPerception
+from tests.waiting import until
 
 CAMERA = Pinhole.from_hfov(160, 120, math.radians(79))
 RANGE_M = (0.1, 10.0)
-
-
-def until(condition: Callable[[], object], timeout_s: float = 8.0) -> object:
-    """The first true value of a condition."""
-    end_s = time.monotonic() + timeout_s
-    while time.monotonic() < end_s:
-        if found := condition():
-            return found
-        time.sleep(0.02)
-    pytest.fail("waited in vain")
 
 
 def header_of(view, kind=FrameHeader, **more):
@@ -513,9 +503,9 @@ def test_kill_9_loses_nothing_that_was_acknowledged(scene, process, world):
             time.sleep(kill_after_s)
             acknowledged = scene.revision()
             fusion.kill()
-            until(lambda: "fusion" not in scene.client.alive("fusion"), 20)
+            until(lambda: "fusion" not in scene.client.alive("fusion"), timeout_s=20)
             fusion.start()
-            kept = until(lambda: ask_revision(scene), 60)
+            kept = until(lambda: ask_revision(scene), timeout_s=60)
             assert kept.revision >= acknowledged.revision
             assert all(kept.robots.get(r, -1) >= n for r, n in acknowledged.robots.items())
             held = {c.camera: c.views_held for c in acknowledged.cameras}
@@ -525,16 +515,16 @@ def test_kill_9_loses_nothing_that_was_acknowledged(scene, process, world):
                 time.sleep(0.2)
                 return (r := ask_revision(scene)) and r.cameras and r
 
-            assert all(c.views_held >= held[c.camera] for c in until(restored, 20).cameras)
-        until(lambda: scene.holds(seq), 60)
+            assert all(c.views_held >= held[c.camera] for c in until(restored, timeout_s=20).cameras)
+        until(lambda: scene.holds(seq), timeout_s=60)
         steadily(*scene.robot.last)
 
     scene.client.alive("fusion")
     step(0.0, None)
-    until(lambda: camera.invoked, 20)
+    until(lambda: camera.invoked, timeout_s=20)
     for view in (0, 1):
         camera.send(view)
-        until(lambda view=view: (r := scene.revision()) and r.cameras and r.cameras[0].views_held > view, 20)
+        until(lambda view=view: (r := scene.revision()) and r.cameras and r.cameras[0].views_held > view, timeout_s=20)
         steadily(*camera.frame(view))
     for i in range(1, 25):
         step(0.3 * i, rng.uniform(0.0, 0.12) if i % 5 == 0 else None)
