@@ -120,7 +120,9 @@ def test_a_mission_survives_the_death_of_its_planner(running):
     steps = []
     for _ in range(3):
         reached = (steps[-1] if steps else 0) + 4
-        steps.append(s.wait(lambda m, reached=reached: m.step >= reached or m.state in FINISHED_STATES, 90, mission).step)
+        steps.append(
+            s.wait(lambda m, reached=reached: m.step >= reached or m.state in FINISHED_STATES, 90, mission).step
+        )
         s.kill("planner")
         s.stack.start_service("planner")
         until(lambda: s.node.ask_all(MISSION_STATUS, mission=mission), "the planner is back without its mission", 30.0)

@@ -84,7 +84,7 @@ def builds_by_copy(dataset, monkeypatch):
             root, split, spec, n_episodes = job
             assert n_episodes == QUOTAS[spec]
             for folder, end in (("content", ".json.gz"), ("cameras", ".json.gz"), ("scenes", ".json")):
-                shutil.copy(dataset / split / folder / f"{spec.scene}{end}", root / split / folder)
+                shutil.copy(dataset / SPLIT.name / folder / f"{spec.scene}{end}", root / split / folder)
             yield Done(job, None, "")
 
     monkeypatch.setattr("benchmark.dataset.make.in_workers", in_workers)

@@ -214,7 +214,7 @@ def test_cancelling_what_isnt_there(client, id):
 def test_cameras(client):
     (camera,) = client.get("/api/v1/cameras").json()["items"]
     assert camera == client.get("/api/v1/cameras/c1").json() | {"last_seen": camera["last_seen"]}
-    assert (camera["id"], camera["floor"], camera["invoked"], camera["views_held"]) == ("c1", "0", True, 2)
+    assert (camera["id"], camera["floor"], camera["invoked"], camera["views_processed"]) == ("c1", "0", True, 2)
     assert camera["labels"] == {"couch": 0.8}
     assert camera["views"][3]["yaw_rad"] == pytest.approx(np.pi / 2)
     assert camera["views"][3]["pitch_rad"] == pytest.approx(-np.pi / 6)
@@ -279,7 +279,7 @@ def test_robots_and_perception(client, building):
 def test_floors(client):
     (floor,) = client.get("/api/v1/floors").json()["items"]
     assert (floor["id"], floor["z_m"], floor["pending_views"], floor["stale"]) == ("0", 0.0, 1, False)
-    assert floor["invoked"] == [{"camera": "c1", "views_held": 2, "views": 13}]
+    assert floor["invoked"] == [{"camera": "c1", "views_processed": 2, "views": 13}]
     assert floor["robots"] == ["r1"]
     assert client.get(floor["layers"]["explored"]).status_code == 200
 
