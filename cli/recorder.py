@@ -62,7 +62,7 @@ class Recorder:
             self.plans[plan.seq] = plan
         for row in self._revisions.rows():
             for use in row.message.cameras:
-                self.cameras_used[use.camera] = max(use.views_held, self.cameras_used.get(use.camera, 0))
+                self.cameras_used[use.camera] = max(use.views_processed, self.cameras_used.get(use.camera, 0))
         rows = self._status.rows()
         status: MissionStatus | None = rows[0].message if rows else None
         if status is not None:
@@ -115,5 +115,5 @@ class Recorder:
         return (rows[0].message.backend, rows[0].message.why) if rows else ("unknown", "no worker said what it runs")
 
     def invoked_cameras(self) -> list[str]:
-        """Names of the cameras of which the maps ever held a view."""
-        return sorted(name for name, held in self.cameras_used.items() if held)
+        """Names of the cameras of which fusion ever processed a view."""
+        return sorted(name for name, n in self.cameras_used.items() if n)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import time
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from surveilnav.contract import CAMERA_FRAME, ROBOT_COMMAND, ROBOT_OBSERVATION
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import Command
 from surveilnav.sensing.packing import decode_frame
+from tests.waiting import until
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(p for p in (ROOT / "docs" / "extend").glob("*.md") if p.stem != "README")
@@ -39,14 +39,6 @@ def code_of(name: str) -> dict[str, Any]:
     for block in blocks:
         exec(compile(block, str(page), "exec"), defined)
     return defined
-
-
-def until(condition, timeout_s=10.0):
-    end_s = time.monotonic() + timeout_s
-    while not (found := condition()):
-        assert time.monotonic() < end_s, "it never came"
-        time.sleep(0.01)
-    return found
 
 
 @pytest.fixture

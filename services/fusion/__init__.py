@@ -6,6 +6,6 @@ sources              keeps the subscriptions that eq. 1 asks for, and hands over
 perception_client    has a perception worker look at it
 durable_map          logs the view (``journal``, ``store``), then adds it to the joint map
 core                 the joint map itself: cloud, obstacles, frontiers, values (eq. 2), objects (eq. 3)
-revisions            announces what the maps now hold
+revisions            announces what the maps have processed
 replies              answers those who ask for layers and objects
 """

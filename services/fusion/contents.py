@@ -1,4 +1,4 @@
-"""What the joint maps hold of whom, beside the maps themselves."""
+"""What the joint maps have processed of whom, beside the maps themselves."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from services.fusion.records import LastObservation, PerceivedView, ViewKey
 
 
 class MapContents:
-    """Observations and views that the maps took or refused.
+    """Observations and views that are processed: the maps hold them, or have refused them for good.
 
     Attributes:
-        robots: newest observation by robot.
-        views: views in the maps by camera, refused ones too: nobody should wait for them for ever.
-        digests: of the cameras' views that the maps took.
+        robots: newest processed observation by robot.
+        views: processed views by camera: nobody needs to wait for them any more.
+        digests: of the cameras' views that the maps hold.
         troubles: why the newest picture of a view was refused.
     """
 
@@ -24,7 +24,7 @@ class MapContents:
         self.troubles: dict[ViewKey, str] = {}
 
     def holds(self, key: ViewKey, digest: bytes) -> bool:
-        """Whether the maps took this very picture of a camera. May be asked from any thread."""
+        """Whether the maps hold this very picture of a camera. May be asked from any thread."""
         return bool(digest) and key[0].startswith("camera/") and self.digests.get(key) == digest
 
     def repeats_fault(self, perceived: PerceivedView) -> bool:
@@ -33,7 +33,7 @@ class MapContents:
         return bool(fault) and key[0].startswith("camera/") and self.troubles.get(key) == _trouble(perceived, fault)
 
     def note(self, perceived: PerceivedView, floor: str, refused: str, *, taken: bool) -> None:
-        """Notes a view that the maps took, or refused: then it counts as held, empty. ``floor``: "" if unknown."""
+        """Notes a view as processed. ``taken``: the maps hold it. ``floor``: "" if unknown."""
         kind, _, name = perceived.key[0].partition("/")
         header = perceived.header
         if kind == "robot":
@@ -60,12 +60,12 @@ class MapContents:
     @classmethod
     def of_state(cls, state: dict[str, Any]) -> MapContents:
         """What ``state`` was taken of."""
-        held = cls()
-        held.robots = {name: LastObservation(*fields) for name, fields in state["robots"].items()}
-        held.views = {name: set(views) for name, views in state["views"].items()}
-        held.digests = {(source, view): digest for source, view, digest in state["digests"]}
-        held.troubles = {(source, view): why for source, view, why in state["troubles"]}
-        return held
+        contents = cls()
+        contents.robots = {name: LastObservation(*fields) for name, fields in state["robots"].items()}
+        contents.views = {name: set(views) for name, views in state["views"].items()}
+        contents.digests = {(source, view): digest for source, view, digest in state["digests"]}
+        contents.troubles = {(source, view): why for source, view, why in state["troubles"]}
+        return contents
 
 
 def _trouble(perceived: PerceivedView, fault: str) -> str:

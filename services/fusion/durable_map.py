@@ -1,6 +1,6 @@
 """The joint maps, and the file that they outlive the process in.
 
-A disk that won't be written holds views up: they wait, nothing is acknowledged, and ``problem`` says why. A file that is
+A disk that won't be written blocks views: they wait, nothing is acknowledged, and ``problem`` says why. A file that is
 begun anew takes views only after a snapshot of the maps.
 """
 
@@ -30,7 +30,7 @@ class DurableMap:
 
     Attributes:
         joint: the joint maps.
-        contents: what they hold of whom.
+        contents: what they have processed of whom.
     """
 
     def __init__(self, node: Node, settings: FusionSettings) -> None:
@@ -50,12 +50,12 @@ class DurableMap:
         return self._journal.problem if self._journal else ""
 
     @property
-    def held_up(self) -> bool:
+    def store_blocked(self) -> bool:
         """Whether views wait for the file: no more should be brought."""
         return bool(self._waiting and self.problem)
 
     def holds(self, key: ViewKey, digest: bytes) -> bool:
-        """Whether the maps took this very picture of a camera: nobody must look at it again. From any thread."""
+        """Whether the maps hold this very picture of a camera: nobody must look at it again. From any thread."""
         return self.contents.holds(key, digest)
 
     def take(self, arrived: Iterable[PerceivedView]) -> None:
@@ -81,7 +81,7 @@ class DurableMap:
     # --- views ----------------------------------------------------------------------------------------------------
 
     def _is_news(self, perceived: PerceivedView) -> bool:
-        """Whether a view must be logged: not a camera's that the maps took, nor a fault that it had before."""
+        """Whether a view must be logged: not a camera's that the maps hold, nor a fault that it had before."""
         key, fault = perceived.key, perceived.fault
         if self.contents.repeats_fault(perceived):
             self._node.reject(f"view.{fault.partition(':')[0]}", f"{key[0]} view {key[1]}: {fault}")
@@ -107,7 +107,7 @@ class DurableMap:
         try:
             return self._journal.append(batch)
         except StoreError as error:
-            self._journal.hold_up(error)
+            self._journal.block(error)
             if error.name == "corrupt":
                 self._begin_anew(self._journal, error.name, str(error))
             return None
@@ -144,7 +144,7 @@ class DurableMap:
     # --- the file -------------------------------------------------------------------------------------------------
 
     def _make_ready(self) -> bool:
-        """Sees that everything that was held before the last restart is held again, by the maps and by the file."""
+        """Sees that maps and file hold everything again that they held before the last restart."""
         if self._journal is None:
             return True
         self._restored = self._restored or self._restore(self._journal)
@@ -158,7 +158,7 @@ class DurableMap:
             journal.replay(lambda number, perceived: self._take(number, perceived, again=True))
         except (SnapshotError, StoreError) as error:
             if isinstance(error, StoreError) and error.name == "unwritable":
-                journal.hold_up(error)
+                journal.block(error)
                 return False
             name, message = error.name, str(error)
         if name and not self._begin_anew(journal, name, message):
@@ -173,7 +173,7 @@ class DurableMap:
         try:
             aside = journal.begin_anew(name)
         except StoreError as error:
-            journal.hold_up(error)
+            journal.block(error)
             return False
         self._node.log.warning(f"store_{name}", error=message, moved_to=str(aside), revision=self.joint.revision)
         self._lacks_maps = bool(self.joint.revision or self.contents.robots or self.contents.views)
@@ -185,16 +185,16 @@ class DurableMap:
             try:
                 journal.save_first(self._frozen())
             except StoreError as error:
-                journal.hold_up(error)
+                journal.block(error)
                 return False
             self._lacks_maps = False
         return True
 
     def _frozen(self) -> State:
-        """A copy of the maps and of what they hold."""
+        """A copy of the maps and of what they have processed."""
         with self.lock:
             maps = freeze(self.joint)
-        return {"maps": maps, "held": self.contents.state()}
+        return {"maps": maps, "held": self.contents.state()}  # the word that files of all versions have
 
     def _thaw(self, state: State) -> None:
         """Takes up a copy. SnapshotError: these maps can't go on from it."""

@@ -63,7 +63,7 @@ class Journal:
         self.problem = ""
         return numbers
 
-    def hold_up(self, error: StoreError) -> None:
+    def block(self, error: StoreError) -> None:
         """Says that views wait, and rests."""
         self.problem = f"views wait, the store can't be written: {error}"
         self._again_s = time.monotonic() + self._settings.retry_s

@@ -1,4 +1,4 @@
-"""What passes between the parts of the service: a view on its way into the maps, and what the maps hold of a robot."""
+"""What passes between the parts of the service: a view on its way into the maps, and the newest of a robot that is processed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PerceivedView:
 
 @dataclass(frozen=True, slots=True)
 class LastObservation:
-    """The newest observation of a robot that the maps hold, or refused, and on which floor."""
+    """The newest observation of a robot that is processed, held or refused, and on which floor."""
 
     floor: str
     seq: int

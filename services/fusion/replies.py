@@ -69,8 +69,8 @@ class Replies:
     def _joint_with(self, floor: str) -> JointMap:
         """The joint maps, or ones that know nothing of a floor where a robot stands whose views were all refused."""
         joint, place = self._maps.joint, self._places.on(floor)
-        held = any(last.floor == floor for last in list(self._maps.contents.robots.values()))
-        if joint.knows(floor) or place is None or not held:
+        processed = any(last.floor == floor for last in list(self._maps.contents.robots.values()))
+        if joint.knows(floor) or place is None or not processed:
             return joint
         return JointMap.unseen(floor, place.z_m, (place.x_m, place.y_m), self._config)
 

@@ -1,4 +1,4 @@
-"""Revisions: what the maps of a floor hold, told whenever that changes."""
+"""Revisions: what the maps of a floor have processed, told whenever that changes."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ class Revisions:
         return floors
 
     def _revision(self, floor: str, z_m: float, number: int) -> Revision:
-        held, perception = self._maps.contents, self._perception
+        contents, perception = self._maps.contents, self._perception
         cameras, pending = self._camera_use(z_m)
-        robots = {robot: last.seq for robot, last in sorted(held.robots.items()) if last.floor == floor}
+        robots = {robot: last.seq for robot, last in sorted(contents.robots.items()) if last.floor == floor}
         here = {*(f"robot/{robot}" for robot in robots), *(f"camera/{use.camera}" for use in cameras)}
-        troubles = [why for (source, _), why in sorted(held.troubles.items()) if source in here]
+        troubles = [why for (source, _), why in sorted(contents.troubles.items()) if source in here]
         return Revision(
             stamp_ns=clock_ns(), floor=floor, revision=number, floor_z_m=z_m, robots=robots, cameras=cameras,
             pending_views=pending, perception_ok=not perception.problem,
@@ -82,9 +82,9 @@ class Revisions:
         uses, pending = [], 0
         for name in active_cameras([floor_z_m], [c.info for c in self._cameras.values()], self._tau_z_m):
             camera = self._cameras[name]
-            n_held = len(self._maps.contents.views.get(name, set()) & set(camera.slots))
-            uses.append(CameraUse(name, n_held, len(camera.slots)))
-            pending += 0 if camera.silent else len(camera.slots) - n_held
+            n_processed = len(self._maps.contents.views.get(name, set()) & set(camera.slots))
+            uses.append(CameraUse(name, n_processed, len(camera.slots)))
+            pending += 0 if camera.silent else len(camera.slots) - n_processed
         return uses, pending
 
 

@@ -79,6 +79,6 @@ class FusionService:
 
     def _perceived(self) -> list[PerceivedView]:
         """Robots' views first; cameras' in slices, so that a robot never waits for many."""
-        if self._maps.held_up:  # they wait where there is room for few
+        if self._maps.store_blocked:  # they wait where there is room for few
             return []
         return self._perception.robots() or self._perception.cameras(self._views_per_step)

@@ -37,15 +37,15 @@ class Sources:
     """Keeps the subscriptions as eq. 1 wants them and hands over the newest frame of each."""
 
     def __init__(
-        self, node: Node, settings: FusionSettings, config: MapConfig, held: Mapping[str, LastObservation]
+        self, node: Node, settings: FusionSettings, config: MapConfig, processed: Mapping[str, LastObservation]
     ) -> None:
-        """``held``: the newest observation that the maps hold, by robot."""
+        """``processed``: the newest observation that is, by robot."""
         self._node, self._settings, self._config = node, settings, config
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
         node.alive("robot")  # the first call starts watching
         self._robots: dict[str, Slot[FrameHeader]] = {}
-        self._newest = {robot: (h.seq, h.stamp_ns) for robot, h in held.items()}
+        self._newest = {robot: (h.seq, h.stamp_ns) for robot, h in processed.items()}
         self._invocation = Invocation()
         self._floor_z_m: dict[str, float] = {}
         self._refreshed_s = 0.0

@@ -139,7 +139,7 @@ MAP_LAYER = Stream(
 )  # fmt: skip
 MAP_REVISION = Stream(
     "map_revision", "{building}/map_revision/{floor}", m.Revision, "fusion", "put+query", None, 5_000,
-    "data", "the observations and frames that the maps of a floor now hold",
+    "data", "the observations and frames that the maps of a floor have processed: they hold them, or refused them for good",
 )  # fmt: skip
 OBJECTS = Stream(
     "objects", "{building}/objects/{floor}", m.ObjectList, "fusion", "query", None, 5_000,

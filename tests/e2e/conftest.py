@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -16,7 +15,8 @@ from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node, clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_GOAL, MISSION_STATUS, TRAFFIC
-from surveilnav.messages import MissionAck, MissionGoal, MissionStatus, TrafficReport
+from surveilnav.messages import FINISHED_STATES, MissionAck, MissionGoal, MissionStatus, TrafficReport
+from tests.waiting import until
 
 
 @dataclass
@@ -34,20 +34,28 @@ class System:
 
     def search(self, target: str, **more: Any) -> None:
         """Submits, once the planner has met the robot."""
-        until_s = time.monotonic() + 30
-        while not (ack := self.submit(target, **more)).accepted:
-            assert time.monotonic() < until_s, ack
-            time.sleep(0.2)
+        said: list[MissionAck] = []
+
+        def taken() -> bool:
+            said.append(self.submit(target, **more))
+            return said[-1].accepted
+
+        until(taken, lambda: said[-1], timeout_s=30.0)
 
     def status(self, mission: str = "m1") -> MissionStatus:
         return self.node.ask(MISSION_STATUS, mission=mission).message
 
     def wait(self, condition: Callable[[MissionStatus], bool], timeout_s: float, mission: str = "m1") -> MissionStatus:
-        """The first status that meets the condition."""
-        until_s = time.monotonic() + timeout_s
-        while not condition(status := self.status(mission)):
-            assert time.monotonic() < until_s, f"not within {timeout_s} s: {status}"
-            time.sleep(0.05)
+        """The first status that meets the condition. A mission that is over meets it at once or never."""
+        status = self.status(mission)
+
+        def met() -> bool:
+            nonlocal status
+            status = self.status(mission)
+            assert condition(status) or status.state not in FINISHED_STATES, f"over: {status}"
+            return condition(status)
+
+        until(met, lambda: f"not within {timeout_s} s: {status}", timeout_s)
         return status
 
     def kill(self, service: str) -> None:
@@ -69,9 +77,16 @@ def system(tmp_path: Path, home_cache: Path) -> Iterator[Callable[..., System]]:
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[System]:
-    """One that tests share which leave it as they found it; its gateway's port is ``running.gateway_port``."""
+    """One that tests share: each has a mission of its own, ends it, and leaves all services running."""
     with starting(tmp_path_factory.mktemp("running"), home_cache) as start:
         yield start(cameras=1, gateway_port=free_port())
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[System]:
+    """One of two floors, the robot upstairs; shared as ``running`` is. The third camera downstairs sees the kitchen."""
+    with starting(tmp_path_factory.mktemp("house"), home_cache) as start:
+        yield start("parametric_house", cameras=5, robot_start="5,4.25,1,0")
 
 
 @contextmanager

@@ -53,7 +53,7 @@ def test_demo_finds_its_target_and_says_so_as_json(tmp_path, home_cache):
 def test_demo_without_surveillance_uses_no_camera(tmp_path, home_cache):
     run = surveilnav(
         "demo", "--building", "parametric_flat", "--target", "bed", "--perception", "oracle", "--surveillance", "off",
-        "--json", "--runs", str(tmp_path / "runs"), cache=home_cache,
+        "--max-steps", "20", "--json", "--runs", str(tmp_path / "runs"), cache=home_cache,
     )  # fmt: skip
     outcome = json.loads(run.stdout)
     assert outcome["cameras"] == 0

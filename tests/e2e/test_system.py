@@ -12,9 +12,9 @@ import pytest
 import zenoh
 
 from surveilnav.bus import clock_ns
-from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_CANCEL, MISSION_STATUS, ROBOT_STATUS, STREAMS
 from surveilnav.messages import FINISHED_STATES, MissionCancel
+from tests.waiting import until
 
 
 def frame_bytes(report) -> int:
@@ -22,85 +22,29 @@ def frame_bytes(report) -> int:
 
 
 @pytest.mark.slow
-def test_only_cameras_of_the_robots_floor_send_frames(system):
-    s = system("parametric_house", cameras=2)
+def test_only_cameras_of_the_robots_floor_send_frames(house):
+    s = house
     floors = {c.name: c.floor for c in s.building.plan.cameras}
-    assert sorted(floors.values()) == ["0", "1"]
-    until = time.monotonic() + 30
-    while not (robots := s.node.ask_all(ROBOT_STATUS)):  # its token may be there before it answers
-        assert time.monotonic() < until
+    assert set(floors.values()) == {"0", "1"}
+    robots = until(lambda: s.node.ask_all(ROBOT_STATUS))  # its token may be there before it answers
     robot_floor = robots[0].message.floor
-    here = next(name for name, floor in floors.items() if floor == robot_floor)
-    other = next(name for name, floor in floors.items() if floor != robot_floor)
-    until = time.monotonic() + 60
-    while frame_bytes(s.traffic("camera", here)) == 0 and time.monotonic() < until:
-        time.sleep(0.2)
-    assert frame_bytes(s.traffic("camera", here)) > 100_000
-    began = s.traffic("camera", other)
-    time.sleep(5.0)
-    ended = s.traffic("camera", other)
-    assert frame_bytes(ended) == 0
-    # What it still sends (traffic figures for this test, keep-alives) stays under 1 kB/s.
-    sent_per_s = (ended.wire_sent_bytes - began.wire_sent_bytes) / ((ended.stamp_ns - began.stamp_ns) / 1e9)
-    assert sent_per_s < 1000
-
-
-@pytest.mark.slow
-def test_without_surveillance_no_camera_sends_a_frame(system):
-    s = system(cameras=1, surveillance=False)
-    s.search("tv", max_steps=30)
-    s.wait(lambda m: m.step >= 10 or m.state in FINISHED_STATES, 90)
-    assert frame_bytes(s.traffic("camera", s.building.plan.cameras[0].name)) == 0
-
-
-@pytest.mark.slow
-def test_a_mission_survives_the_death_of_perception(system):
-    s = system(cameras=1)
-    s.search("tv")
-    s.wait(lambda m: m.step >= 5, 90)
-    s.kill("perception")
-    held = s.wait(lambda m: "perception" in m.message.lower(), 60)
-    assert held.state in ("active", "confirming")
+    here = [name for name, floor in floors.items() if floor == robot_floor]
+    others = [name for name, floor in floors.items() if floor != robot_floor]
+    until(lambda: all(frame_bytes(s.traffic("camera", name)) > 100_000 for name in here), timeout_s=60.0)
+    began = {name: s.traffic("camera", name) for name in others}
     time.sleep(2.0)
-    assert s.status().step == held.step, "the robot holds still while nobody sees"
-    s.stack.start_service("perception")
-    ended = s.wait(lambda m: m.state in FINISHED_STATES, 180)
-    assert (ended.state, ended.found) == ("done", True), ended
-    assert ended.step > held.step
+    for name in others:
+        ended = s.traffic("camera", name)
+        assert frame_bytes(ended) == 0
+        # What it still sends (traffic figures for this test, keep-alives) stays under 1 kB/s.
+        sent_bytes = ended.wire_sent_bytes - began[name].wire_sent_bytes
+        assert sent_bytes / ((ended.stamp_ns - began[name].stamp_ns) / 1e9) < 1000
 
 
 @pytest.mark.slow
-def test_garbage_on_every_key_stops_nothing(system):
-    s = system(cameras=1)
-    ids = {
-        "building": s.node.building, "floor": "0", "camera": s.building.plan.cameras[0].name, "robot": "r1", "view": "0",
-        "worker": "perception-1", "mission": "m1", "layer": "value", "node": "robot-r1", "slot": "0", "source": "robot-r1",
-    }  # fmt: skip
-    keys = {stream: stream.key_for(**{f: ids[f] for f in stream.fields}) for stream in STREAMS}
-    s.search("tv")
-    s.wait(lambda m: m.step >= 1, 90)
-    garbage = [b"", b"\xff" * 1000, b"\x81\xa8stamp_ns\xc0", b"{}", bytes(200_000)]
-    stranger = zenoh.open(zenoh.Config.from_json5(s.stack.bus.client_config()))
-    for stream, key in keys.items():
-        for schema in (stream.schema, "surveilnav.Other/1.0", ""):
-            for payload in garbage:
-                encoding = zenoh.Encoding("application/msgpack").with_schema(schema)
-                stranger.put(key, payload, encoding=encoding, attachment=payload)
-                if "query" in stream.kind:
-                    for _ in stranger.get(key, payload=payload, encoding=encoding, timeout=2.0):
-                        pass
-    stranger.close()
-    ended = s.wait(lambda m: m.state in FINISHED_STATES, 120)
-    assert (ended.state, ended.found) == ("done", True), ended
-    s.stack.check()
-    assert s.traffic("fusion", "fusion").rejected
-    assert s.traffic("planner", "planner").rejected
-
-
-@pytest.mark.slow
-def test_over_the_stairs_to_the_only_floor_that_has_the_target(system):
+def test_over_the_stairs_to_the_only_floor_that_has_the_target(house):
     """The cameras' summaries tell the planner where to go; they cost hundreds of bytes."""
-    s = system("parametric_house", cameras=6, robot_start="5,4.25,1,0")
+    s = house
     floors = {i.floor for i in s.building.scene.labelled("refrigerator")}
     assert floors == {"0"}, "this test needs a target that is on one floor only"
     s.search("refrigerator", max_steps=400)
@@ -117,30 +61,81 @@ def test_over_the_stairs_to_the_only_floor_that_has_the_target(system):
 
 
 @pytest.mark.slow
-def test_a_mission_survives_the_death_of_its_planner(system):
-    s = system(cameras=1, gateway_port=free_port())
-    s.search("tv")
+def test_without_surveillance_no_camera_sends_a_frame(system):
+    s = system(cameras=1, surveillance=False)
+    s.search("tv", max_steps=30)
+    s.wait(lambda m: m.step >= 10 or m.state in FINISHED_STATES, 90)
+    assert frame_bytes(s.traffic("camera", s.building.plan.cameras[0].name)) == 0
+
+
+@pytest.mark.slow
+def test_a_mission_survives_the_death_of_perception(running):
+    s, mission = running, "perception-dies"
+    s.search("tv", mission=mission)
+    s.wait(lambda m: m.step >= 5, 90, mission)
+    s.kill("perception")
+    held = s.wait(lambda m: "perception" in m.message.lower(), 60, mission)
+    assert held.state in ("active", "confirming")
+    time.sleep(2.0)
+    assert s.status(mission).step == held.step, "the robot holds still while nobody sees"
+    s.stack.start_service("perception")
+    ended = s.wait(lambda m: m.state in FINISHED_STATES, 180, mission)
+    assert (ended.state, ended.found) == ("done", True), ended
+    assert ended.step > held.step
+
+
+@pytest.mark.slow
+def test_garbage_on_every_key_stops_nothing(running):
+    s, mission = running, "garbage"
+    ids = {
+        "building": s.node.building, "floor": "0", "camera": s.building.plan.cameras[0].name, "robot": "r1", "view": "0",
+        "worker": "perception-1", "mission": mission, "layer": "value", "node": "robot-r1", "slot": "0", "source": "robot-r1",
+    }  # fmt: skip
+    keys = {stream: stream.key_for(**{f: ids[f] for f in stream.fields}) for stream in STREAMS}
+    s.search("tv", mission=mission)
+    s.wait(lambda m: m.step >= 1, 90, mission)
+    garbage = [b"", b"\xff" * 1000, b"\x81\xa8stamp_ns\xc0", b"{}", bytes(200_000)]
+    stranger = zenoh.open(zenoh.Config.from_json5(s.stack.bus.client_config()))
+    for stream, key in keys.items():
+        for schema in (stream.schema, "surveilnav.Other/1.0", ""):
+            for payload in garbage:
+                encoding = zenoh.Encoding("application/msgpack").with_schema(schema)
+                stranger.put(key, payload, encoding=encoding, attachment=payload)
+                if "query" in stream.kind:
+                    for _ in stranger.get(key, payload=payload, encoding=encoding, timeout=2.0):
+                        pass
+    stranger.close()
+    ended = s.wait(lambda m: m.state in FINISHED_STATES, 120, mission)
+    assert (ended.state, ended.found) == ("done", True), ended
+    s.stack.check()
+    assert s.traffic("fusion", "fusion").rejected
+    assert s.traffic("planner", "planner").rejected
+
+
+@pytest.mark.slow
+def test_a_mission_survives_the_death_of_its_planner(running):
+    s, mission = running, "planner-dies"
+    before = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
+    s.search("bed", mission=mission)
     steps = []
     for _ in range(3):
-        steps.append(s.wait(lambda m: m.step >= (steps[-1] if steps else 0) + 4 or m.state in FINISHED_STATES, 90).step)
+        reached = (steps[-1] if steps else 0) + 4
+        steps.append(
+            s.wait(lambda m, reached=reached: m.step >= reached or m.state in FINISHED_STATES, 90, mission).step
+        )
         s.kill("planner")
         s.stack.start_service("planner")
-        until_s = time.monotonic() + 30
-        while not s.node.ask_all(MISSION_STATUS):
-            assert time.monotonic() < until_s, "the planner didn't come back with its mission"
-            time.sleep(0.2)
-    ended = s.wait(lambda m: m.state in FINISHED_STATES, 180)
+        until(lambda: s.node.ask_all(MISSION_STATUS, mission=mission), "the planner is back without its mission", 30.0)
+    ended = s.wait(lambda m: m.state in FINISHED_STATES, 180, mission)
     assert (ended.state, ended.found) == ("done", True), ended
+    assert steps[-1] < ended.step, "each time in the midst of it"
     seq = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
-    assert seq == ended.step, "as many actions as were decided: none twice, none lost"
+    assert seq - before == ended.step, "as many actions as were decided: none twice, none lost"
     s.kill("planner")
     s.stack.start_service("planner")
-    until_s = time.monotonic() + 30
-    while s.node.ask_all(MISSION_STATUS) == []:
-        assert time.monotonic() < until_s
-        time.sleep(0.2)
+    until(lambda: s.node.ask_all(MISSION_STATUS, mission=mission), timeout_s=30.0)
     told = httpx.get(f"http://127.0.0.1:{s.gateway_port}/api/v1/missions").raise_for_status().json()["items"]
-    assert [(m["id"], m["state"], m["found"]) for m in told] == [("m1", "done", True)]
+    assert [(m["id"], m["state"], m["found"]) for m in told if m["id"] == mission] == [(mission, "done", True)]
 
 
 @pytest.mark.slow
@@ -150,7 +145,7 @@ def test_goals_that_cannot_be_met_are_refused_and_cancel_stops_the_robot(running
     assert (unknown.accepted, unknown.error) == (False, "bad_target")
     assert "'unicorn'" in unknown.message
     assert "potted plant" in unknown.message
-    s.search("tv", mission="m1")
+    s.search("toilet", mission="m1")
     s.wait(lambda m: m.step >= 2, 60)
     second = s.submit("bed", mission="m2")
     assert (second.accepted, second.error) == (False, "no_free_robot")
@@ -170,9 +165,7 @@ def test_find_and_status_through_the_gateway(running):
         command = [sys.executable, "-m", "cli.main", *arguments, "--url", url, "--json"]
         return subprocess.run(command, capture_output=True, text=True, timeout=150, check=False)
 
-    until = time.monotonic() + 30
-    while (run := surveilnav("status")).returncode and time.monotonic() < until:
-        time.sleep(0.5)
+    run = until(lambda: (done := surveilnav("status")).returncode == 0 and done, timeout_s=30.0)
     facts = json.loads(run.stdout)
     assert [r["id"] for r in facts["robots"]["items"]] == ["r1"]
     assert [c["id"] for c in facts["cameras"]["items"]] == ["c0-1"]

@@ -133,7 +133,7 @@ class Guard:
         self._config = config
         self._last: dict[tuple[str, int], LastView] = {}
         self._doubted: dict[tuple[str, int], LastView] = {}
-        self._heard: dict[str, int] = {}  # robot -> its newest sequence number, held or refused
+        self._heard: dict[str, int] = {}  # robot -> the newest sequence number that is processed
         self.missed: dict[str, int] = {}  # robot -> observations that never came
 
     def admit(self, view: PosedView, perception: ViewPerception | None) -> bool:

@@ -34,15 +34,18 @@ class LayerHeader(Message, frozen=True, kw_only=True):
 
 
 class CameraUse(msgspec.Struct, frozen=True):
-    """A camera that the floor rule activated: how many of its views the maps hold, of how many."""
+    """A camera that the floor rule activated: how many of its views fusion has processed, of how many.
+
+    A picture is processed once the maps hold it or have refused it for good: nobody needs to wait for it any more.
+    """
 
     camera: str
-    views_held: int
+    views_processed: int
     views: int
 
 
 class Revision(Message, frozen=True, kw_only=True):
-    """The maps of a floor hold these: newest robot observations by robot, and the cameras' views.
+    """What the maps of a floor have processed: newest robot observations by robot, and the cameras' views.
 
     ``pending_views`` counts frames of active cameras that are still on their way into the maps.
     ``floor_z_m`` is the altitude of the floor.

@@ -48,6 +48,7 @@ def test_only_what_is_missing_is_built(root, dataset):
     assert _bytes(root) == _bytes(dataset)
 
 
+@pytest.mark.usefixtures("builds_by_copy")
 @pytest.mark.parametrize(
     "spoil",
     [
@@ -104,13 +105,16 @@ def _flip(path):
     path.write_bytes(data)
 
 
+@pytest.mark.usefixtures("builds_by_copy")
 def test_a_dataset_of_another_version_is_kept_unless_asked(root, dataset):
     _edit(root / "dataset.json", lambda m: m.update(version=1))
     before = _bytes(root)
     with pytest.raises(ConfigError, match=r"version 1.*--anew"):
         make(root, [SPLIT], workers=1)
     assert _bytes(root) == before
-    make(root, [SPLIT], workers=2, anew=True)
+    built = []
+    make(root, [SPLIT], workers=2, anew=True, on_progress=lambda done, total, scene: built.append(scene))
+    assert built == [spec.scene for spec in SPLIT.scenes]
     assert _bytes(root) == _bytes(dataset)
 
 
@@ -135,7 +139,7 @@ def _edit(path, change):
     content = json.loads(gzip.decompress(path.read_bytes()) if packed else path.read_bytes())
     change(content)
     text = json.dumps(content).encode()
-    path.write_bytes(gzip.compress(text) if packed else text)
+    path.write_bytes(gzip.compress(text, 1) if packed else text)
 
 
 def _start_elsewhere(content):
@@ -311,6 +315,7 @@ def test_files_that_are_none_of_a_dataset_get_no_hash(root, name):
         make(root, [SPLIT], workers=1)
 
 
+@pytest.mark.usefixtures("builds_by_copy")
 def test_a_split_that_was_stopped_goes_on_beside_one_that_is_whole(root):
     val = SplitSpec("val", SPLIT.scenes, SPLIT.episodes, SPLIT.expected)
     shutil.copytree(root / "val_mini", root / "val")
@@ -321,6 +326,7 @@ def test_a_split_that_was_stopped_goes_on_beside_one_that_is_whole(root):
     assert built == [(1, 1, "parametric_flat-s0")]
 
 
+@pytest.mark.usefixtures("builds_by_copy")
 def test_a_split_whose_folder_was_deleted_is_forgotten(root):
     shutil.copytree(root / "val_mini", root / "own")
     (root / "own" / "val_mini.json.gz").rename(root / "own" / "own.json.gz")
@@ -334,6 +340,7 @@ def test_a_split_whose_folder_was_deleted_is_forgotten(root):
     assert set(make(root, [SPLIT], workers=1).splits) == {"val_mini"}
 
 
+@pytest.mark.usefixtures("builds_by_copy")
 def test_files_that_the_manifest_forgot_are_named(root, dataset):
     _edit(
         root / "dataset.json",
@@ -348,6 +355,7 @@ def test_files_that_the_manifest_forgot_are_named(root, dataset):
     assert _bytes(root) == _bytes(dataset)
 
 
+@pytest.mark.usefixtures("builds_by_copy")
 @pytest.mark.parametrize("name", ["val_mini/scenes/parametric_flat-s0.json", "dataset.json"])
 def test_bytes_that_arent_text_are_named(root, dataset, name):
     data = bytearray((root / name).read_bytes())

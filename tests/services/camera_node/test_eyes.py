@@ -22,6 +22,7 @@ from surveilnav.errors import PerceptionError
 from surveilnav.messages import CameraRequest
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, ViewPerception
+from tests.waiting import until
 
 QUICK = CameraSettings(perception="oracle", look_period_s=0.01)
 
@@ -64,14 +65,6 @@ def start(camera_node, make_camera):
         eyes.close()
 
 
-def wait_for(condition, timeout_s=10.0):
-    until_s = time.monotonic() + timeout_s
-    while not (found := condition()):
-        assert time.monotonic() < until_s, "it never came"
-        time.sleep(0.01)
-    return found
-
-
 def summaries(node):
     """A list that every summary put from now on is added to."""
     got = []
@@ -82,7 +75,7 @@ def test_it_tells_what_it_saw_though_nobody_invoked_it(start, make_node):
     heard = summaries(make_node("test", "t", alive=False))
     watcher = Watcher()
     start(watcher)
-    row = wait_for(lambda: next((r for r in heard.messages if r.message.labels.get("tv") == 0.61), None))
+    row = until(lambda: next((r for r in heard.messages if r.message.labels.get("tv") == 0.61), None))
     assert row.ids == {"building": "test", "floor": "0", "camera": "c1"}
     assert (row.message.camera, row.message.floor) == ("c1", "0")
     assert sorted(watcher.looks) == list(range(12)), "each view once, the one straight down never"
@@ -91,14 +84,14 @@ def test_it_tells_what_it_saw_though_nobody_invoked_it(start, make_node):
 def test_oracle_is_told_the_truth(start, make_node):
     heard = summaries(make_node("test", "t", alive=False))
     start(Oracle())
-    assert wait_for(lambda: next((r.message.labels for r in heard.messages if r.message.labels), None)) == {"bed": 1.0}
+    assert until(lambda: next((r.message.labels for r in heard.messages if r.message.labels), None)) == {"bed": 1.0}
 
 
 def test_it_gives_way_to_the_rest_of_the_camera(start):
     watcher = Watcher()
     start(watcher)
-    wait_for(lambda: watcher.looks)
-    wait_for(lambda: watcher.nice is not None)
+    until(lambda: watcher.looks)
+    until(lambda: watcher.nice is not None)
     assert watcher.nice == min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
 
 
@@ -109,7 +102,7 @@ def test_while_frames_are_sent_no_look_begins(start):
     time.sleep(0.3)
     assert watcher.looks == []
     sending.clear()
-    wait_for(lambda: len(watcher.looks) == 12)
+    until(lambda: len(watcher.looks) == 12)
 
 
 def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, make_node, make_camera):
@@ -118,7 +111,7 @@ def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, ma
     client = make_node("test", "t", alive=False)
     watcher = Watcher(hold=hold)
     start(watcher)
-    wait_for(lambda: watcher.looks)  # it looks, and will for a long time
+    until(lambda: watcher.looks)  # it looks, and will for a long time
     slots = [client.slot(CAMERA_FRAME, floor="0", camera="c1", view=v) for v in range(13)]
     loop = threading.Thread(target=lambda: camera_node.run(service.step, idle_s=0.02), daemon=True)
     loop.start()
@@ -128,13 +121,13 @@ def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, ma
         missing.difference_update(v for v in list(missing) if slots[v].poll())
         return not missing
 
-    wait_for(arrived)
+    until(arrived)
     request = CameraRequest(stamp_ns=1, action="thumbnail", views=[3])
     picture = client.ask(CAMERA_REQUEST, request, floor="0", camera="c1")
     assert picture.payload.startswith(b"\xff\xd8")
     assert watcher.looks == [0], "all the while it looked at one view"
     hold.set()
-    wait_for(lambda: len(watcher.looks) == 12)
+    until(lambda: len(watcher.looks) == 12)
     camera_node.stop()
     loop.join(5)
 
@@ -146,7 +139,7 @@ def test_uninvoked_it_stays_under_a_kilobyte_a_second(start, camera_node, make_n
     traffic = listener.table(TRAFFIC)
     service = CameraService(camera_node, make_camera(), QUICK)
     start(Watcher(labels=COCO), CameraSettings(perception="oracle", look_period_s=0.5))
-    wait_for(lambda: heard.messages and traffic.rows())
+    until(lambda: heard.messages and traffic.rows())
 
     def offered():
         return sum(r.n_bytes for r in camera_node.traffic.rows() if r.direction == "offered")
@@ -165,10 +158,10 @@ def test_after_the_news_it_keeps_its_rate(start, make_node, camera_node):
     heard = summaries(make_node("test", "t", alive=False))
     watcher = Watcher()
     start(watcher)
-    wait_for(lambda: len(watcher.looks) == 12)
-    wait_for(lambda: heard.messages and heard.messages[-1].message.labels == {"tv": 0.61})
+    until(lambda: len(watcher.looks) == 12)
+    until(lambda: heard.messages and heard.messages[-1].message.labels == {"tv": 0.61})
     n = len(heard.messages)
-    wait_for(lambda: len(heard.messages) > n, 7.0)
+    until(lambda: len(heard.messages) > n, timeout_s=7.0)
     first, second = heard.messages[n - 1], heard.messages[n]
     assert 4.0 < (second.received_ns - first.received_ns) / 1e9 < 6.0
     assert second.message.labels == first.message.labels
@@ -178,7 +171,7 @@ def test_a_detector_that_cannot_run_is_named_and_the_camera_goes_on(start, camer
     monkeypatch.setattr(eyes_module, "_RETRY_S", 0.1)
     watcher = Watcher(fails=1)
     eyes = start(watcher)
-    wait_for(lambda: len(watcher.looks) > 2)
+    until(lambda: len(watcher.looks) > 2)
     assert watcher.looks[:2] == [0, 0], "the view is looked at again"
     assert camera_node.traffic.rejected() == {"own perception": 1}
     assert eyes._thread.is_alive()

@@ -14,16 +14,9 @@ from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
 from surveilnav.messages import CameraRequest
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
+from tests.waiting import until
 
 PLACE = {"floor": "0", "camera": "c1"}
-
-
-def until(condition, timeout_s=10.0):
-    end_s = time.monotonic() + timeout_s
-    while not (found := condition()):
-        assert time.monotonic() < end_s, "it never came"
-        time.sleep(0.01)
-    return found
 
 
 @pytest.fixture

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
 from services.camera_node.slots import lease, named
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Pinhole
+from tests.waiting import until
 
 PLAN = CameraPlan(
     "home", "hash", ["0"], 1.8, Pinhole.from_hfov(64, 64, 1.0),
     [PlannedCamera(name, "0", (0.0, 0.0, 1.8), []) for name in ("c1", "c2")],
 )  # fmt: skip
-
-
-def until(condition, timeout_s=10.0):
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end_s, "it never came"
-        time.sleep(0.01)
 
 
 def test_each_gets_a_camera_of_its_own_and_gives_it_back(bus, make_node):

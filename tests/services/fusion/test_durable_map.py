@@ -363,7 +363,7 @@ def test_a_new_file_takes_no_view_before_it_holds_the_maps(run):
         r.take(4)
         r.take(5)
         assert (r.maps.joint.revision, r.maps.contents.robots["r"].seq, log_size(store)[0]) == (2, 2, 0)
-        assert r.maps.held_up
+        assert r.maps.store_blocked
         assert tried
     r.maps.take([])
     assert (r.maps.contents.robots["r"].seq, r.maps.problem) == (5, "")

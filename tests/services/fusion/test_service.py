@@ -10,7 +10,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -43,19 +42,10 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.views import Detected, ViewPerception
+from tests.waiting import until
 
 CAMERA = Pinhole.from_hfov(160, 120, math.radians(79))
 RANGE_M = (0.1, 10.0)
-
-
-def until(condition: Callable[[], object], timeout_s: float = 8.0) -> object:
-    """The first true value of a condition."""
-    end_s = time.monotonic() + timeout_s
-    while time.monotonic() < end_s:
-        if found := condition():
-            return found
-        time.sleep(0.02)
-    pytest.fail("waited in vain")
 
 
 def header_of(view, kind=FrameHeader, **more):
@@ -274,12 +264,12 @@ def test_only_the_cameras_of_the_robots_floor_are_invoked_and_asked_once(scene):
     scene.robot.observe()
     until(lambda: here.invoked)
     here.send(0)
-    until(lambda: any(c.camera == "here" and c.views_held for c in scene.revision().cameras))
+    until(lambda: any(c.camera == "here" and c.views_processed for c in scene.revision().cameras))
     here.send(0)  # the same picture again
     until(lambda: here.asked)  # view 1 never came: fusion asks for it
     assert here.asked[0] == [1]
     revision = until(lambda: (r := scene.revision()) and r.pending_views == 0 and r)
-    assert [(c.camera, c.views_held, c.views) for c in revision.cameras] == [("here", 2, 2)]
+    assert [(c.camera, c.views_processed, c.views) for c in revision.cameras] == [("here", 2, 2)]
     assert not upstairs.invoked
     asked = [s for s in worker.seen if s[0].startswith("camera/")]
     assert sorted(asked) == [("camera/here", 0, 0), ("camera/here", 1, 0)]
@@ -334,7 +324,7 @@ def test_straight_down_no_detector_is_asked(scene, world):
     scene.robot.observe()
     until(lambda: camera.invoked)
     camera.send(0)
-    until(lambda: any(c.views_held for c in scene.revision().cameras))
+    until(lambda: any(c.views_processed for c in scene.revision().cameras))
     assert not [s for s in worker.seen if s[:2] == ("camera/c", 0)]
 
 
@@ -433,7 +423,7 @@ def test_a_camera_whose_frames_are_not_its_own_is_refused_before_perception(scen
     until(lambda: camera.invoked)
     camera.send(0)
     camera.send(1)
-    until(lambda: (r := scene.revision()) and r.cameras and r.cameras[0].views_held == 2)
+    until(lambda: (r := scene.revision()) and r.cameras and r.cameras[0].views_processed == 2)
     assert "wrong_intrinsics" in scene.revision().message
     assert rejected(scene) == {"view.wrong_intrinsics": 1}
     assert [s for s in worker.seen if s[0] == "camera/c"] == [("camera/c", 0, 0)]
@@ -513,28 +503,31 @@ def test_kill_9_loses_nothing_that_was_acknowledged(scene, process, world):
             time.sleep(kill_after_s)
             acknowledged = scene.revision()
             fusion.kill()
-            until(lambda: "fusion" not in scene.client.alive("fusion"), 20)
+            until(lambda: "fusion" not in scene.client.alive("fusion"), timeout_s=20)
             fusion.start()
-            kept = until(lambda: ask_revision(scene), 60)
+            kept = until(lambda: ask_revision(scene), timeout_s=60)
             assert kept.revision >= acknowledged.revision
             assert all(kept.robots.get(r, -1) >= n for r, n in acknowledged.robots.items())
-            held = {c.camera: c.views_held for c in acknowledged.cameras}
+            processed = {c.camera: c.views_processed for c in acknowledged.cameras}
 
             def restored():
                 scene.robot.repeat()  # as robots do until somebody follows it up
                 time.sleep(0.2)
                 return (r := ask_revision(scene)) and r.cameras and r
 
-            assert all(c.views_held >= held[c.camera] for c in until(restored, 20).cameras)
-        until(lambda: scene.holds(seq), 60)
+            assert all(c.views_processed >= processed[c.camera] for c in until(restored, timeout_s=20).cameras)
+        until(lambda: scene.holds(seq), timeout_s=60)
         steadily(*scene.robot.last)
 
     scene.client.alive("fusion")
     step(0.0, None)
-    until(lambda: camera.invoked, 20)
+    until(lambda: camera.invoked, timeout_s=20)
     for view in (0, 1):
         camera.send(view)
-        until(lambda view=view: (r := scene.revision()) and r.cameras and r.cameras[0].views_held > view, 20)
+        until(
+            lambda view=view: (r := scene.revision()) and r.cameras and r.cameras[0].views_processed > view,
+            timeout_s=20,
+        )
         steadily(*camera.frame(view))
     for i in range(1, 25):
         step(0.3 * i, rng.uniform(0.0, 0.12) if i % 5 == 0 else None)
@@ -621,7 +614,7 @@ def test_while_the_disk_is_full_views_wait_where_there_is_room_for_few(scene, tm
     path.mkdir()  # nothing that can be written
     scene.start(store=str(path))
     scene.robot.observe()
-    until(lambda: scene.service._maps.held_up)
+    until(lambda: scene.service._maps.store_blocked)
     seq = scene.robot.observe(yaw=0.1)
     until(lambda: scene.service._perception._robots.done.qsize() == 1)
     path.rmdir()

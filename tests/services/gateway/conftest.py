@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 
@@ -22,16 +21,9 @@ from surveilnav.bus import Answer, BusSettings, Node, Refused, Request, clock_ns
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.geometry import Grid, Pinhole, Pose, base_pose, camera_pose
 from surveilnav.sensing.packing import pack_array
+from tests.waiting import until
 
 GRID = Grid(-1.0, -2.0, 0.5, 12, 16)
-
-
-def wait_for(check: Callable[[], bool], why: str, timeout_s: float = 5.0) -> None:
-    """Waits for what the bus brings in its own time; fails loudly if it never comes."""
-    until = time.monotonic() + timeout_s
-    while not check():
-        assert time.monotonic() < until, why
-        time.sleep(0.02)
 
 
 class FakeBuilding:
@@ -271,11 +263,6 @@ class FakeBuilding:
 
 
 @pytest.fixture(scope="session")
-def eventually() -> Callable[..., None]:
-    return wait_for
-
-
-@pytest.fixture(scope="session")
 def start_gateway() -> Callable[[str, ExitStack], tuple[str, Gateway]]:
     return serve_gateway
 
@@ -317,5 +304,5 @@ def client(router: str, building: FakeBuilding) -> Iterator[httpx.Client]:
         client = stack.enter_context(closing(httpx.Client(base_url=url, timeout=20)))
         building.put_sources()
         building.put_revision()
-        wait_for(lambda: client.get("/readyz").status_code == 200, "the gateway never became ready")
+        until(lambda: client.get("/readyz").status_code == 200, "the gateway never became ready")
         yield client

@@ -15,6 +15,7 @@ import pytest
 
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.router import free_port, open_router
+from tests.waiting import until
 
 ROOT = Path(__file__).parents[3]
 
@@ -59,28 +60,28 @@ def test_values_need_a_target_while_there_is_no_mission(lonely):
     assert lonely.get("/api/v1/floors/0/layers/value.png").status_code == 422
 
 
-def test_readiness_follows_who_is_there(lonely, router, eventually):
+def test_readiness_follows_who_is_there(lonely, router):
     def missing() -> list[str]:
         return list(lonely.get("/readyz").json()["missing"])
 
     with Node("perception", "w1", BusSettings(router=router)):
-        eventually(lambda: "perception" not in missing(), "the worker was never noticed")
+        until(lambda: "perception" not in missing(), "the worker was never noticed")
         assert missing() == ["robot", "fusion", "planner"]
-    eventually(lambda: "perception" in missing(), "the worker is gone but still counted")
+    until(lambda: "perception" in missing(), "the worker is gone but still counted")
 
 
-def test_a_router_that_dies_is_missing_and_comes_back(start_gateway, eventually):
+def test_a_router_that_dies_is_missing_and_comes_back(start_gateway):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with ExitStack() as stack:
         router = open_router(endpoint)
         url, _ = start_gateway(endpoint, stack)
         assert "router" not in httpx.get(f"{url}/readyz").json()["missing"]
         router.close()
-        eventually(lambda: "router" in httpx.get(f"{url}/readyz").json()["missing"], "the router is gone but counted")
+        until(lambda: "router" in httpx.get(f"{url}/readyz").json()["missing"], "the router is gone but counted")
         assert httpx.get(f"{url}/healthz").status_code == 200
         assert httpx.post(f"{url}/api/v1/missions", json={"target": "tv"}).status_code == 503
         stack.enter_context(open_router(endpoint))
-        eventually(lambda: "router" not in httpx.get(f"{url}/readyz").json()["missing"], "it never came back", 10)
+        until(lambda: "router" not in httpx.get(f"{url}/readyz").json()["missing"], "it never came back", timeout_s=10)
 
 
 # --- the process --------------------------------------------------------------------------------------------------
@@ -134,7 +135,7 @@ def test_a_wrong_setting_is_one_line(environment, words):
     assert words in fails(start(**environment))
 
 
-def test_the_process_serves_and_stops_at_sigterm(router, eventually):
+def test_the_process_serves_and_stops_at_sigterm(router):
     port = str(free_port())
     process = start(SURVEILNAV_GATEWAY__PORT=port, SURVEILNAV_BUS__ROUTER=router)
 
@@ -146,7 +147,7 @@ def test_the_process_serves_and_stops_at_sigterm(router, eventually):
             return False
 
     try:
-        eventually(answers, "it never served", 30)
+        until(answers, "it never served", timeout_s=30)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=20)
         assert process.returncode == 0, err

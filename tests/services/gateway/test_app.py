@@ -15,6 +15,7 @@ from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Node, clock_ns
 from surveilnav.geometry import Grid
+from tests.waiting import until
 
 SURROGATE = b'{"target": "\\ud800"}'
 
@@ -58,18 +59,16 @@ def test_submit_gives_a_mission_and_where_it_is(client, building):
     assert mission["last_seen"].endswith("Z")
 
 
-def test_missions_are_listed_newest_first_and_in_pages(client, eventually):
+def test_missions_are_listed_newest_first_and_in_pages(client):
     ids = [submit(client).json()["id"] for _ in range(3)]
-    eventually(
-        lambda: client.get("/api/v1/missions?limit=1").json()["items"][0]["id"] == ids[-1], "the newest isn't first"
-    )
+    until(lambda: client.get("/api/v1/missions?limit=1").json()["items"][0]["id"] == ids[-1], "the newest isn't first")
     everything = client.get("/api/v1/missions").json()
     page = client.get("/api/v1/missions?limit=2&offset=1").json()
     assert [x["id"] for x in page["items"]] == [x["id"] for x in everything["items"]][1:3] == ids[1::-1]
     assert page["total"] == everything["total"] >= 3
 
 
-def test_status_of_a_mission_follows_the_planner(client, building, eventually):
+def test_status_of_a_mission_follows_the_planner(client, building):
     id = submit(client).json()["id"]
     building.put_status(
         m.MissionStatus(
@@ -88,7 +87,7 @@ def test_status_of_a_mission_follows_the_planner(client, building, eventually):
             floor_choice_bytes=1234,
         )
     )
-    eventually(lambda: client.get(f"/api/v1/missions/{id}").json()["state"] == "failed", "the state never changed")
+    until(lambda: client.get(f"/api/v1/missions/{id}").json()["state"] == "failed", "the state never changed")
     mission = client.get(f"/api/v1/missions/{id}").json()
     assert (mission["error"], mission["step"], mission["path_m"]) == ("out_of_steps", 500, None)
     assert (mission["floor"], mission["floor_choice_bytes"]) == ("1", 1234)
@@ -215,7 +214,7 @@ def test_cancelling_what_isnt_there(client, id):
 def test_cameras(client):
     (camera,) = client.get("/api/v1/cameras").json()["items"]
     assert camera == client.get("/api/v1/cameras/c1").json() | {"last_seen": camera["last_seen"]}
-    assert (camera["id"], camera["floor"], camera["invoked"], camera["views_held"]) == ("c1", "0", True, 2)
+    assert (camera["id"], camera["floor"], camera["invoked"], camera["views_processed"]) == ("c1", "0", True, 2)
     assert camera["labels"] == {"couch": 0.8}
     assert camera["views"][3]["yaw_rad"] == pytest.approx(np.pi / 2)
     assert camera["views"][3]["pitch_rad"] == pytest.approx(-np.pi / 6)
@@ -240,22 +239,22 @@ def test_views_that_arent_there(client, view, status):
     problem(client.get(f"/api/v1/cameras/c1/views/{view}.jpg"), status)
 
 
-def test_a_camera_that_left_stays_listed_as_stale(client, building, eventually):
+def test_a_camera_that_left_stays_listed_as_stale(client, building):
     def camera() -> dict[str, Any]:
         return dict(client.get("/api/v1/cameras/c9").json())
 
     with Node("camera", "c9", building.settings) as passing:
         publisher = passing.publisher(contract.CAMERA_INFO, floor="0", camera="c9")
         publisher.put(_renamed(building.info, "c9"))
-        eventually(lambda: camera().get("stale") is False, "the camera never came")
-    eventually(lambda: camera()["stale"] is True, "the camera is gone but not stale")
+        until(lambda: camera().get("stale") is False, "the camera never came")
+    until(lambda: camera()["stale"] is True, "the camera is gone but not stale")
     assert named(problem(client.get("/api/v1/cameras/c9/views/1.jpg"), 503)) == "absent"
 
 
-def test_a_message_that_names_another_id_than_its_key_isnt_believed(client, building, eventually):
+def test_a_message_that_names_another_id_than_its_key_isnt_believed(client, building):
     building.camera.publisher(contract.CAMERA_INFO, floor="0", camera="liar").put(_renamed(building.info, "../c1"))
     building.camera.publisher(contract.CAMERA_INFO, floor="0", camera="honest").put(_renamed(building.info, "honest"))
-    eventually(lambda: client.get("/api/v1/cameras/honest").status_code == 200, "the honest one never came")
+    until(lambda: client.get("/api/v1/cameras/honest").status_code == 200, "the honest one never came")
     assert {c["id"] for c in client.get("/api/v1/cameras").json()["items"]}.isdisjoint({"liar", "../c1"})
 
 
@@ -263,9 +262,9 @@ def _renamed(info: m.CameraInfo, camera: str) -> m.CameraInfo:
     return msgspec.structs.replace(info, camera=camera, stamp_ns=clock_ns())
 
 
-def test_robots_and_perception(client, building, eventually):
+def test_robots_and_perception(client, building):
     building.put_sources()
-    eventually(lambda: not client.get("/api/v1/robots").json()["items"][0]["stale"], "the robot stays stale")
+    until(lambda: not client.get("/api/v1/robots").json()["items"][0]["stale"], "the robot stays stale")
     (robot,) = client.get("/api/v1/robots").json()["items"]
     assert (robot["id"], robot["floor"], robot["state"]) == ("r1", "0", "ready")
     assert robot["position_m"] == [0.5, 0.25, 0.0]
@@ -280,7 +279,7 @@ def test_robots_and_perception(client, building, eventually):
 def test_floors(client):
     (floor,) = client.get("/api/v1/floors").json()["items"]
     assert (floor["id"], floor["z_m"], floor["pending_views"], floor["stale"]) == ("0", 0.0, 1, False)
-    assert floor["invoked"] == [{"camera": "c1", "views_held": 2, "views": 13}]
+    assert floor["invoked"] == [{"camera": "c1", "views_processed": 2, "views": 13}]
     assert floor["robots"] == ["r1"]
     assert client.get(floor["layers"]["explored"]).status_code == 200
 
@@ -315,21 +314,19 @@ def test_the_value_layer_is_coloured_from_low_to_high(client, building):
     assert answer.headers["x-surveilnav-range"] == "0.2 0.9"
 
 
-def test_fusion_is_asked_again_only_if_its_maps_changed(client, building, eventually):
+def test_fusion_is_asked_again_only_if_its_maps_changed(client, building):
     def get() -> str:
         return client.get("/api/v1/floors/0/layers/explored.png").headers["x-surveilnav-revision"]
 
     building.put_revision()
     now = str(building.revision)
-    eventually(
-        lambda: client.get("/api/v1/floors").json()["items"][0]["revision"] == building.revision, "no new revision"
-    )
+    until(lambda: client.get("/api/v1/floors").json()["items"][0]["revision"] == building.revision, "no new revision")
     assert get() == now
     asked = len(building.layers_asked)
     assert get() == now
     assert len(building.layers_asked) == asked
     building.put_revision()
-    eventually(lambda: get() == str(building.revision), "the old picture is served for ever")
+    until(lambda: get() == str(building.revision), "the old picture is served for ever")
 
 
 @pytest.mark.parametrize(
@@ -345,11 +342,11 @@ def test_unknown_layers_and_floors(client, path):
     problem(client.get(f"/api/v1/{path}"), 404)
 
 
-def test_a_layer_that_doesnt_decode_is_fusions_fault(client, building, eventually):
+def test_a_layer_that_doesnt_decode_is_fusions_fault(client, building):
     building.put_revision()
     building.broken_layer = True
     try:
-        eventually(
+        until(
             lambda: client.get("/api/v1/floors/0/layers/frontier.png").status_code == 502, "a broken layer was served"
         )
         assert named(problem(client.get("/api/v1/floors/0/layers/frontier.png"), 502)) == "bad_layer"
@@ -371,13 +368,13 @@ def test_limits(client, query):
     problem(client.get(f"/api/v1/cameras?{query}"), 422)
 
 
-def test_traffic_names_nodes_and_cameras(client, eventually):
+def test_traffic_names_nodes_and_cameras(client):
     client.get("/api/v1/cameras/c1/views/2.jpg")
 
     def camera() -> dict[str, Any]:
         return next((c for c in client.get("/api/v1/traffic").json()["cameras"] if c["id"] == "c1"), {})
 
-    eventually(lambda: camera().get("viewer_bytes", 0) > 300, "the thumbnail isn't counted")
+    until(lambda: camera().get("viewer_bytes", 0) > 300, "the thumbnail isn't counted")
     traffic = client.get("/api/v1/traffic").json()
     assert camera()["node"] == "camera/c1"
     assert camera()["frame_bytes"] == 0
@@ -435,11 +432,11 @@ def test_the_page_needs_nothing_from_elsewhere(client):
     assert "innerHTML" not in text  # names on the bus are hostile
 
 
-def test_a_map_that_grew_keeps_its_place_in_the_world(client, building, eventually):
+def test_a_map_that_grew_keeps_its_place_in_the_world(client, building):
     building.grid = Grid(-3.0, -2.0, 0.5, 12, 20)
     building.put_revision()
     try:
-        eventually(
+        until(
             lambda: (
                 client.get("/api/v1/floors/0/layers/explored.png").headers["x-surveilnav-grid"] == "-3 -2 0.5 12 20"
             ),

@@ -18,7 +18,7 @@ import pytest
 from services.perception.config import PerceptionSettings
 from services.perception.service import PerceptionService
 from simulator.truth.backends import Oracle, Simulated
-from surveilnav.bus import BusSettings, Node, Refused, Unanswered, clock_ns
+from surveilnav.bus import BusSettings, Node, Refused, clock_ns
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
@@ -26,6 +26,7 @@ from surveilnav.messages import InferRequest, Part, Truth
 from surveilnav.perception.backend import Backend
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
+from tests.waiting import until, until_heard
 
 CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
 RANGE_M = (0.5, 5.0)
@@ -63,15 +64,8 @@ def client(bus: BusSettings) -> Iterator[Node]:
 
 
 def ask(client: Node, *query: Any, **options: Any) -> Any:
-    """``client.ask``, again until the router has heard of the worker: on a busy machine that takes a while."""
-    until_s = time.monotonic() + 10
-    while True:
-        try:
-            return client.ask(*query, **options)
-        except Unanswered as error:
-            if error.timed_out or time.monotonic() > until_s:
-                raise
-            time.sleep(0.05)
+    """``client.ask``, again until the router has heard of the worker."""
+    return until_heard(lambda: client.ask(*query, **options))
 
 
 def request(seq: int = 1, **changes: object) -> tuple[InferRequest, bytes]:
@@ -128,10 +122,7 @@ def test_a_real_backend_never_listens_to_truth(bus: BusSettings, client: Node) -
         assert not publisher.matched
     with Node("perception", "w4", bus) as node:
         PerceptionService(node, Oracle(), PerceptionSettings(worker="w4"))
-        deadline = time.monotonic() + 10
-        while not publisher.matched and time.monotonic() < deadline:
-            time.sleep(0.02)
-        assert publisher.matched, "the test can see a listener"
+        until(lambda: publisher.matched, "the test can see a listener")
 
 
 def test_a_full_queue_and_a_passed_deadline_are_refused(bus: BusSettings, client: Node) -> None:
@@ -148,10 +139,7 @@ def test_a_full_queue_and_a_passed_deadline_are_refused(bus: BusSettings, client
             first = pool.submit(infer, asked)
             assert backend.started.wait(10)
             second = pool.submit(infer, hasty)
-            deadline = time.monotonic() + 10
-            while service.load().queued < 2 and time.monotonic() < deadline:
-                time.sleep(0.01)
-            assert service.load().queued == 2
+            until(lambda: service.load().queued == 2)
             with pytest.raises(Refused) as busy:
                 infer(asked)
             backend.let.set()
@@ -214,10 +202,7 @@ def test_the_process_says_its_backend_and_ends_on_sigterm(bus: BusSettings, clie
         [sys.executable, "-m", "services.perception"], env=env, stderr=subprocess.PIPE, text=True
     )
     try:
-        deadline = time.monotonic() + 30
-        while "w8" not in client.alive("perception") and time.monotonic() < deadline:
-            time.sleep(0.05)
-        assert "w8" in client.alive("perception")
+        until(lambda: "w8" in client.alive("perception"), timeout_s=30.0)
         process.terminate()
         _, said = process.communicate(timeout=20)
     finally:

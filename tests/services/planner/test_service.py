@@ -34,6 +34,7 @@ from surveilnav.contract import (
 )  # fmt: skip
 from surveilnav.geometry import Pose, base_pose
 from surveilnav.messages import (
+    FINISHED_STATES,
     CameraSummary,
     CommandReply,
     LayerHeader,
@@ -46,6 +47,7 @@ from surveilnav.messages import (
     TextReply,
 )  # fmt: skip
 from surveilnav.sensing.packing import pack_array
+from tests.waiting import until, until_heard
 
 ROOM = """
 ####################
@@ -194,15 +196,8 @@ def begin(client):
 
     def start(node, settings):
         service = PlannerService(node, settings)
-        deadline_s = time.monotonic() + 5.0
-        while True:
-            try:
-                client.ask(MISSION_PLAN, mission="nobody-asked-for-it")
-            except Refused:  # it is there, and has no such mission
-                break
-            except Unanswered:
-                assert time.monotonic() < deadline_s, "the planner is never heard"
-                time.sleep(0.01)
+        with pytest.raises(Refused):  # once it is there: it has no such mission
+            until_heard(lambda: client.ask(MISSION_PLAN, mission="nobody-asked-for-it"))
         time.sleep(0.1)  # robots' status and liveliness arrive
         return service
 
@@ -215,30 +210,25 @@ def planner(make_node, begin):
 
 
 def ask(client, *query, **options):
-    """``client.ask``, again until the router has heard of the planner: on a busy machine that takes a while."""
-    until_s = time.monotonic() + 10
-    while True:
-        try:
-            return client.ask(*query, **options)
-        except Unanswered as error:
-            if error.timed_out or time.monotonic() > until_s:
-                raise
-            time.sleep(0.02)
+    """``client.ask``, again until the router has heard of the planner."""
+    return until_heard(lambda: client.ask(*query, **options))
 
 
-def submit(client, mission="m1", target="chair", **more):
+def offer(client, mission="m1", target="chair", **more):
     goal = MissionGoal(stamp_ns=1, mission=mission, target=target, **more)
-    return ask(client, MISSION_GOAL, goal, mission=mission, timeout_s=3).message
+    return client.ask(MISSION_GOAL, goal, mission=mission, timeout_s=3).message
+
+
+def submit(client, mission="m1", **more):
+    return until_heard(lambda: offer(client, mission, **more))
 
 
 def end_of(client, mission="m1", timeout_s=20.0):
-    deadline_s = time.monotonic() + timeout_s
-    while time.monotonic() < deadline_s:
+    def ended():
         status = ask(client, MISSION_STATUS, mission=mission).message
-        if status.state in ("done", "failed", "cancelled"):
-            return status
-        time.sleep(0.02)
-    raise AssertionError(f"mission {mission} didn't end: {status}")
+        return status if status.state in FINISHED_STATES else None
+
+    return until(ended, lambda: ask(client, MISSION_STATUS, mission=mission).message, timeout_s)
 
 
 def test_finds_and_stops(fakes, planner, client):
@@ -346,8 +336,7 @@ def test_cancel_stops_the_robot(fakes, planner, client):
     f.slow_s = 0.03
     planner()
     submit(client)
-    while len(f.commands) < 3:
-        time.sleep(0.01)
+    until(lambda: len(f.commands) >= 3)
     cancel = MissionCancel(stamp_ns=1, mission="m1", reason="changed my mind")
     ack = client.ask(MISSION_CANCEL, cancel, mission="m1", timeout_s=5).message
     assert (ack.accepted, ack.state) == (True, "cancelled"), ack
@@ -473,10 +462,7 @@ def cameras(make_node):
 
 def rejected(planner, stream, n=1):
     """Waits until the planner has counted so many dropped messages."""
-    until_s = time.monotonic() + 5
-    while planner._node.traffic.rejected().get(stream, 0) < n:
-        assert time.monotonic() < until_s, planner._node.traffic.rejected()
-        time.sleep(0.02)
+    until(lambda: planner._node.traffic.rejected().get(stream, 0) >= n, planner._node.traffic.rejected)
     return planner._node.traffic.rejected()[stream]
 
 
@@ -557,17 +543,12 @@ def test_hostile_summaries_are_dropped_and_counted(planner, cameras, labels, say
     summaries = service._missions._around.summaries
     cameras("1", "c1-1", labels, said=says)
     cameras("1", "c1-9", {"chair": 0.25})
-    until_s = time.monotonic() + 5
-    while summaries.by_floor() != {"1": {"chair": 0.25}}:
-        assert time.monotonic() < until_s, summaries.by_floor()
-        time.sleep(0.02)
+    until(lambda: summaries.by_floor() == {"1": {"chair": 0.25}}, summaries.by_floor)
     assert rejected(service, "camera_summary") == 1
     summaries.by_floor()
     assert rejected(service, "camera_summary") == 1, "a message is counted once"
     cameras("1", "c1-1", {"chair": 0.75})  # it comes to its senses
-    while summaries.by_floor() != {"1": {"chair": 0.75}}:
-        assert time.monotonic() < until_s + 5, summaries.by_floor()
-        time.sleep(0.02)
+    until(lambda: summaries.by_floor() == {"1": {"chair": 0.75}}, summaries.by_floor)
 
 
 def test_a_floor_is_what_its_cameras_last_said(planner, cameras, monkeypatch):
@@ -624,26 +605,27 @@ def process(bus, tmp_path):
 
 def accepted(client, mission="m1", timeout_s=20.0, **more):
     """Submits until the planner has come up and met the robot."""
-    until_s = time.monotonic() + timeout_s
-    while True:
+
+    def taken():
         try:
-            if (ack := submit(client, mission, **more)).accepted:
-                return ack
-            assert ack.error == "no_free_robot", ack
+            ack = offer(client, mission, **more)
         except Unanswered:
-            pass
-        assert time.monotonic() < until_s
-        time.sleep(0.05)
+            return None
+        assert ack.accepted or ack.error == "no_free_robot", ack
+        return ack if ack.accepted else None
+
+    return until(taken, timeout_s=timeout_s)
 
 
 def seen(client, mission="m1", timeout_s=20.0):
-    until_s = time.monotonic() + timeout_s
-    while True:
+
+    def told():
         try:
             return client.ask(MISSION_STATUS, mission=mission, timeout_s=1).message
         except (Unanswered, Refused):
-            assert time.monotonic() < until_s
-            time.sleep(0.05)
+            return None
+
+    return until(told, timeout_s=timeout_s)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -682,11 +664,7 @@ def test_killed_again_and_again_a_mission_ends_as_if_nothing_had_been(
                 child.kill()
                 kills += 1
         with process():
-            status = seen(client)
-            until_s = time.monotonic() + 10
-            while status.state not in ("done", "failed", "cancelled"):
-                assert time.monotonic() < until_s, status
-                status = seen(client)
+            status = until(lambda: (s := seen(client)).state in FINISHED_STATES and s, lambda: seen(client))
     finally:
         telling.set()
     assert kills >= 3
@@ -713,8 +691,7 @@ def test_a_cancel_that_came_before_a_kill_is_carried_out_after_it(fakes, process
     f.slow_s = 0.1
     with process():
         accepted(client)
-        while len(f.commands) < 3:
-            time.sleep(0.01)
+        until(lambda: len(f.commands) >= 3)
         f.deaf = True  # so that the planner doesn't come to stop the robot before it is killed
         cancel = MissionCancel(stamp_ns=1, mission="m1", reason="enough")
         with pytest.raises(Unanswered):
@@ -722,11 +699,7 @@ def test_a_cancel_that_came_before_a_kill_is_carried_out_after_it(fakes, process
     f.deaf = False
     assert "stop" not in f.commands
     with process():
-        status = seen(client)
-        until_s = time.monotonic() + 10
-        while status.state != "cancelled":
-            assert time.monotonic() < until_s, status
-            status = seen(client)
+        status = until(lambda: (s := seen(client)).state == "cancelled" and s, lambda: seen(client), timeout_s=10.0)
     assert status.message == "enough"
     assert f.commands.count("stop") == 1
 
@@ -736,16 +709,11 @@ def test_a_mission_whose_robot_is_gone_fails_by_name_after_a_restart(fakes, proc
     f.slow_s = 0.1
     with process():
         accepted(client)
-        while len(f.commands) < 3:
-            time.sleep(0.01)
+        until(lambda: len(f.commands) >= 3)
     f.robot_node.__exit__(None, None, None)
     began_s = time.monotonic()
     with process(SURVEILNAV_PLANNER__ROBOT_TIMEOUT_S="1.5"):
-        status = seen(client)
-        until_s = time.monotonic() + 15
-        while status.state != "failed":
-            assert time.monotonic() < until_s, status
-            status = seen(client)
+        status = until(lambda: (s := seen(client)).state == "failed" and s, lambda: seen(client), timeout_s=15.0)
     assert status.error == "robot_lost", status
     assert time.monotonic() - began_s > 1.5
 
@@ -774,8 +742,7 @@ def test_what_cannot_be_kept_is_not_accepted_but_what_runs_goes_on(fakes, planne
     folder = tmp_path / "state"
     service = planner(QUICK.model_copy(update={"store": str(folder / "planner.sqlite")}))
     assert submit(client, "m1").accepted
-    while len(f.commands) < 3:
-        time.sleep(0.01)
+    until(lambda: len(f.commands) >= 3)
     service._missions._store.close()
     folder.rename(tmp_path / "elsewhere")
     folder.write_text("in the way")
@@ -811,8 +778,7 @@ def test_of_two_open_missions_of_a_robot_the_later_goes_on(fakes, make_node, beg
     node = make_node("planner", "planner")
     begin(node, settings)
     submit(client, "m1")
-    while len(f.commands) < 3:
-        time.sleep(0.01)
+    until(lambda: len(f.commands) >= 3)
     node.__exit__(None, None, None)
     store = Store(settings.store, client)
     (mission,) = store.load()
@@ -834,8 +800,7 @@ def test_a_memory_that_cannot_be_read_begins_anew_with_its_steps_counted(fakes, 
     node = make_node("planner", "planner")
     begin(node, settings)
     submit(client)
-    while len(f.commands) < 5:
-        time.sleep(0.01)
+    until(lambda: len(f.commands) >= 5)
     node.__exit__(None, None, None)
     store = Store(settings.store, client)
     (mission,) = store.load()

@@ -13,13 +13,14 @@ from services.robot_node.bodies.body import Look
 from services.robot_node.config import RobotSettings
 from services.robot_node.core import RobotState, camera_pose_of
 from services.robot_node.service import RobotService
-from surveilnav.bus import Refused, Unanswered, clock_ns
+from surveilnav.bus import Refused, clock_ns
 from surveilnav.contract import ROBOT_COMMAND, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
 from surveilnav.geometry import Pinhole, yaw_of
 from surveilnav.messages import Command, RobotStatus, Stair
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
+from tests.waiting import until, until_heard
 
 STAIR = Stair(floor="0", to_floor="1", at_m=(0.0, 0.0, 0.0), to_m=(1.0, 1.0, 2.7), length_m=3.0)
 
@@ -53,14 +54,6 @@ class Body:
         return Look(s, T, Pinhole.from_hfov(8, 8, 1.0), 0.7, (0.5, 5.0), rgb, depth_m, truth)
 
 
-def until(condition, timeout_s=10.0):
-    end_s = time.monotonic() + timeout_s
-    while not (found := condition()):
-        assert time.monotonic() < end_s, "it never came"
-        time.sleep(0.01)
-    return found
-
-
 @pytest.fixture
 def client(make_node):
     return make_node("test", "t", alive=False)
@@ -70,17 +63,9 @@ def client(make_node):
 def robot(make_node, client):
     """``robot(body)``: a service whose loop the test turns, and that others can reach."""
 
-    def heard():
-        try:
-            return client.ask(ROBOT_STATUS, robot="r1")
-        except Unanswered as unanswered:
-            if unanswered.timed_out:
-                raise
-            return None
-
     def start(body):
         service = RobotService(make_node("robot", "r1"), body, RobotSettings())
-        until(heard)  # the router doesn't know at once who answers
+        until_heard(lambda: client.ask(ROBOT_STATUS, robot="r1"))
         return service
 
     return start

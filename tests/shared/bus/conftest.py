@@ -1,41 +1,17 @@
-"""What the bus's tests share: messages to put, patience, and a stranger on the bus who is no node."""
+"""What the bus's tests share: messages to put, and a stranger on the bus who is no node."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 import pytest
 import zenoh
 
-from surveilnav.bus import BusSettings, Unanswered
+from surveilnav.bus import BusSettings
 from surveilnav.geometry import Pose
 from surveilnav.messages import RobotStatus, Truth
 
 POSE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-
-
-def _eventually(condition, timeout_s=5.0):
-    until = time.monotonic() + timeout_s
-    while not (value := _heard(condition)) and time.monotonic() < until:
-        time.sleep(0.01)
-    return value
-
-
-def _heard(condition):
-    """Its value; None where nobody is there yet: who declares an answer isn't known to the router at once."""
-    try:
-        return condition()
-    except Unanswered as unanswered:
-        if unanswered.timed_out:
-            raise
-        return None
-
-
-@pytest.fixture
-def eventually():
-    """``eventually(condition)`` waits for what other threads bring about; the last value."""
-    return _eventually
 
 
 @pytest.fixture

@@ -11,19 +11,20 @@ from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import ROBOT_STATUS
 from surveilnav.errors import BusError
+from tests.waiting import until
 
 
-def test_a_loop_that_hangs_is_not_healthy(bus, tmp_path, monkeypatch, eventually):
+def test_a_loop_that_hangs_is_not_healthy(bus, tmp_path, monkeypatch):
     monkeypatch.setattr("surveilnav.bus.node._STALLED_S", 0.3)
     hang, goes_on = threading.Event(), threading.Event()
     settings = bus.model_copy(update={"health_file": tmp_path / "healthy"})
     with Node("a", "a", settings) as node:
         loop = threading.Thread(target=node.run, args=(lambda: hang.is_set() and goes_on.wait(10),))
         loop.start()
-        assert eventually(settings.health_file.exists)
+        until(settings.health_file.exists)
         assert node.healthy()
         hang.set()
-        assert eventually(lambda: not node.healthy())
+        until(lambda: not node.healthy())
         goes_on.set()
         node.stop()
         loop.join()
@@ -40,7 +41,7 @@ def test_no_router_and_a_taken_port_are_told_apart():
         open_router(f"tcp/127.0.0.1:{port}")
 
 
-def test_a_router_that_returns_is_found_again(tmp_path, eventually, status):
+def test_a_router_that_returns_is_found_again(tmp_path, status):
     port = free_port()
     settings = BusSettings(router=f"tcp/127.0.0.1:{port}", connect_timeout_s=5)
     router = open_router(f"tcp/127.0.0.1:{port}")
@@ -55,4 +56,4 @@ def test_a_router_that_returns_is_found_again(tmp_path, eventually, status):
                 publisher.put(status(5))
                 return table.get(robot="r1")
 
-            assert eventually(arrives, timeout_s=15)
+            until(arrives, timeout_s=15)

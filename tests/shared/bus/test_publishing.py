@@ -10,14 +10,15 @@ import zenoh
 from surveilnav.bus import Answer, Node
 from surveilnav.contract import ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
 from surveilnav.errors import BusError
+from tests.waiting import until
 
 
-def test_a_slot_keeps_only_the_newest(make_node, eventually, truth):
+def test_a_slot_keeps_only_the_newest(make_node, truth):
     sender, receiver = make_node("a", "a"), make_node("b", "b")
     publisher = sender.publisher(TRUTH, source="robot-r1", view=0)
     assert not publisher.matched
     slot = receiver.slot(TRUTH, source="robot-r1", view=0)
-    assert eventually(lambda: publisher.matched)
+    until(lambda: publisher.matched)
     for seq in range(20):
         publisher.put(truth(seq), b"x" * 100_000)
     time.sleep(0.3)
@@ -27,17 +28,17 @@ def test_a_slot_keeps_only_the_newest(make_node, eventually, truth):
     assert received.ids["source"] == "robot-r1"
     assert slot.poll() is None
     slot.close()
-    assert eventually(lambda: not publisher.matched)
+    until(lambda: not publisher.matched)
 
 
-def test_a_table_holds_what_was_put_before_and_after(make_node, eventually, status):
+def test_a_table_holds_what_was_put_before_and_after(make_node, status):
     owner, reader = make_node("robot", "r1"), make_node("b", "b")
     owner.serve(ROBOT_STATUS, lambda _: Answer(status(3)), robot="r1")
     table = reader.table(ROBOT_STATUS)
     assert table.get(robot="r1").message.seq == 3
     publisher = owner.publisher(ROBOT_STATUS, robot="r1")
     publisher.put(status(4))
-    assert eventually(lambda: table.get(robot="r1").message.seq == 4)
+    until(lambda: table.get(robot="r1").message.seq == 4)
     assert table.get(robot="r2") is None
     assert table.rows(max_age_s=0) == []
 
@@ -51,7 +52,7 @@ HOSTILE = [
 ]
 
 
-def test_hostile_puts_are_counted_and_dropped(make_node, eventually, status, stranger):
+def test_hostile_puts_are_counted_and_dropped(make_node, status, stranger):
     node, sender = make_node("b", "b"), make_node("x", "x", alive=False)
     table = node.table(ROBOT_STATUS)
     slot = node.slot(ROBOT_OBSERVATION, robot="r1")
@@ -59,22 +60,22 @@ def test_hostile_puts_are_counted_and_dropped(make_node, eventually, status, str
         encoding = zenoh.Encoding(mime).with_schema(schema)
         stranger.put(node.key(ROBOT_STATUS, robot="r1"), payload, encoding=encoding)
     stranger.put(node.key(ROBOT_OBSERVATION, robot="r1"), b"no header")
-    assert eventually(lambda: node.traffic.rejected().get("robot_status") == len(HOSTILE))
-    assert eventually(lambda: slot.poll() is None and node.traffic.rejected().get("robot_observation") == 1)
+    until(lambda: node.traffic.rejected().get("robot_status") == len(HOSTILE))
+    until(lambda: slot.poll() is None and node.traffic.rejected().get("robot_observation") == 1)
     assert table.rows() == []
     sender.publisher(ROBOT_STATUS, robot="r1").put(status(9))
-    assert eventually(lambda: table.get(robot="r1") and table.get(robot="r1").message.seq == 9)
+    until(lambda: table.get(robot="r1") and table.get(robot="r1").message.seq == 9)
 
 
-def test_bytes_offered_delivered_and_on_the_wire_agree(make_node, eventually, truth):
+def test_bytes_offered_delivered_and_on_the_wire_agree(make_node, truth):
     sender, receiver = make_node("a", "a"), make_node("b", "b")
     publisher = sender.publisher(TRUTH, source="robot-r1", view=0)
     slot = receiver.slot(TRUTH, source="robot-r1", view=0)
-    eventually(lambda: publisher.matched)
+    until(lambda: publisher.matched)
     before = sender.traffic_report().wire_sent_bytes
     for seq in range(10):
         publisher.put(truth(seq), bytes(500_000))
-        assert eventually(slot.poll)
+        until(slot.poll)
     offered = sum(r.n_bytes for r in sender.traffic.rows() if r.key == publisher.key and r.direction == "offered")
     delivered = sum(r.n_bytes for r in receiver.traffic.rows() if r.key == publisher.key and r.direction == "delivered")
     assert offered == delivered > 5_000_000
@@ -82,18 +83,18 @@ def test_bytes_offered_delivered_and_on_the_wire_agree(make_node, eventually, tr
     assert 1.0 <= sent / offered < 1.01
 
 
-def test_a_subscription_misses_nothing_and_ends(make_node, eventually, truth):
+def test_a_subscription_misses_nothing_and_ends(make_node, truth):
     sender, receiver = make_node("a", "a"), make_node("b", "b")
     publisher = sender.publisher(TRUTH, source="robot-r1", view=0)
     seen = []
     subscription = receiver.subscribe(TRUTH, lambda received: seen.append(received))
-    assert eventually(lambda: publisher.matched)
+    until(lambda: publisher.matched)
     for seq in range(20):
         publisher.put(truth(seq), b"x" * seq)
-    assert eventually(lambda: len(seen) == 20)
+    until(lambda: len(seen) == 20)
     assert [(r.message.seq, len(r.payload)) for r in seen] == [(seq, seq) for seq in range(20)]
     subscription.close()
-    assert eventually(lambda: not publisher.matched)
+    until(lambda: not publisher.matched)
 
 
 def test_what_cannot_be_sent_any_more_is_our_own_error(bus, truth):

@@ -11,9 +11,10 @@ import zenoh
 from surveilnav.bus import Answer, Refused, Unanswered
 from surveilnav.contract import CAMERA_SLOT, MISSION_CANCEL, MISSION_GOAL, ROBOT_STATUS, schema_of
 from surveilnav.messages import Ack, Command, MissionAck, MissionGoal, SlotClaim
+from tests.waiting import until, until_heard
 
 
-def test_a_query_is_answered_refused_or_unanswered(make_node, eventually):
+def test_a_query_is_answered_refused_or_unanswered(make_node):
     planner, client = make_node("planner", "p"), make_node("cli", "c")
 
     def on_goal(request):
@@ -25,7 +26,7 @@ def test_a_query_is_answered_refused_or_unanswered(make_node, eventually):
 
     planner.serve(MISSION_GOAL, on_goal)
     ask = lambda target: client.ask(MISSION_GOAL, MissionGoal(stamp_ns=1, mission="m", target=target), mission="m")  # noqa: E731
-    assert eventually(lambda: ask("tv")).message.accepted
+    assert until_heard(lambda: ask("tv")).message.accepted
     with pytest.raises(Refused, match="no unicorns") as refused:
         ask("unicorn")
     assert refused.value.name == "bad_target"
@@ -38,7 +39,7 @@ def test_a_query_is_answered_refused_or_unanswered(make_node, eventually):
     assert not unanswered.value.timed_out
 
 
-def test_a_full_queue_refuses_at_once(make_node, eventually):
+def test_a_full_queue_refuses_at_once(make_node):
     server, client = make_node("planner", "p"), make_node("cli", "c")
     release = threading.Event()
 
@@ -61,14 +62,14 @@ def test_a_full_queue_refuses_at_once(make_node, eventually):
     for thread in threads:
         thread.start()
         time.sleep(0.1)
-    assert eventually(lambda: answers.count("busy") == 2)
+    until(lambda: answers.count("busy") == 2)
     release.set()
     for thread in threads:
         thread.join()
     assert sorted(map(str, answers)) == ["True", "True", "busy", "busy"]
 
 
-def test_parameters_survive_spaces_and_semicolons(make_node, eventually, status):
+def test_parameters_survive_spaces_and_semicolons(make_node, status):
     server, client = make_node("planner", "p"), make_node("cli", "c")
     seen = []
 
@@ -78,7 +79,7 @@ def test_parameters_survive_spaces_and_semicolons(make_node, eventually, status)
 
     server.serve(ROBOT_STATUS, answer, robot="r1")
     parameters = {"target": "potted plant; x=1 & ä", "n": "2"}
-    assert eventually(lambda: client.ask(ROBOT_STATUS, robot="r1", parameters=parameters))
+    until_heard(lambda: client.ask(ROBOT_STATUS, robot="r1", parameters=parameters))
     assert seen[0] == parameters
 
 
@@ -114,7 +115,7 @@ def test_who_is_there_but_too_slow_is_told_from_nobody(make_node):
     assert unanswered.value.timed_out
 
 
-def test_a_question_to_all_reaches_each_owner_of_a_key(make_node, eventually):
+def test_a_question_to_all_reaches_each_owner_of_a_key(make_node):
     client = make_node("cli", "c")
     for slot in ("2", "5"):
         make_node("camera", f"c{slot}").serve(
@@ -125,4 +126,4 @@ def test_a_question_to_all_reaches_each_owner_of_a_key(make_node, eventually):
     def slots():
         return {(a.ids["slot"], a.message.message) for a in client.ask_all(CAMERA_SLOT, claim, timeout_s=0.5)}
 
-    assert eventually(lambda: slots() == {("2", "2"), ("5", "5")})
+    until(lambda: slots() == {("2", "2"), ("5", "5")})

@@ -41,7 +41,7 @@ class Camera(Resource):
     height_px: int
     tier: str
     invoked: bool = Field(description="the maps of its floor subscribe to it")
-    views_held: int = Field(default=0, description="how many of its views the maps hold")
+    views_processed: int = Field(default=0, description="how many of its views the maps hold or have refused for good")
     labels: dict[str, Number] = Field(default_factory=dict, description="what it last saw, with confidences")
     views: list[CameraView]
 
@@ -49,7 +49,7 @@ class Camera(Resource):
     def from_info(
         cls, info: CameraInfo, use: CameraUse | None, labels: dict[str, float], seen_ns: int, alive: bool
     ) -> Camera:
-        """A camera as it announced itself. ``use``: what the maps hold of it; ``labels``: its newest summary."""
+        """A camera as it announced itself. ``use``: what fusion has processed of it; ``labels``: its newest summary."""
         return cls.made_of(
             info,
             position_m=tuple(finite(v) or 0.0 for v in info.position_m),
@@ -57,7 +57,7 @@ class Camera(Resource):
             width_px=info.intrinsics.width_px,
             height_px=info.intrinsics.height_px,
             invoked=use is not None,
-            views_held=use.views_held if use else 0,
+            views_processed=use.views_processed if use else 0,
             labels=labels,
             views=[CameraView.from_info(info.camera, view) for view in info.views],
             last_seen=seen_ns,

@@ -14,7 +14,7 @@ from surveilnav.sensing.layers import GRID_LAYERS
 
 class FloorCamera(BaseModel):
     camera: str
-    views_held: int
+    views_processed: int
     views: int
 
 
