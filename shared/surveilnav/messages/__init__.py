@@ -30,9 +30,9 @@ from surveilnav.messages.truth import Truth
 from surveilnav.messages.view import FrameHeader, Part
 
 __all__ = [
-    "ACTIONS", "Ack", "CameraInfo", "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate", "Command",
-    "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FrameHeader", "InferReply", "InferRequest", "LayerHeader",
-    "MissionAck", "MissionCancel", "MissionGoal", "MissionStatus", "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord",
-    "Observation", "Part", "Plan", "Revision", "RobotStatus", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth",
-    "WorkerLoad", "FINISHED_STATES",
+    "ACTIONS", "Ack", "CameraInfo", "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate",
+    "Command", "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FrameHeader", "InferReply",
+    "InferRequest", "LayerHeader", "MissionAck", "MissionCancel", "MissionGoal", "MissionStatus", "ModelIds",
+    "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part", "Plan", "Revision", "RobotStatus",
+    "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "WorkerLoad", "FINISHED_STATES",
 ]  # fmt: skip
