@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 
 from services.fusion.config import FusionSettings
 from services.fusion.records import PerceivedView, ViewKey
+from services.fusion.workers import Workers
 from surveilnav.bus import Node, Received, Refused, clock_ns
-from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
+from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_TEXT
 from surveilnav.errors import BusError, PerceptionError, WireError
-from surveilnav.messages import FrameHeader, InferReply, InferRequest, TextReply, WorkerLoad
+from surveilnav.messages import FrameHeader, InferReply, InferRequest, TextReply
 from surveilnav.sensing.packing import decode_frame, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception, looks_straight_down
 
@@ -36,7 +37,7 @@ class TextEmbedding(NamedTuple):
 
 
 #: Refusals that have to do with the moment, not with the picture.
-_PASSING = {"busy", "too_late", "no_truth"}
+_PASSING = {"busy", "too_late", "no_truth", "not_ready", "superseded"}
 _ATTEMPTS = 3  # at a picture that perception refuses for its own sake
 
 
@@ -59,13 +60,12 @@ class PerceptionClient:
         """``is_held``: whether the maps hold the picture of a camera's view with this digest. ``words``: what detectors
         with an open vocabulary should look for. Both are asked from any thread."""
         self._node, self._settings, self._searched = node, settings, words
-        self._workers = node.table(PERCEPTION_LOAD)
+        self._workers = Workers(node)
         self._lock = threading.Condition()
         self._robots = _Lane(queue.Queue(maxsize=8))
         self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
         self._is_held = is_held
         self._texts: OrderedDict[tuple[str, str], TextEmbedding] = OrderedDict()
-        node.alive("perception")  # the first call starts watching
         for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
             threading.Thread(target=self._work, args=(lane,), name=f"perception-{name}", daemon=True).start()
 
@@ -76,12 +76,7 @@ class PerceptionClient:
 
     def words(self) -> tuple[str, ...]:
         """What is looked for now; nothing in particular where every worker knows a closed set of classes."""
-        return self._searched() if self.open_vocabulary else ()
-
-    @property
-    def open_vocabulary(self) -> bool:
-        """Whether a worker looks for whatever words it is given."""
-        return any(load.open_vocabulary for load in self._loads())
+        return self._searched() if self._workers.open_vocabulary else ()
 
     def submit(self, frame: Received[FrameHeader]) -> None:
         """Takes a picture in."""
@@ -120,18 +115,17 @@ class PerceptionClient:
             PerceptionError: no worker answers.
             Refused: the worker won't, e.g. because it doesn't know the class.
         """
-        load = self._least_loaded()
-        key = load.models.embedder, text
+        key = self._workers.best().models.embedder, text
         with self._lock:
             if key in self._texts:
                 return self._texts[key]
         request = InferRequest(stamp_ns=clock_ns(), texts=[text])
-        reply: TextReply = self._node.ask(PERCEPTION_TEXT, request, worker=load.worker, timeout_s=5.0).message
+        reply: TextReply = self._workers.ask(PERCEPTION_TEXT, request, timeout_s=5.0).message
         if len(reply.embeddings) != 1:
             raise WireError(f"expected one embedding, got {len(reply.embeddings)}")
         embedding = TextEmbedding(unpack_embedding(reply.embeddings[0]), reply.models.embedder)
         with self._lock:
-            self._texts[key] = embedding
+            self._texts[embedding.model, text] = embedding
             while len(self._texts) > 256:
                 self._texts.popitem(last=False)
         return embedding
@@ -175,17 +169,19 @@ class PerceptionClient:
         reply, perception, attempts = b"", None, 0
         looks_down = looks_straight_down(view.T_world_camera)
         while not looks_down and attempts < _ATTEMPTS:
+            pause_s = self._settings.retry_s
             try:
                 reply, perception = self._ask(frame, words)
                 break
             except (Refused, WireError) as error:
+                pause_s = _pause_s(error, pause_s)
                 attempts += not (isinstance(error, Refused) and error.name in _PASSING)
                 if lane is self._robots:  # a camera's view that has to wait is no outage
                     lane.problem = f"perception can't tell what {header.source} sees: {error}"
             except (BusError, PerceptionError) as error:
                 lane.problem = f"perception is down: {error}"
             self._node.wake.set()
-            self._node.stopping.wait(self._settings.retry_s)
+            self._node.stopping.wait(pause_s)
             with self._lock:
                 if self._node.stopping.is_set() or key in lane.waiting:
                     return None
@@ -198,31 +194,19 @@ class PerceptionClient:
         request = InferRequest(
             stamp_ns=clock_ns(), source=header.source, view=header.view, seq=header.seq, camera=header.camera,
             image=header.image, depth=header.depth, depth_range_m=header.depth_range_m,
-            prompts=list(words), detects=bool(words) or not self.open_vocabulary, deadline_ms=int(900 * timeout_s),
+            prompts=list(words), detects=bool(words) or not self._workers.open_vocabulary,
+            deadline_ms=int(900 * timeout_s), asker=self._node.id,
         )  # fmt: skip
-        worker = self._least_loaded().worker
-        reply: InferReply = self._node.ask(
-            PERCEPTION_INFER, request, payload=frame.payload, timeout_s=timeout_s, worker=worker
-        ).message
+        reply: InferReply = self._workers.ask(PERCEPTION_INFER, request, frame.payload, timeout_s=timeout_s).message
         if (reply.source, reply.view, reply.seq) != (header.source, header.view, header.seq):
-            raise WireError(f"worker {worker} answered about another view")
+            raise WireError(f"worker {reply.worker} answered about another view")
         return msgspec.msgpack.encode(reply), perception_from_wire(reply, header.camera)
 
-    def _least_loaded(self) -> WorkerLoad:
-        loads = self._loads()
-        if not loads:
-            raise PerceptionError("no worker is there")
-        return min(loads, key=lambda w: (w.queued, w.latency_ms, w.worker))
 
-    def _loads(self) -> list[WorkerLoad]:
-        rows = self._workers.rows(max_age_s=PERCEPTION_LOAD.max_age_ms / 1000)
-        # what a load says of itself is believed only of a worker that lives, and only if it can be
-        alive = self._node.alive("perception")
-        return [
-            r.message
-            for r in rows
-            if r.message.worker == r.ids["worker"] and r.ids["worker"] in alive and r.message.queued >= 0
-        ]
+def _pause_s(error: Exception, otherwise_s: float) -> float:
+    """How long to wait before asking again: what a worker says, within reason."""
+    said_ms = error.retry_after_ms if isinstance(error, Refused) else None
+    return otherwise_s if said_ms is None else min(max(said_ms / 1000, 0.01), 10.0)
 
 
 def _drained(finished: queue.Queue[PerceivedView], most: int) -> list[PerceivedView]:

@@ -27,6 +27,8 @@ def main() -> None:
     structlog.get_logger().info("backend", backend=backend.name, why=backend.why)
     with Node("perception", settings.worker, bus) as node:
         service = PerceptionService(node, backend, settings)
+        node.ready = lambda: service.ready
+        service.warm_up()
         node.run(service.step, idle_s=0.2)
 
 

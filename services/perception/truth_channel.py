@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict
+from collections.abc import Callable
+from functools import partial
 
 from services.perception.config import PerceptionSettings
 from surveilnav.bus import Node, Received, Refused
@@ -13,40 +16,60 @@ from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
 
 _Key = tuple[str, int, int]
+#: Gives the instance ids of a view; WireError: they don't decode.
+Told = Callable[[], TrueInstances]
+#: Is handed them, or why there are none.
+Then = Callable[[Told | Refused], None]
 
 
 class TruthChannel:
-    """Keeps the newest views' instance ids, still packed, and hands them out by (source, view, seq)."""
+    """Keeps the newest views' instance ids, still packed, and hands them out by (source, view, seq).
+
+    Nobody waits on a thread for them: who asks is called back.
+    """
 
     def __init__(self, node: Node, backend: str, settings: PerceptionSettings) -> None:
         """``backend``: the name of the one that is told."""
         self._backend, self._kept, self._wait_s = backend, settings.truth_kept, settings.truth_wait_s
-        self._packed: OrderedDict[_Key, tuple[Truth, bytes]] = OrderedDict()
-        self._arrived = threading.Condition()
+        self._packed: OrderedDict[_Key, Told] = OrderedDict()
+        self._asked: dict[_Key, list[tuple[float, Then]]] = {}
+        self._lock = threading.Lock()
         self._subscription = node.subscribe(TRUTH, self._keep)
 
-    def _keep(self, received: Received[Truth]) -> None:
-        truth = received.message
-        with self._arrived:
-            self._packed[truth.source, truth.view, truth.seq] = (truth, received.payload)
-            while len(self._packed) > self._kept:
-                self._packed.popitem(last=False)
-            self._arrived.notify_all()
+    def ask(self, key: _Key, then: Then) -> None:
+        """Calls ``then`` with a view's instance ids when they are there, now or later, or with a refusal when they don't
+        come in time."""
+        with self._lock:
+            told = self._packed.get(key)
+            if told is None:
+                self._asked.setdefault(key, []).append((time.monotonic() + self._wait_s, then))
+        if told is not None:
+            then(told)
 
-    def wait_for(self, source: str, view: int, seq: int) -> TrueInstances:
-        """The instance ids of a view.
-
-        Raises:
-            Refused: they don't come in time.
-            WireError: they came, but don't decode.
-        """
-        key = (source, view, seq)
-        with self._arrived:
-            if not self._arrived.wait_for(lambda: key in self._packed, self._wait_s):
-                raise Refused(
+    def expire(self, now_s: float) -> None:
+        """Refuses those whose time is over; ``now_s`` is the monotonic clock's."""
+        with self._lock:
+            late = [(key, then) for key, asked in self._asked.items() for until_s, then in asked if until_s <= now_s]
+            for key in {key for key, _ in late}:
+                self._asked[key] = [(until_s, then) for until_s, then in self._asked[key] if until_s > now_s]
+                if not self._asked[key]:
+                    del self._asked[key]
+        for (source, view, seq), then in late:
+            then(
+                Refused(
                     "no_truth",
                     f"no instance ids of {source} view {view} seq {seq} arrived: "
                     f"the backend {self._backend} runs only where simulator nodes put them",
                 )
-            truth, packed = self._packed[key]
-        return truth_from_wire(truth, packed)
+            )
+
+    def _keep(self, received: Received[Truth]) -> None:
+        truth = received.message
+        key, told = (truth.source, truth.view, truth.seq), partial(truth_from_wire, truth, received.payload)
+        with self._lock:
+            self._packed[key] = told
+            while len(self._packed) > self._kept:
+                self._packed.popitem(last=False)
+            asked = self._asked.pop(key, [])
+        for _, then in asked:
+            then(told)

@@ -48,6 +48,7 @@ def test_a_request_to_perception_carries_no_truth():
 TRUTH_USERS = {
     "camera_node/service.py", "camera_node/sources/simulated.py", "camera_node/sources/source.py",
     "perception/truth_channel.py",
+    "perception/core/probe.py",  # a backend that is told the truth is told that the probe shows nothing
     "robot_node/bodies/body.py", "robot_node/bodies/simulated.py", "robot_node/observation.py", "robot_node/service.py",
     "gateway/core/traffic.py",  # its sums leave the key out
 }  # fmt: skip

@@ -158,8 +158,8 @@ class Node:
         """Answers queries to a key (wildcards allowed) with ``handler``, on ``workers`` threads of their own.
 
         A handler raises ``Refused`` (or any SurveilNavError) to answer with an error. When ``capacity`` queries
-        wait, more are refused at once as "busy"; it may return a future, to answer later. If the key has wildcards,
-        answers must name their ids.
+        wait, more are refused at once as "busy". A handler may return a future, to answer later. If the key has
+        wildcards, answers must name their ids.
         """
         Server(self._connection, stream, self.key(stream, **ids), handler, workers=workers, capacity=capacity)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import ModelIds
+from surveilnav.messages import ModelIds as ModelIds
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.vocabulary import Vocabulary

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -23,7 +23,8 @@ from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, Part, Truth
-from surveilnav.perception.backend import Backend
+from surveilnav.perception import Backend
+from surveilnav.perception.backend import Stage, Work
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
 from tests.waiting import until, until_heard
@@ -33,21 +34,30 @@ RANGE_M = (0.5, 5.0)
 
 
 class Patient(Backend):
-    """A backend that answers when it is let."""
+    """A backend that answers when it is let; its probe always."""
 
-    name, why, embedding_dim, needs_truth = "patient", "for tests", 4, False
+    name, why, embedding_dim = "patient", "for tests", 4
 
     def __init__(self) -> None:
         self.let = threading.Event()
         self.started = threading.Event()
+        self.stages = (Stage("look", self._look),)
 
-    def perceive(self, rgb, depth_m, camera, *, prompts=(), truth=None, key=()) -> ViewPerception:  # type: ignore[no-untyped-def]
-        self.started.set()
-        assert self.let.wait(10)
-        return ViewPerception(self.name, (), np.array([1, 0, 0, 0], np.float32))
+    def _look(self, batch: Sequence[Work]) -> None:
+        if batch[0].key != ("probe",):
+            self.started.set()
+            assert self.let.wait(10)
+        for work in batch:
+            work.seen = ViewPerception(self.name, (), np.array([1, 0, 0, 0], np.float32))
 
-    def embed_texts(self, texts):  # type: ignore[no-untyped-def]
+    def embed_texts(self, texts: Sequence[str]) -> np.ndarray:
         return np.eye(4, dtype=np.float32)[[len(t) % 4 for t in texts]]
+
+
+def serving(node: Node, backend: Backend, settings: PerceptionSettings) -> PerceptionService:
+    service = PerceptionService(node, backend, settings)
+    service.warm_up()
+    return service
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +78,10 @@ def ask(client: Node, *query: Any, **options: Any) -> Any:
     return until_heard(lambda: client.ask(*query, **options))
 
 
-def request(seq: int = 1, **changes: object) -> tuple[InferRequest, bytes]:
+def request(seq: int = 1, shade: int = 0, **changes: object) -> tuple[InferRequest, bytes]:
+    """About a picture all of one shade: another shade is another picture."""
     depth = np.full((48, 64), 2.0, np.float32)
-    payload, image, depth_part = encode_rgbd(np.zeros((48, 64, 3), np.uint8), depth, depth_range_m=RANGE_M)
+    payload, image, depth_part = encode_rgbd(np.full((48, 64, 3), shade, np.uint8), depth, depth_range_m=RANGE_M)
     asked = InferRequest(
         stamp_ns=clock_ns(), source="robot/r", view=0, seq=seq, camera=CAMERA, image=image, depth=depth_part,
         depth_range_m=RANGE_M,
@@ -89,7 +100,7 @@ def truth(seq: int) -> tuple[Truth, bytes]:
 
 def test_oracle_waits_for_the_instance_ids_of_just_that_view(bus: BusSettings, client: Node) -> None:
     with Node("perception", "w1", bus) as node:
-        PerceptionService(node, Oracle(), PerceptionSettings(worker="w1", truth_wait_s=5.0))
+        serving(node, Oracle(), PerceptionSettings(worker="w1", truth_wait_s=5.0))
         publisher = client.publisher(TRUTH, source="robot-r", view=0)
         asked, payload = request(seq=7)
         with ThreadPoolExecutor() as pool:
@@ -107,7 +118,7 @@ def test_oracle_waits_for_the_instance_ids_of_just_that_view(bus: BusSettings, c
 
 def test_without_instance_ids_the_request_is_refused_by_name(bus: BusSettings, client: Node) -> None:
     with Node("perception", "w2", bus) as node:
-        PerceptionService(node, Oracle(), PerceptionSettings(worker="w2", truth_wait_s=0.1))
+        serving(node, Oracle(), PerceptionSettings(worker="w2", truth_wait_s=0.1))
         asked, payload = request()
         with pytest.raises(Refused, match="instance ids") as error:
             ask(client, PERCEPTION_INFER, asked, payload=payload, worker="w2", timeout_s=10)
@@ -117,37 +128,36 @@ def test_without_instance_ids_the_request_is_refused_by_name(bus: BusSettings, c
 def test_a_real_backend_never_listens_to_truth(bus: BusSettings, client: Node) -> None:
     publisher = client.publisher(TRUTH, source="robot-r", view=0)
     with Node("perception", "w3", bus) as node:
-        PerceptionService(node, Patient(), PerceptionSettings(worker="w3"))
+        serving(node, Patient(), PerceptionSettings(worker="w3"))
         time.sleep(0.5)
         assert not publisher.matched
     with Node("perception", "w4", bus) as node:
-        PerceptionService(node, Oracle(), PerceptionSettings(worker="w4"))
+        serving(node, Oracle(), PerceptionSettings(worker="w4"))
         until(lambda: publisher.matched, "the test can see a listener")
 
 
-def test_a_full_queue_and_a_passed_deadline_are_refused(bus: BusSettings, client: Node) -> None:
+def test_a_full_queue_refuses_and_a_deadline_is_kept_while_a_stage_is_stuck(bus: BusSettings, client: Node) -> None:
     backend = Patient()
     with Node("perception", "w5", bus) as node:
-        service = PerceptionService(node, backend, PerceptionSettings(worker="w5", capacity=2))
-        asked, payload = request()
-        hasty, _ = request(deadline_ms=1)
+        service = serving(node, backend, PerceptionSettings(worker="w5", capacity=2, max_batch=1))
 
-        def infer(message: InferRequest) -> object:
+        def infer(message: InferRequest, payload: bytes) -> object:
             return ask(client, PERCEPTION_INFER, message, payload=payload, worker="w5", timeout_s=20)
 
         with ThreadPoolExecutor() as pool:
-            first = pool.submit(infer, asked)
+            first = pool.submit(infer, *request(shade=1))
             assert backend.started.wait(10)
-            second = pool.submit(infer, hasty)
+            with pytest.raises(Refused) as late:
+                infer(*request(shade=2, deadline_ms=100))
+            second = pool.submit(infer, *request(shade=3))
             until(lambda: service.load().queued == 2)
             with pytest.raises(Refused) as busy:
-                infer(asked)
+                infer(*request(shade=4))
             backend.let.set()
             first.result(timeout=10)
-            with pytest.raises(Refused) as late:
-                second.result(timeout=10)
-        assert busy.value.name == "busy"
-        assert late.value.name == "too_late"
+            second.result(timeout=10)
+        assert (busy.value.name, late.value.name) == ("busy", "too_late")
+        assert busy.value.retry_after_ms is not None
         assert service.load().queued == 0
 
 
@@ -166,7 +176,7 @@ def test_pictures_that_make_no_sense_are_refused_and_the_worker_goes_on(
     backend = Patient()
     backend.let.set()
     with Node("perception", "w6", bus) as node:
-        PerceptionService(node, backend, PerceptionSettings(worker="w6"))
+        serving(node, backend, PerceptionSettings(worker="w6"))
         bad, payload = request(**changes)
         with pytest.raises(Refused) as error:
             ask(client, PERCEPTION_INFER, bad, payload=payload, worker="w6", timeout_s=10)
@@ -178,7 +188,7 @@ def test_pictures_that_make_no_sense_are_refused_and_the_worker_goes_on(
 
 def test_texts_and_load(bus: BusSettings, client: Node) -> None:
     with Node("perception", "w7", bus) as node:
-        PerceptionService(node, Simulated("because"), PerceptionSettings(worker="w7", capacity=3))
+        serving(node, Simulated("because"), PerceptionSettings(worker="w7", capacity=3))
         asked = InferRequest(stamp_ns=clock_ns(), texts=["seems like there is a tv", "bed"])
         reply = ask(client, PERCEPTION_TEXT, asked, worker="w7", timeout_s=10).message
         assert len(reply.embeddings) == 2

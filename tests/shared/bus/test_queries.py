@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 import zenoh
@@ -37,6 +38,31 @@ def test_a_query_is_answered_refused_or_unanswered(make_node):
     with pytest.raises(Unanswered, match="nobody is there") as unanswered:
         client.ask(MISSION_CANCEL, MissionGoal(stamp_ns=1, mission="m", target="tv"), mission="m")
     assert not unanswered.value.timed_out
+
+
+def test_a_handler_may_answer_later_and_holds_no_thread_meanwhile(make_node):
+    server, client = make_node("planner", "p"), make_node("cli", "c")
+    waiting: list[Future] = []
+
+    def later(request):
+        waiting.append(Future())
+        return waiting[-1]
+
+    server.serve(MISSION_GOAL, later)
+    goal = MissionGoal(stamp_ns=1, mission="m", target="tv")
+    with ThreadPoolExecutor(3) as pool:
+        answers = [pool.submit(until_heard, lambda: client.ask(MISSION_GOAL, goal, mission="m")) for _ in range(3)]
+        until(lambda: len(waiting) == 3, "one thread took all three in")
+        waiting[0].set_result(Answer(MissionAck(stamp_ns=1, mission="m", accepted=True, state="queued")))
+        waiting[1].set_exception(Refused("busy", "later", retry_after_ms=70))
+        waiting[2].set_exception(ZeroDivisionError("oops"))
+        told = []
+        for answer in answers:
+            try:
+                told.append(answer.result().message.accepted)
+            except Refused as error:
+                told.append((error.name, error.retry_after_ms))
+    assert sorted(told, key=str) == [("busy", 70), ("internal", None), True]
 
 
 def test_a_full_queue_refuses_at_once(make_node):

@@ -1,0 +1,115 @@
+"""Asks perception workers so that one that hangs delays nobody whom another can serve."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from typing import Any
+
+from services.fusion.core.choice import WorkerChoice
+from surveilnav.bus import Node, Received, Refused
+from surveilnav.contract import PERCEPTION_LOAD, Stream
+from surveilnav.errors import PerceptionError, SurveilNavError
+from surveilnav.messages import InferRequest, WorkerLoad
+
+#: Refusals of one worker that another needn't share.
+_ITS_OWN = {"busy", "not_ready", "too_late"}
+
+_Told = tuple[str, Received[Any] | Exception]
+
+
+class Workers:
+    """The perception workers that are there, seen from one that asks."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._loads = node.table(PERCEPTION_LOAD)
+        self._choice, self._lock = WorkerChoice(), threading.Lock()
+        node.alive("perception")  # the first call starts watching
+
+    def best(self) -> WorkerLoad:
+        """The worker that would be asked now. PerceptionError: none is there."""
+        return self._ranked()[0]
+
+    @property
+    def open_vocabulary(self) -> bool:
+        """Whether any of them looks for whatever words it is given."""
+        return any(load.open_vocabulary for load in self._loads_now())
+
+    def ask(self, stream: Stream, request: InferRequest, payload: bytes = b"", *, timeout_s: float) -> Received[Any]:
+        """The first answer of the workers asked: the best one, and, as soon as that is late or refuses for its own sake,
+        the next.
+
+        Raises:
+            PerceptionError: no worker is there.
+            Refused, BusError: the last that went wrong, when nobody is left to answer.
+        """
+        untried, until_s = self._ranked(), time.monotonic() + timeout_s
+        told: queue.Queue[_Told] = queue.Queue()
+        late, waited_for = "", 0
+        while True:
+            patience_s = until_s - time.monotonic()
+            if untried:
+                load = untried.pop(0)
+                late, waited_for = load.worker, waited_for + 1
+                with self._lock:
+                    patience_s = min(patience_s, self._choice.patience_s(load, timeout_s)) if untried else patience_s
+                self._send(told, load.worker, stream, request, payload, max(until_s - time.monotonic(), 0.01))
+            try:
+                _, answer = told.get(timeout=max(patience_s, 0.0) + (0.0 if untried else 1.0))
+            except queue.Empty:
+                if not untried:
+                    raise PerceptionError(f"no worker answers within {timeout_s:g} s") from None
+                with self._lock:
+                    self._choice.overdue(late, time.monotonic())
+                continue
+            waited_for -= 1
+            if isinstance(answer, Received):
+                return answer
+            if not _may_go_on(answer) or (not untried and not waited_for):
+                raise answer
+
+    def _send(
+        self,
+        told: queue.Queue[_Told],
+        worker: str,
+        stream: Stream,
+        request: InferRequest,
+        payload: bytes,
+        timeout_s: float,
+    ) -> None:
+        def ask() -> None:
+            answer: Received[Any] | Exception
+            try:
+                answer = self._node.ask(stream, request, payload=payload, timeout_s=timeout_s, worker=worker)
+            except Exception as error:
+                answer = error
+            with self._lock:
+                self._choice.ended(worker, answered=isinstance(answer, Received | Refused))
+                if not isinstance(answer, Received | Refused):
+                    self._choice.overdue(worker, time.monotonic())
+            told.put((worker, answer))
+
+        with self._lock:
+            self._choice.asked(worker)
+        threading.Thread(target=ask, name=f"ask-{worker}", daemon=True).start()
+
+    def _ranked(self) -> list[WorkerLoad]:
+        loads = self._loads_now()
+        with self._lock:
+            ranked = self._choice.ranked(loads, time.monotonic())
+        if not ranked:
+            raise PerceptionError("no worker is there" if not loads else "no worker is ready yet")
+        return ranked
+
+    def _loads_now(self) -> list[WorkerLoad]:
+        rows = self._loads.rows(max_age_s=PERCEPTION_LOAD.max_age_ms / 1000)
+        # what a load says of itself is believed only of a worker that lives
+        alive = self._node.alive("perception")
+        return [r.message for r in rows if r.message.worker == r.ids["worker"] and r.ids["worker"] in alive]
+
+
+def _may_go_on(error: Exception) -> bool:
+    """Whether another worker may do better."""
+    return error.name in _ITS_OWN if isinstance(error, Refused) else isinstance(error, SurveilNavError)

@@ -1,0 +1,123 @@
+"""The way of a view through a worker: checked, remembered or let in, told the truth where a backend needs it, answered."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any
+
+import msgspec
+
+from services.perception.asked import Asked
+from services.perception.config import PerceptionSettings
+from services.perception.core.answer import reply_to
+from services.perception.core.cache import ByteCache, content_key
+from services.perception.core.checks import check_view
+from services.perception.core.queue import Job
+from services.perception.core.refusal import Refusal
+from services.perception.embedding import Embedding
+from services.perception.line import Line, Step
+from services.perception.truth_channel import Told, TruthChannel
+from surveilnav.bus import Answer, Node, Refused, clock_ns
+from surveilnav.messages import InferReply, InferRequest
+from surveilnav.perception import Backend
+from surveilnav.perception.backend import Stage, Work
+
+_SWEEP_S = 0.05  # between two looks for views whose time is over
+
+
+class Views:
+    """Takes views in and answers them; ``line`` is where they wait, ``cached`` how many were answered from memory."""
+
+    def __init__(self, node: Node, backend: Backend, embedding: Embedding, settings: PerceptionSettings) -> None:
+        self._node, self._backend, self._worker = node, backend, settings.worker
+        self._answers: ByteCache[InferReply] = ByteCache(settings.cache_mb << 20)
+        self._lock = threading.Lock()
+        self.cached = 0
+        last = backend.stages[-1]
+        self.line = Line(
+            (
+                Step("decode", lambda batch: batch[0].decode(), 1, settings.decoders),
+                *(Step(stage.name, _runner(stage), settings.max_batch) for stage in backend.stages[:-1]),
+                Step(last.name, lambda batch: embedding.last_stage(batch, _works(batch)), settings.max_batch),
+                Step("answer", lambda batch: self._reply(batch[0])),
+            ),
+            settings.capacity,
+            node.stopping,
+        )
+        self._truth = TruthChannel(node, backend.name, settings) if backend.needs_truth else None
+        threading.Thread(target=self._sweep, name="sweep", daemon=True).start()
+
+    def ask(self, request: InferRequest, payload: bytes, received_ns: int) -> Answer | Future[Any]:
+        """The answer to a request, now or when its turn has come. WireError, Refused: it can't be."""
+        try:
+            check_view(request, payload, needs_prompts=self._backend.needs_prompts)
+        except Refusal as error:
+            raise Refused(error.name, str(error)) from error
+        asked = Asked(request, payload, only_embeds=not request.detects and self._backend.needs_prompts)
+        if (
+            self._truth is None
+        ):  # who is told the truth answers by that and by the view's name, not by the picture alone
+            asked.key = content_key(request, payload, self._backend.models)
+            with self._lock:
+                known = self._answers.get(asked.key)
+                self.cached += known is not None
+            if known is not None:
+                return Answer(_about(request, known))
+        replaces = (request.asker, request.source, request.view) if request.asker else None
+        deadline_ns = received_ns + request.deadline_ms * 1_000_000
+        self._let_in(Job(asked, request.source.startswith("robot/"), deadline_ns, replaces))
+        return asked.answer
+
+    def _let_in(self, job: Job[Asked]) -> None:
+        if not self.line.admit(job):
+            return
+        if self._truth is None:
+            self.line.enter(job)
+        else:
+            self._truth.ask(job.item.view_key, lambda told: self._tell(job, told))
+
+    def _tell(self, job: Job[Asked], told: Told | Refused) -> None:
+        if isinstance(told, Refused):
+            self.line.refuse(job, told)
+        else:
+            job.item.told = told
+            self.line.enter(job)
+
+    def _reply(self, asked: Asked) -> None:
+        seen = asked.work.seen if asked.work is not None else None
+        assert seen is not None, f"the last stage of {self._backend.name} gave no answer"
+        reply = reply_to(
+            asked.request, seen, asked.vectors, models=self._backend.models, worker=self._worker,
+            latency_ms=asked.busy_ms, stamp_ns=clock_ns(),
+        )  # fmt: skip
+        if asked.key:
+            n_bytes = len(msgspec.msgpack.encode(reply))
+            with self._lock:
+                self._answers.put(asked.key, reply, n_bytes)
+        asked.reply = Answer(reply)
+
+    def _sweep(self) -> None:
+        while not self._node.stopping.wait(_SWEEP_S):
+            self.line.expire()
+            if self._truth is not None:
+                self._truth.expire(time.monotonic())
+
+
+def _runner(stage: Stage) -> Callable[[list[Asked]], None]:
+    return lambda batch: stage.run(_works(batch))
+
+
+def _works(batch: list[Asked]) -> list[Work]:
+    works = [asked.work for asked in batch if asked.work is not None]
+    assert len(works) == len(batch), "decoded before"
+    return works
+
+
+def _about(request: InferRequest, known: InferReply) -> InferReply:
+    """A reply given before, as one to this request."""
+    return msgspec.structs.replace(
+        known, stamp_ns=clock_ns(), source=request.source, view=request.view, seq=request.seq, latency_ms=0.0
+    )

@@ -1,0 +1,157 @@
+"""Several perception workers over real Zenoh: one that hangs delays nobody whom another can serve."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+
+import pytest
+
+from services.fusion.workers import Workers
+from surveilnav import contract
+from surveilnav.bus import Answer, BusSettings, Node, Refused, Unanswered, clock_ns
+from surveilnav.bus.router import free_port, open_router
+from surveilnav.errors import PerceptionError
+from surveilnav.messages import InferReply, InferRequest, WorkerLoad
+
+ASKED = InferRequest(stamp_ns=1, source="robot/r", view=0, seq=1)
+
+
+class FakeWorker:
+    """Says that it is idle and fast; answers as ``behave`` says."""
+
+    def __init__(self, bus: BusSettings, name: str, behave: Callable[[], object], *, ready: bool = True) -> None:
+        self.name, self.behave, self.ready, self.asked = name, behave, ready, 0
+        self.node = Node("perception", name, bus).__enter__()
+        self._load = self.node.publisher(contract.PERCEPTION_LOAD, worker=name)
+        self.node.serve(contract.PERCEPTION_INFER, self._infer, worker=name)
+        threading.Thread(target=self._say, daemon=True).start()
+
+    def _say(self) -> None:
+        while not self.node.stopping.wait(0.05):
+            self._load.put(
+                WorkerLoad(
+                    stamp_ns=clock_ns(), worker=self.name, backend="b", why="", queued=0, capacity=4, latency_ms=1.0,
+                    ready=self.ready,
+                )
+            )  # fmt: skip
+
+    def _infer(self, request):
+        self.asked += 1
+        outcome = self.behave()
+        if isinstance(outcome, Exception):
+            raise outcome
+        if isinstance(outcome, Future):
+            return outcome
+        m = request.message
+        return Answer(
+            InferReply(
+                stamp_ns=1, worker=self.name, backend="b", source=m.source, view=m.view, seq=m.seq, detections=[],
+                image_embedding=b"",
+            )
+        )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def bus() -> Iterator[BusSettings]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with open_router(endpoint):
+        yield BusSettings(router=endpoint, building="b")
+
+
+@pytest.fixture
+def make_worker(bus: BusSettings) -> Iterator[Callable[..., FakeWorker]]:
+    made: list[FakeWorker] = []
+
+    def make(name: str, behave: Callable[[], object] = lambda: None, **options: bool) -> FakeWorker:
+        made.append(FakeWorker(bus, name, behave, **options))
+        return made[-1]
+
+    yield make
+    for worker in made:
+        worker.node.__exit__(None, None, None)
+
+
+@pytest.fixture
+def workers(bus: BusSettings) -> Iterator[Callable[[int], Workers]]:
+    """Waits until it sees so many workers that are ready."""
+    with Node("fusion", "f", bus, alive=False) as node:
+        seen = Workers(node)
+
+        def wait(n: int) -> Workers:
+            if not n:
+                return seen
+            until_s = time.monotonic() + 10
+            while time.monotonic() < until_s:
+                try:
+                    if len(seen._ranked()) >= n:
+                        return seen
+                except PerceptionError:
+                    pass
+                time.sleep(0.02)
+            raise AssertionError(f"never saw {n} workers")
+
+        yield wait
+
+
+def ask(workers: Workers, timeout_s: float = 20.0) -> str:
+    return workers.ask(contract.PERCEPTION_INFER, ASKED, timeout_s=timeout_s).message.worker
+
+
+def test_a_frozen_worker_delays_nobody_whom_another_can_serve(make_worker, workers) -> None:
+    frozen, good = make_worker("a", Future), make_worker("b")
+    seen = workers(2)
+    assert seen.best().worker == "a", "the test means the one that is asked first"
+    assert [ask(seen) for _ in range(5)] == ["b"] * 5
+    assert (frozen.asked, good.asked) == (1, 5), "who stays silent isn't asked again soon"
+
+
+def test_an_answer_that_comes_late_still_counts_and_clears_the_name(make_worker, workers) -> None:
+    late: Future = Future()
+    make_worker("a", lambda: late)
+    make_worker("b", lambda: Future())
+    seen = workers(2)
+    threading.Timer(1.5, lambda: late.set_result(Answer(reply_of("a")))).start()
+    assert ask(seen) == "a"
+    assert seen.best().worker == "a"
+
+
+def reply_of(worker: str) -> InferReply:
+    return InferReply(
+        stamp_ns=1, worker=worker, backend="b", source="robot/r", view=0, seq=1, detections=[], image_embedding=b""
+    )
+
+
+def test_a_busy_worker_sends_on_to_the_next_and_another_refusal_does_not(make_worker, workers) -> None:
+    busy, good = make_worker("a", lambda: Refused("busy", "later", 50)), make_worker("b")
+    seen = workers(2)
+    assert ask(seen) == "b"
+    assert (busy.asked, good.asked) == (1, 1)
+    busy.behave = lambda: Refused("bad_prompt", "no dots")
+    with pytest.raises(Refused, match="dots"):
+        ask(seen)
+    busy.behave = good.behave = lambda: Refused("busy", "later", 50)
+    with pytest.raises(Refused) as error:
+        ask(seen)
+    assert error.value.retry_after_ms == 50
+
+
+def test_who_is_not_ready_is_not_asked(make_worker, workers) -> None:
+    cold = make_worker("a", ready=False)
+    make_worker("b")
+    seen = workers(1)
+    assert [ask(seen) for _ in range(3)] == ["b"] * 3
+    assert cold.asked == 0
+
+
+def test_alone_a_frozen_worker_is_waited_for_until_the_time_is_over(make_worker, workers) -> None:
+    make_worker("a", Future)
+    with pytest.raises(Unanswered):
+        ask(workers(1), timeout_s=0.5)
+
+
+def test_without_workers_it_says_so(workers) -> None:
+    with pytest.raises(PerceptionError, match="no worker"):
+        ask(workers(0))

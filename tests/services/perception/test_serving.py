@@ -1,0 +1,220 @@
+"""The server's semantics over real Zenoh: batches, priority, bad pictures, memory, readiness, load."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from simulator.truth.backends import Oracle
+from surveilnav.bus import Refused, clock_ns
+from surveilnav.contract import PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
+from surveilnav.errors import PerceptionError
+from surveilnav.histogram import quantile_ms
+from surveilnav.messages import InferRequest, Truth
+from surveilnav.sensing.packing import pack_array
+
+
+def submit_in_order(pool, worker, until, requests):
+    """Asks one after the other, so that they arrive in this order, and doesn't wait for answers."""
+    before = worker.service.load().queued
+    futures = []
+    for i, asked in enumerate(requests):
+        futures.append(pool.submit(worker.ask, asked))
+        until(lambda i=i: worker.service.load().queued == before + i + 1)
+    return futures
+
+
+def test_what_waits_when_a_stage_falls_free_is_one_batch(make_worker, scripted, request_of, until):
+    backend = scripted()
+    worker = make_worker(backend, max_batch=3)
+    backend.let["detect"].clear()
+    with ThreadPoolExecutor(6) as pool:
+        first = submit_in_order(pool, worker, until, [request_of(10)])
+        until(lambda: bool(backend.batches["detect"]))
+        others = submit_in_order(pool, worker, until, [request_of(shade) for shade in (20, 30, 40, 50)])
+        backend.let["detect"].set()
+        for answer in (*first, *others):
+            assert answer.result().detections[0].label == "chair"
+    assert backend.batches["detect"][0] == [10], "a free stage waits for nobody"
+    assert [len(b) for b in backend.batches["detect"]] == [1, 3, 1]
+
+
+def test_the_detector_goes_on_while_the_embedder_is_stuck(make_worker, scripted, request_of, until):
+    backend = scripted()
+    worker = make_worker(backend, max_batch=1)
+    backend.let["embed"].clear()
+    with ThreadPoolExecutor(3) as pool:
+        answers = [pool.submit(worker.ask, request_of(shade)) for shade in (10, 20, 30)]
+        until(lambda: len(backend.batches["detect"]) == 3)
+        assert len(backend.batches["embed"]) == 1
+        backend.let["embed"].set()
+        assert [a.result().view for a in answers] == [10, 20, 30]
+
+
+def test_a_robot_goes_before_cameras(make_worker, scripted, request_of, until):
+    backend = scripted()
+    worker = make_worker(backend, max_batch=1, decoders=1)
+    backend.let["detect"].clear()
+    asked = [(10, "camera/a"), (20, "camera/b"), (30, "camera/c"), (40, "robot/r")]
+    with ThreadPoolExecutor(4) as pool:
+        answers = submit_in_order(pool, worker, until, [request_of(asked[0][0], asked[0][1])])
+        until(lambda: bool(backend.batches["detect"]))
+        answers += submit_in_order(pool, worker, until, [request_of(*a) for a in asked[1:]])
+        until(lambda: sum(worker.service.load().times["decode"]) == 4)
+        backend.let["detect"].set()
+        for answer in answers:
+            answer.result()
+    assert backend.batches["detect"] == [[10], [40], [20], [30]]
+
+
+def test_one_bad_picture_in_a_batch_fails_alone(make_worker, scripted, request_of, until):
+    backend = scripted()
+    worker = make_worker(backend, max_batch=4)
+    backend.let["detect"].clear()
+    backend.bad = {30}
+    with ThreadPoolExecutor(4) as pool:
+        answers = submit_in_order(pool, worker, until, [request_of(10)])
+        until(lambda: bool(backend.batches["detect"]))
+        answers += submit_in_order(pool, worker, until, [request_of(shade) for shade in (20, 30, 40)])
+        until(lambda: sum(worker.service.load().times["decode"]) == 4)
+        backend.let["detect"].set()
+        assert [answers[i].result().view for i in (0, 1, 3)] == [10, 20, 40]
+        with pytest.raises(Refused, match="a bad picture") as error:
+            answers[2].result()
+    assert error.value.name == "perception_failed"
+    assert worker.service.load().queued == 0
+
+
+def test_a_newer_view_takes_the_place_of_one_that_waits(make_worker, scripted, request_of, until):
+    backend = scripted()
+    worker = make_worker(backend, max_batch=1)
+    backend.let["detect"].clear()
+    with ThreadPoolExecutor(4) as pool:
+        submit_in_order(pool, worker, until, [request_of(10)])
+        until(lambda: bool(backend.batches["detect"]))
+        (old,) = submit_in_order(pool, worker, until, [request_of(20, view=5, seq=1, asker="fusion")])
+        (other,) = submit_in_order(pool, worker, until, [request_of(30, view=5, seq=1, asker="somebody else")])
+        new = pool.submit(worker.ask, request_of(40, view=5, seq=2, asker="fusion"))
+        with pytest.raises(Refused) as error:
+            old.result()
+        backend.let["detect"].set()
+        assert new.result().seq == 2
+        assert other.result().seq == 1
+    assert error.value.name == "superseded"
+
+
+def test_the_same_picture_is_looked_at_once(make_worker, scripted, request_of):
+    backend = scripted()
+    worker = make_worker(backend)
+    first = worker.ask(request_of(10, prompts=["tv"]))
+    again = worker.ask(request_of(10, prompts=["tv"], source="camera/c", view=3, seq=8))
+    assert backend.batches["detect"] == [[10]]
+    assert (again.source, again.view, again.seq) == ("camera/c", 3, 8)
+    assert (again.detections, again.relevance) == (first.detections, first.relevance)
+    worker.ask(request_of(10, prompts=["tv", "bed"]))
+    worker.ask(request_of(20, prompts=["tv"]))
+    assert backend.batches["detect"] == [[10], [10], [20]]
+    assert worker.service.load().cached == 1
+
+
+def test_what_is_told_the_truth_is_not_remembered(make_worker, request_of):
+    worker = make_worker(Oracle(), truth_wait_s=0.1)
+    for seq in (1, 2):
+        with pytest.raises(Refused) as error:
+            worker.ask(request_of(10, seq=seq))
+        assert error.value.name == "no_truth"
+
+
+def test_views_that_wait_for_truth_hold_up_no_other(make_worker, request_of, bus, client, until):
+    worker = make_worker(Oracle(), truth_wait_s=15.0, decoders=1)
+    publisher = client.publisher(TRUTH, source="robot-r", view=0)
+    until(lambda: publisher.matched)
+    with ThreadPoolExecutor(4) as pool:
+        stuck = [pool.submit(worker.ask, request_of(shade, seq=99)) for shade in (10, 20, 30)]
+        until(lambda: worker.service.load().queued == 3)
+        told = Truth(stamp_ns=clock_ns(), source="robot/r", view=40, seq=1, width_px=64, height_px=48, labels={})
+        publisher.put(told, pack_array(np.zeros((48, 64), np.uint16)))
+        assert worker.ask(request_of(40)).view == 40
+        assert not any(answer.done() for answer in stuck)
+        for view in (10, 20, 30):
+            told = Truth(stamp_ns=clock_ns(), source="robot/r", view=view, seq=99, width_px=64, height_px=48, labels={})
+            publisher.put(told, pack_array(np.zeros((48, 64), np.uint16)))
+        assert [answer.result().view for answer in stuck] == [10, 20, 30]
+
+
+def test_answers_say_models_and_how_relevant_the_view_is_to_each_prompt(make_worker, scripted, request_of):
+    backend = scripted()
+    worker = make_worker(backend)
+    asked = request_of(10, prompts=["abcd", "abcde", "ab", "flux capacitor"])
+    reply = worker.ask(asked)
+    assert reply.models == backend.models
+    assert reply.relevance == pytest.approx({"abcd": 0.6, "abcde": 0.8, "ab": 0.0})
+    worker.ask(request_of(20, prompts=["abcd", "abcde"]))
+    assert backend.texts.count("abcd") == 1, "a text is embedded once"
+
+
+def test_who_wants_only_the_embedding_keeps_no_detector_busy(make_worker, scripted, request_of):
+    backend = scripted(needs_prompts=True)
+    worker = make_worker(backend)
+    reply = worker.ask(request_of(10, detects=False))
+    assert (reply.detections, len(reply.image_embedding)) == ([], 8)
+    assert (backend.batches["detect"], backend.batches["embed"]) == ([], [[10]])
+    closed = scripted()
+    assert make_worker(closed).ask(request_of(10, detects=False)).detections == []
+    assert closed.batches["detect"] == [[10]], "the embedding of a closed set depends on what is found"
+
+
+def test_a_worker_is_ready_when_it_answered_a_probe_rightly(make_worker, scripted, request_of):
+    worker = make_worker(scripted(), warm=False)
+    assert not worker.ask((None, b""), PERCEPTION_LOAD).ready
+    with pytest.raises(Refused) as error:
+        worker.ask(request_of(10))
+    assert error.value.name == "not_ready"
+    assert error.value.retry_after_ms
+    worker.service.warm_up()
+    assert worker.ask((None, b""), PERCEPTION_LOAD).ready
+    assert worker.ask(request_of(10)).view == 10
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"embedding": np.array([np.nan, 0, 0, 0], np.float32)},
+        {"embedding": np.array([3, 0, 0, 0], np.float32)},
+        {"embedding": np.array([1, 0, 0], np.float32)},
+        {"box_px": (4.0, 4.0, 2000.0, 20.0)},
+        {"box_px": (20.0, 4.0, 4.0, 20.0)},
+        {"box_px": (float("nan"), 4.0, 4.0, 20.0)},
+    ],
+)
+def test_a_worker_that_answers_nonsense_is_never_ready(make_worker, scripted, changes):
+    backend = scripted()
+    for name, value in changes.items():
+        setattr(backend, name, value)
+    worker = make_worker(backend, warm=False)
+    with pytest.raises(PerceptionError, match="probe"):
+        worker.service.warm_up()
+    assert not worker.service.ready
+
+
+def test_the_load_says_how_long_each_stage_takes(make_worker, scripted, request_of):
+    worker = make_worker(scripted())
+    for shade in (10, 20, 30):
+        worker.ask(request_of(shade))
+    load = worker.ask((None, b""), PERCEPTION_LOAD)
+    assert list(load.times) == ["queue", "decode", "detect", "embed", "answer"]
+    assert {stage: sum(counts) for stage, counts in load.times.items()} == dict.fromkeys(load.times, 3)
+    assert all(quantile_ms(counts, 0.95) is not None for counts in load.times.values())
+    assert load.models == worker.service.load().models
+
+
+def test_texts_are_embedded_once_and_the_space_is_named(make_worker, scripted):
+    backend = scripted()
+    worker = make_worker(backend)
+    for _ in range(3):
+        reply = worker.ask((InferRequest(stamp_ns=1, texts=["abcd", "abc"]), b""), PERCEPTION_TEXT)
+    assert len(reply.embeddings) == 2
+    assert reply.models.embedder == "e@1"
+    assert backend.texts.count("abcd") == 1
