@@ -69,7 +69,7 @@ def _density(cameras: int | None, area_per_camera_m2: float | None) -> dict[str,
 def demo(
     building: Building = "3_bedroom",
     seed: Seed = 0,
-    target: Annotated[str, typer.Option(help="What to find: bed, couch, chair, toilet, tv, potted plant, ...")] = "tv",
+    target: Annotated[str, typer.Option(help="What to find, in any words that the perception understands.")] = "tv",
     perception: Perception = PerceptionName.auto,
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
     cameras: Cameras = None,
@@ -127,6 +127,20 @@ def find(
     if as_json:
         print(json.dumps(mission))
     raise typer.Exit(0 if mission.get("found") else 1)
+
+
+@app.command()
+def objects(
+    text: Annotated[str, typer.Argument(help="Any words: objects that look most like them come first.")] = "",
+    label: Annotated[str, typer.Option(help="Only objects that are called so.")] = "",
+    floor: Annotated[str, typer.Option(help="Only those of one floor.")] = "",
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """List what the running system has seen; with TEXT, what looks most like it first."""
+    from cli.remote import list_objects
+
+    list_objects(url, text, label, floor, console, as_json)
 
 
 @app.command()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from typing import Any
+from urllib.parse import urlencode
 
 import httpx
 from rich.console import Console
@@ -68,6 +69,25 @@ def _followed(url: str, id: str, console: Console) -> dict[str, Any]:
         if time.monotonic() - heard_s > _LOST_S:
             raise SurveilNavError("the planner hasn't been heard of for 20 s: see `surveilnav status` and its log")
         time.sleep(0.5)
+
+
+def list_objects(url: str, text: str, label: str, floor: str, console: Console, as_json: bool) -> None:
+    """Prints the objects of the maps: the last seen first, or those first that look most like a text."""
+    asked = {"text": text, "label": label, "floor": floor}
+    query = urlencode({name: value for name, value in asked.items() if value} | {"limit": "1000"})
+    items = call(url, "GET", f"/api/v1/objects?{query}")["items"]
+    if as_json:
+        print(json.dumps(items))
+        return
+    if not items:
+        console.print("nothing is known of such objects yet")
+    for o in items:
+        fits = "" if o["relevance"] is None else f"  fits {o['relevance']:.2f}"
+        at = ", ".join(f"{v:.1f}" for v in o["center_m"])
+        console.print(
+            f"{o['label']} {o['id']}  floor {o['floor']} at ({at}) m  {o['status']} {o['confidence']:.2f}{fits}",
+            markup=False,
+        )
 
 
 def system_status(url: str, console: Console, as_json: bool) -> None:

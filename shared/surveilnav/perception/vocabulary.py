@@ -35,11 +35,14 @@ Section = TypeVar("Section", bound=msgspec.Struct)
 
 
 class Vocabulary(Sequence[str]):
-    """The names of a closed set of classes, by number. ``name``: what people call the set."""
+    """The names of a closed set of classes, by number.
 
-    def __init__(self, name: str, folder: Path) -> None:
+    ``name``: what people call the set. ``folder``: where more is known of them; None: nowhere.
+    """
+
+    def __init__(self, name: str, names: Sequence[str], folder: Path | None = None) -> None:
         self.name, self._folder = name, folder
-        self._names = tuple(msgspec.json.decode((folder / "names.json").read_bytes(), type=list[str]))
+        self._names = tuple(names)
         self._numbers = {word: i for i, word in enumerate(self._names)}
 
     @overload
@@ -91,6 +94,8 @@ class Vocabulary(Sequence[str]):
         Raises:
             ConfigError: the file has no such section, or what it says isn't of that kind.
         """
+        if self._folder is None:
+            raise ConfigError(f"nothing is known of the classes of {self.name}")
         file = self._folder / "priors.json"
         sections = msgspec.json.decode(file.read_bytes(), type=dict[str, msgspec.Raw])
         if section not in sections:
@@ -102,6 +107,8 @@ class Vocabulary(Sequence[str]):
 
     def rooms(self) -> dict[str, list[int]]:
         """By name, how readily it stands in a kitchen, living room, bedroom, bathroom: 0 never, 1 sometimes, 2 usually."""
+        if self._folder is None:
+            return {}
         weights = msgspec.json.decode((self._folder / "rooms.json").read_bytes())["weights"]
         return {str(name): [int(w) for w in row] for name, row in weights.items()}
 
@@ -117,7 +124,8 @@ def _pairs(a: str, b: str) -> Iterator[tuple[str, str]]:
 @cache
 def load(name: str) -> Vocabulary:
     """The vocabulary in ``data/<name>``."""
-    return Vocabulary(name.upper(), DATA / name)
+    names = msgspec.json.decode((DATA / name / "names.json").read_bytes(), type=list[str])
+    return Vocabulary(name.upper(), names, DATA / name)
 
 
 #: The 80 classes of COCO (Lin et al. 2014), in today's spelling.

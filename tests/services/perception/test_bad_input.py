@@ -12,11 +12,11 @@ import msgspec
 import numpy as np
 import pytest
 import zenoh
-from surveilnav.perception.models import CATALOGUE
 
 from surveilnav.bus import BusSettings, Refused
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_TEXT, schema_of
 from surveilnav.messages import InferRequest, Part
+from surveilnav.perception.models import CATALOGUE
 from surveilnav.words import MAX_WORDS
 
 

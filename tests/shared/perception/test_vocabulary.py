@@ -15,9 +15,8 @@ class Sizes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @pytest.fixture
 def colours(tmp_path):
-    (tmp_path / "names.json").write_text('["red", "dark red", "bed"]')
     (tmp_path / "priors.json").write_text('{"somebody": {"size_m": {"bed": 2.0}}, "another": {"length_m": {}}}')
-    return Vocabulary("COLOURS", tmp_path)
+    return Vocabulary("COLOURS", ["red", "dark red", "bed"], tmp_path)
 
 
 def test_a_consumer_reads_its_own_section(colours):
