@@ -14,7 +14,7 @@ from simulator.meshes.export import export_glb
 from simulator.sources import open_building
 from simulator.world.goals import find_goals
 from surveilnav.bus.router import free_port
-from surveilnav.contract import ROBOT_STATUS
+from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.messages import FINISHED_STATES
 from tests.waiting import until
 
@@ -72,6 +72,7 @@ def test_a_samovar_is_found_and_then_what_else_the_pictures_show(home: Path, sys
     assert first["relevance"] > 0.9
     assert all(o["relevance"] < 0.6 for o in others if o["label"] != "samovar")
     # a word that nobody looked for before: the cameras' pictures are looked at again, and none is sent again
+    until(lambda: s.node.ask(MAP_REVISION, floor=robot.floor).message.pending_views == 0, timeout_s=60.0)
     sent = camera_bytes(s)
     assert not rest.get("/objects", label="bathtub")["items"]
     bathtub = rest.find("bathtub")
