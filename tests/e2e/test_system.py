@@ -27,8 +27,8 @@ def test_without_surveillance_no_camera_sends_a_frame(system):
 
 
 @pytest.mark.slow
-def test_a_mission_survives_the_death_of_perception(running):
-    s, mission = running, "perception-dies"
+def test_a_mission_survives_the_death_of_perception(system):
+    s, mission = system(cameras=1), "perception-dies"
     s.search("tv", mission=mission)
     s.wait(lambda m: m.step >= 5, 90, mission)
     s.kill("perception")
