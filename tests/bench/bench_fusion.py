@@ -319,9 +319,9 @@ def main() -> None:
             print(f"| {step} | {name} | {np.median(ms):.2f} | {np.median(ms) / np.median(times['ours']):.1f} |")
     print(f"\n### {n:,} views\n")
     print(
-        f"{ROOMS} rooms of 12 x 4 m, {LAPS} laps. CPU time of `JointMap.integrate` (cloud, carving, obstacle and\n"
-        "exploration map, value layer of one target, objects); resident memory of the process after the first lap and at\n"
-        "the end.\n"
+        f"{ROOMS} rooms of 12 x 4 m, {LAPS} laps. CPU time is that of `JointMap.integrate`: cloud, carving,\n"
+        "obstacle and exploration map, value layer of one target, objects. Memory is the process's resident memory, after\n"
+        "the first lap and at the end.\n"
     )
     print(
         f"| detections | median ms | p99 ms | views/s | first {min(100, n // 4)} ms | last ms | last / first "

@@ -14,8 +14,8 @@ from cli.stack import Stack, environment
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node, clock_ns
 from surveilnav.bus.router import free_port
-from surveilnav.contract import MISSION_GOAL, MISSION_STATUS, TRAFFIC
-from surveilnav.messages import FINISHED_STATES, MissionAck, MissionGoal, MissionStatus, TrafficReport
+from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_STATUS, TRAFFIC
+from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionStatus, TrafficReport
 from tests.waiting import until
 
 
@@ -68,6 +68,11 @@ class System:
         return self.node.ask(TRAFFIC, node=f"{kind}-{id}").message
 
 
+def frame_bytes(report: TrafficReport) -> int:
+    """What a camera offered of frames."""
+    return sum(row.n_bytes for row in report.rows if "/frame/" in row.key and row.direction == "offered")
+
+
 @pytest.fixture
 def system(tmp_path: Path, home_cache: Path) -> Iterator[Callable[..., System]]:
     """``system(building, cameras=2, ...)`` starts one; it is stopped at the test's end."""
@@ -76,15 +81,28 @@ def system(tmp_path: Path, home_cache: Path) -> Iterator[Callable[..., System]]:
 
 
 @pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[System]:
-    """One that tests share: each has a mission of its own, ends it, and leaves all services running."""
-    with starting(tmp_path_factory.mktemp("running"), home_cache) as start:
+def flat(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[System]:
+    """One of a floor with a camera and a gateway; see ``running``."""
+    with starting(tmp_path_factory.mktemp("flat"), home_cache) as start:
         yield start(cameras=1, gateway_port=free_port())
+
+
+@pytest.fixture
+def running(flat: System) -> Iterator[System]:
+    """One that tests share: each has a mission of its own. A test that fails leaves no mission and no dead service, either."""
+    yield flat
+    for name, process in flat.stack.processes.items():
+        if process.poll() is not None:
+            flat.stack.start_service(name)
+    for told in until(lambda: flat.node.ask_all(MISSION_STATUS), timeout_s=30.0):
+        if told.message.state not in FINISHED_STATES:
+            mission = told.message.mission
+            flat.node.ask(MISSION_CANCEL, MissionCancel(stamp_ns=clock_ns(), mission=mission), mission=mission)
 
 
 @pytest.fixture(scope="module")
 def house(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[System]:
-    """One of two floors, the robot upstairs; shared as ``running`` is. The third camera downstairs sees the kitchen."""
+    """One of two floors, the robot upstairs, for all tests of a file. The third camera downstairs sees the kitchen."""
     with starting(tmp_path_factory.mktemp("house"), home_cache) as start:
         yield start("parametric_house", cameras=5, robot_start="5,4.25,1,0")
 

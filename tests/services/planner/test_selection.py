@@ -25,7 +25,8 @@ from services.planner.core.motion.drive import Route
 from services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
 from services.planner.core.pursuit.approach import approach
 from services.planner.core.pursuit.follow import follow
-from services.planner.core.stages import promising_candidate as stage
+from services.planner.core.stages import objects as object_stages
+from services.planner.core.stages.promising_candidate import promising_candidate
 from services.planner.core.state import CurrentWaypoint, FloorGoal
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate
@@ -410,13 +411,13 @@ def context_with(record, state):
 @pytest.mark.parametrize(("share", "kept"), [(0.5, False), (0.9, True), (1.5, True)])
 def test_the_way_to_the_stairs_is_left_only_for_what_is_clearly_worth_more(make_record, monkeypatch, share, kept):
     """``share``: what the way to the stairs is worth of what the candidate is."""
-    monkeypatch.setattr(stage, "approach", lambda context, record, choice: record)
+    monkeypatch.setattr(object_stages, "approach", lambda context, record, choice: record)
     candidate = make_record(at=(5.0, 5.0), confidence=0.3, n_detections=3)
     alone = promising_object(context_with(candidate, MissionState("chair")))
     state = MissionState("chair", floor_goal=FloorGoal("1", "cameras", share * alone.worth))
-    assert stage.promising_candidate(context_with(candidate, state)) is candidate  # not on the way yet
+    assert promising_candidate(context_with(candidate, state)) is candidate  # not on the way yet
     state.waypoint = CurrentWaypoint("stairs", 9.0, 9.0, None, 0)
-    assert (stage.promising_candidate(context_with(candidate, state)) is None) == kept
+    assert (promising_candidate(context_with(candidate, state)) is None) == kept
 
 
 @pytest.mark.parametrize(("status", "tries"), [("candidate", 2), ("confirmed", 4)])

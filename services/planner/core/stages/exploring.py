@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from services.planner.core import memory
 from services.planner.core.context import Choice, FrontierChoice, StepContext
@@ -15,30 +17,58 @@ from services.planner.core.state import Decision
 from surveilnav.messages import Candidate
 
 
-def put_off_hard_frontiers(context: StepContext) -> list[Frontier]:
-    """Notes which frontiers are hard to get to, for good, and returns the others that aren't blacklisted."""
-    put_off, near_m = context.state.here.put_off, context.config.same_place_m
-    easy = []
-    for f in all_frontiers(context):
-        if any(math.dist(place, (f.x_m, f.y_m)) < near_m for place in put_off):
-            continue
-        if is_hard(context, f.x_m, f.y_m, f.way_m):
-            memory.put_off(context.state, f.x_m, f.y_m)
-        else:
-            easy.append(f)
-    return easy
+@dataclass(frozen=True, slots=True)
+class Exploring:
+    """What exploring has against another waypoint.
+
+    ``outdoes``: some frontier promises more per metre. ``hard``: frontiers found hard to get to on the way; to be put off.
+    """
+
+    outdoes: bool
+    hard: Sequence[Frontier] = ()
 
 
-def put_off_and_weigh_exploring(context: StepContext, worth: float) -> bool:
-    """Whether some frontier promises more per metre than this; notes those that are hard to get to."""
+def weigh_exploring(context: StepContext, worth: float) -> Exploring:
+    """Exploring against a waypoint of this chance per metre. Changes nothing."""
     config = context.config
     chance = config.explore_chances.get(context.state.target, config.explore_chance)
     if config.objects_first or chance * (1.0 + config.value_gain) <= worth * config.explore_m:
-        return False
-    if not (frontiers := put_off_hard_frontiers(context)):
-        return False
-    ranked, _ = rank(frontiers, context.maps, context.state.target, config)
-    return chance * ranked[0].score > worth
+        return Exploring(False)  # no frontier could, so none is looked at
+    easy, hard = _easy_and_hard(context)
+    if not easy:
+        return Exploring(False, hard)
+    ranked, _ = rank(easy, context.maps, context.state.target, config)
+    return Exploring(chance * ranked[0].score > worth, hard)
+
+
+def put_off(context: StepContext, hard: Sequence[Frontier]) -> None:
+    """Notes, for good, that frontiers are hard to get to."""
+    for f in hard:
+        memory.put_off(context.state, f.x_m, f.y_m)
+
+
+def put_off_hard_frontiers(context: StepContext) -> list[Frontier]:
+    """Puts off the frontiers that are hard to get to, and returns the others that aren't blacklisted."""
+    easy, hard = _easy_and_hard(context)
+    put_off(context, hard)
+    return easy
+
+
+def _easy_and_hard(context: StepContext) -> tuple[list[Frontier], list[Frontier]]:
+    """The frontiers that aren't blacklisted or put off. What is beside a hard one before it in the list is neither."""
+    near_m = context.config.same_place_m
+    places = list(context.state.here.put_off)
+    easy: list[Frontier] = []
+    hard: list[Frontier] = []
+    for f in all_frontiers(context):
+        if any(math.dist(place, (f.x_m, f.y_m)) < near_m for place in places):
+            continue
+        if is_hard(context, f.x_m, f.y_m, f.way_m):
+            places.append((f.x_m, f.y_m))
+            hard.append(f)
+        else:
+            easy.append(f)
+    return easy, hard
 
 
 def explore_chosen(context: StepContext, found: FrontierChoice | None) -> Decision | Retry | None:

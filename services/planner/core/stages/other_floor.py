@@ -12,7 +12,7 @@ from services.planner.core.goals import objects
 from services.planner.core.goals.floors import chance_here, evidence, evidence_here, memory_of, surely_here
 from services.planner.core.goals.stairs import ways
 from services.planner.core.pursuit.stairs import take_stair
-from services.planner.core.stages.exploring import put_off_and_weigh_exploring
+from services.planner.core.stages.exploring import put_off, weigh_exploring
 from services.planner.core.state import Decision, FloorGoal
 
 
@@ -23,7 +23,7 @@ def other_floor(context: StepContext) -> Decision | None:
         memory.set_floor_goal(state, None)
         return None
     if state.floor_goal is None or not _stands(context, state.floor_goal):
-        memory.set_floor_goal(state, _tempting(context))
+        _choose_floor(context)
     while state.floor_goal is not None:
         way = ways(context).get(state.floor_goal.to_floor)
         if way is None:  # barred since: explore on, or to another floor where the cameras saw the target
@@ -33,6 +33,18 @@ def other_floor(context: StepContext) -> Decision | None:
         if decision := take_stair(context, way.stair, state.floor_goal):
             return decision
     return None
+
+
+def _choose_floor(context: StepContext) -> None:
+    """Sets out for the floor that tempts, unless exploring on here is worth more."""
+    goal = _tempting(context)
+    if goal is not None:
+        # going there pays where there is none here: if there is one, exploring finds it on a shorter way
+        here = chance_here(context)
+        exploring = weigh_exploring(context, goal.worth * (1.0 - here) / here)
+        put_off(context, exploring.hard)
+        goal = None if exploring.outdoes else goal
+    memory.set_floor_goal(context.state, goal)
 
 
 def _tempting(context: StepContext) -> FloorGoal | None:
@@ -46,11 +58,7 @@ def _tempting(context: StepContext) -> FloorGoal | None:
     best = max((floor for floor in found if floor in reachable), key=lambda floor: found[floor], default=None)
     if best is None:
         return None
-    # going there pays where there is none here: if there is one, exploring finds it on a shorter way
-    here = chance_here(context)
     worth = objects.chance_of(found[best], state.target, config) / (reachable[best].cost_m + config.floor_m)
-    if put_off_and_weigh_exploring(context, worth * (1.0 - here) / here):
-        return None
     return FloorGoal(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}", worth)
 
 
