@@ -174,8 +174,8 @@ def flood(
     waits: bool,
     deadline_ms: int = 20_000,
 ) -> Tally:
-    """``callers`` threads ask one after the other while ``until`` (of all asked, and seconds) is false. ``waits``: who is refused waits
-    as it is told."""
+    """``callers`` threads ask one after the other until ``until`` (of all asked, and seconds) holds. ``waits``: who is
+    refused waits as it is told."""
     tally, asked, together = Tally(), pictures(64), threading.Barrier(callers)
     begun_s: list[float] = []
 
