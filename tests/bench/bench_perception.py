@@ -172,10 +172,10 @@ def flood(
     until: Callable[[int, float], bool],
     *,
     waits: bool,
-    deadline_ms: int = 20_000,
+    first: int = 0,
 ) -> Tally:
     """``callers`` threads ask one after the other until ``until`` (of all asked, and seconds) holds. ``waits``: who is
-    refused waits as it is told."""
+    refused waits as it is told. No two ask the same: each has a word of its own, counted from ``first``."""
     tally, asked, together = Tally(), pictures(64), threading.Barrier(callers)
     begun_s: list[float] = []
 
@@ -187,7 +187,7 @@ def flood(
                 with tally.lock:
                     n, tally.asked = tally.asked, tally.asked + 1
                 request, payload = asked[n % len(asked)]
-                request = msgspec.structs.replace(request, source=f"camera/c{k}", seq=n, deadline_ms=deadline_ms)
+                request = msgspec.structs.replace(request, source=f"camera/c{k}", seq=n, prompts=[f"word {first + n}"])
                 begin_s, pause_ms = time.perf_counter(), 0
                 try:
                     node.ask(PERCEPTION_INFER, request, payload=payload, worker=name, timeout_s=60.0)
@@ -248,15 +248,22 @@ def overload(bus: BusSettings, backend: str, seconds: float) -> None:
 
 
 def memory(bus: BusSettings, requests: int) -> None:
-    print(f"\n### Memory over {requests} requests, timed\n\n| requests | resident MB |\n|---|---|")
-    with worker(bus, "m", "timed", speed=20.0) as started:
+    print(f"\n### Memory over {requests} requests, timed\n")
+    print("| requests | no answer is kept, MB | 8 MB of answers are kept, MB |\n|---|---|---|")
+    with (
+        worker(bus, "m0", "timed", speed=20.0, cache_mb=0) as bare,
+        worker(bus, "m8", "timed", speed=20.0, cache_mb=8) as keeping,
+        Node("bench", "watch", bus, alive=False) as node,
+    ):
         asked = 0
         for step in (0.05, 0.25, 0.5, 0.75, 1.0):
-            n = int(requests * step) - asked
-            tally = flood(bus, "m", 8, lambda done, _, n=n: done >= n, waits=True)
-            asked += tally.asked
-            assert set(tally.counts()) <= {"answered", "busy"}, tally.counts()
-            print(f"| {asked} | {resident_mb(started.pid):.1f} |", flush=True)
+            n, first = int(requests * step) - asked, asked
+            for name in ("m0", "m8"):
+                tally = flood(bus, name, 8, lambda done, _, n=n: done >= n, waits=True, first=first)
+                assert set(tally.counts()) <= {"answered", "busy"}, tally.counts()
+            asked += n
+            print(f"| {asked} | {resident_mb(bare.pid):.1f} | {resident_mb(keeping.pid):.1f} |", flush=True)
+        assert load_of(node, "m8").cached == 0, "every request is about something new"
 
 
 def resident_mb(pid: int) -> float:
