@@ -8,7 +8,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-compose demo dataset bench bench-core bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test canary test-compose demo dataset bench bench-core bench-perception bench-render bench-homes bench-association bench-calibration docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -46,6 +46,9 @@ bench: $(READY) ## the benchmark's tables: plays what is missing of their runs (
 bench-core: $(READY) ## what a robot step costs, detector left out
 	$(BIN)/python tests/bench/bench_fusion.py $(ARGS)
 	$(BIN)/python -m pytest -q tests/bench/bench_fusion.py tests/bench/bench_planner.py --benchmark-timer=time.process_time --benchmark-columns=min,median,max,rounds
+
+bench-perception: $(READY) ## what a perception worker serves: throughput, overload, memory, a frozen worker
+	$(BIN)/python tests/bench/bench_perception.py $(ARGS)
 
 bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from services.perception.core.queue import Job
 from services.perception.core.refusal import Refusal
 from surveilnav.bus import Answer, Refused
 from surveilnav.errors import PerceptionError
@@ -48,6 +49,12 @@ class Asked:
     def view_key(self) -> tuple[str, int, int]:
         """What names the view."""
         return self.request.source, self.request.view, self.request.seq
+
+    def job(self, received_ns: int) -> Job[Asked]:
+        """What waits of it: a robot's view is urgent, and a newer request by the same asker makes it needless."""
+        r = self.request
+        replaces = (r.asker, r.source, r.view) if r.asker else None
+        return Job(self, r.source.startswith("robot/"), received_ns + r.deadline_ms * 1_000_000, replaces)
 
     def decode(self) -> None:
         """Makes pixels of the payload. WireError: there are none in it."""

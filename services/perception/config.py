@@ -22,7 +22,12 @@ class PerceptionSettings(BaseSettings):
     seed: int = Field(default=0, description="of simulated")
     download: bool = Field(default=True, description="whether missing weights may be downloaded")
     capacity: int = Field(default=16, ge=1, description="views that may be under way; more are refused")
-    max_batch: int = Field(default=4, ge=1, le=256, description="views that a stage takes at once, if they wait")
+    max_batch: int | None = Field(
+        default=None,
+        ge=1,
+        le=256,
+        description="views that a stage takes at once, if they wait; not set: as suits the backend",
+    )
     decoders: int = Field(default=2, ge=1, le=64, description="threads that decode pictures")
     cache_mb: int = Field(default=32, ge=0, description="memory for answers given before; 0: none are kept")
     truth_wait_s: float = Field(default=2.0, ge=0, description="oracle, simulated: how long to wait for instance ids")

@@ -46,7 +46,7 @@ class PerceptionService:
         Raises:
             PerceptionError: it can't, or what it says makes no sense.
         """
-        for n in (1, self._settings.max_batch):
+        for n in (1, self._settings.max_batch or self._backend.best_batch):
             works = [probe.probe() for _ in range(n)]
             for stage in self._backend.stages:
                 stage.run(works)

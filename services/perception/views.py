@@ -36,12 +36,12 @@ class Views:
         self._answers: ByteCache[InferReply] = ByteCache(settings.cache_mb << 20)
         self._lock = threading.Lock()
         self.cached = 0
-        last = backend.stages[-1]
+        last, most = backend.stages[-1], settings.max_batch or backend.best_batch
         self.line = Line(
             (
                 Step("decode", lambda batch: batch[0].decode(), 1, settings.decoders),
-                *(Step(stage.name, _runner(stage), settings.max_batch) for stage in backend.stages[:-1]),
-                Step(last.name, lambda batch: embedding.last_stage(batch, _works(batch)), settings.max_batch),
+                *(Step(stage.name, _runner(stage), most) for stage in backend.stages[:-1]),
+                Step(last.name, lambda batch: embedding.last_stage(batch, _works(batch)), most),
                 Step("answer", lambda batch: self._reply(batch[0])),
             ),
             settings.capacity,
@@ -57,18 +57,14 @@ class Views:
         except Refusal as error:
             raise Refused(error.name, str(error)) from error
         asked = Asked(request, payload, only_embeds=not request.detects and self._backend.needs_prompts)
-        if (
-            self._truth is None
-        ):  # who is told the truth answers by that and by the view's name, not by the picture alone
+        if self._truth is None:  # who is told the truth answers by that and the view's name, not by the picture
             asked.key = content_key(request, payload, self._backend.models)
             with self._lock:
                 known = self._answers.get(asked.key)
                 self.cached += known is not None
             if known is not None:
                 return Answer(_about(request, known))
-        replaces = (request.asker, request.source, request.view) if request.asker else None
-        deadline_ns = received_ns + request.deadline_ms * 1_000_000
-        self._let_in(Job(asked, request.source.startswith("robot/"), deadline_ns, replaces))
+        self._let_in(asked.job(received_ns))
         return asked.answer
 
     def _let_in(self, job: Job[Asked]) -> None:

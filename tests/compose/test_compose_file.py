@@ -7,14 +7,20 @@ from pathlib import Path
 import pytest
 import yaml
 
+from services.perception.config import PerceptionSettings
+
 _ROOT = Path(__file__).parents[2]
 _COMPOSE = yaml.safe_load((_ROOT / "compose.yaml").read_text(encoding="utf-8"))
 _SERVICES = _COMPOSE["services"]
 _ONE_SHOT = {"prepare"}
+_ON_A_GPU = {"perception-gpu"}
+_DOCKERFILE = (_ROOT / "Dockerfile").read_text(encoding="utf-8")
 
 
 def test_it_starts_the_whole_system() -> None:
-    assert set(_SERVICES) == {"router", "prepare", "camera", "robot", "perception", "fusion", "planner", "gateway"}
+    started = {name for name, service in _SERVICES.items() if not service.get("profiles")}
+    assert started == {"router", "prepare", "camera", "robot", "perception", "fusion", "planner", "gateway"}
+    assert set(_SERVICES) - started == _ON_A_GPU
     assert "version" not in _COMPOSE
 
 
@@ -67,8 +73,22 @@ def test_ports_are_bound_to_this_machine_only(name: str) -> None:
 
 
 def test_only_one_service_builds_the_image_that_all_run() -> None:
-    assert {service["image"] for service in _SERVICES.values()} == {"surveilnav"}
-    assert [name for name, service in _SERVICES.items() if "build" in service] == ["router"]
+    others = {name: service for name, service in _SERVICES.items() if name not in _ON_A_GPU}
+    assert {service["image"] for service in others.values()} == {"surveilnav"}
+    assert [name for name, service in others.items() if "build" in service] == ["router"]
+
+
+def test_the_gpu_worker_has_an_image_and_a_name_of_its_own_and_starts_only_if_asked_for() -> None:
+    gpu, perception = _SERVICES["perception-gpu"], _SERVICES["perception"]
+    assert gpu["profiles"] == ["gpu"]
+    assert (gpu["image"], gpu["build"]["target"]) == ("surveilnav-gpu", "gpu")
+    stages = [line.split()[-1] for line in _DOCKERFILE.splitlines() if line.startswith("FROM") and " AS " in line]
+    assert gpu["build"]["target"] in stages
+    last = [line for line in _DOCKERFILE.splitlines() if line.startswith("FROM")][-1]
+    assert last == "FROM base", "the image of all others comes last: it is what `docker build` makes"
+    assert gpu["environment"]["SURVEILNAV_PERCEPTION__WORKER"] != PerceptionSettings.model_fields["worker"].default
+    assert gpu["command"] == perception["command"]
+    assert gpu["deploy"]["resources"]["reservations"]["devices"][0]["capabilities"] == ["gpu"]
 
 
 @pytest.mark.parametrize("name", ["fusion", "planner"])
@@ -79,7 +99,7 @@ def test_what_must_outlive_a_container_lies_in_a_volume_by_building(name: str) -
     assert volume in _COMPOSE["volumes"]
     assert store.startswith(f"{mount}/")
     assert "${SURVEILNAV_SIM__BUILDING:-" in store, "another building's maps and missions would be taken up"
-    assert f"install -d -o 10001 -g 10001 {mount}" in (_ROOT / "Dockerfile").read_text(encoding="utf-8")
+    assert f"install -d -o 10001 -g 10001 {mount}" in _DOCKERFILE
 
 
 def test_cameras_look_with_the_backend_of_perception_unless_told_otherwise() -> None:

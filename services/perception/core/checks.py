@@ -16,10 +16,12 @@ def check_view(request: InferRequest, payload: bytes, *, needs_prompts: bool) ->
 
     Raises:
         WireError: no picture, or one whose header and bytes don't fit.
-        Refusal: "bad_prompt" or "no_prompt".
+        Refusal: "bad_prompt", "no_prompt", or "too_late" (its deadline lies in the past).
     """
     if request.camera is None or request.image is None or request.depth is None:
         raise WireError("a picture needs camera, image and depth in its request")
+    if request.deadline_ms <= 0:
+        raise Refusal("too_late", f"the deadline is {-request.deadline_ms} ms ago")
     if len(request.prompts) > MAX_WORDS:
         raise Refusal("bad_prompt", f"up to {MAX_WORDS} prompts can be looked for at once, got {len(request.prompts)}")
     for prompt in request.prompts:

@@ -59,7 +59,7 @@ class StageQueues(Generic[T]):
         self._under_way = 0
         self._order = 0
         self._interval_ms = _FIRST_GUESS_MS
-        self._answered_ns = 0
+        self._idle_until_ns = self._answered_ns = 0
 
     @property
     def under_way(self) -> int:
@@ -81,6 +81,8 @@ class StageQueues(Generic[T]):
                 return [*turned, Turned(job, why)]
             turned.append(Turned(displaced, why))
             self._under_way -= 1
+        if not self._under_way:
+            self._idle_until_ns = now_ns
         self._order += 1
         self._under_way += 1
         job.order, job.since_ns = self._order, now_ns
@@ -108,7 +110,7 @@ class StageQueues(Generic[T]):
 
     def finish(self, job: Job[T], now_ns: int) -> None:
         """Counts an admitted job out that left its stage, answered or refused."""
-        taken_ms = (now_ns - max(self._answered_ns, job.since_ns)) / 1e6
+        taken_ms = (now_ns - max(self._answered_ns, self._idle_until_ns)) / 1e6
         self._interval_ms += _NEW_SHARE * (taken_ms - self._interval_ms)
         self._answered_ns = now_ns
         self._under_way -= 1

@@ -59,6 +59,7 @@ class Backend(ABC):
         vocabulary: the words that it knows; None: any.
         needs_prompts: it finds nothing but what it is asked for; its embeddings don't depend on what it finds.
         embedding_dim: D of every embedding.
+        best_batch: so many views it looks at together faster than one after the other.
         needs_truth: it must be told what each pixel shows (simulation only).
         stages: what a view passes through, in order; views of a batch don't depend on each other.
     """
@@ -69,6 +70,7 @@ class Backend(ABC):
     vocabulary: Vocabulary | None = None
     needs_prompts: bool = False
     embedding_dim: int
+    best_batch: int = 1
     needs_truth: bool = False
     stages: tuple[Stage, ...]
 

@@ -252,6 +252,8 @@ class FakeBuilding:
                 queued=0,
                 capacity=8,
                 latency_ms=1.0,
+                models=m.ModelIds(detector="d@1"),
+                times={"queue": [0] * 20 + [3] + [0] * 53, "odd": [1]},
             )
         )
 

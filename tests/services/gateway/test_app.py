@@ -271,6 +271,9 @@ def test_robots_and_perception(client, building):
     assert robot["yaw_rad"] == pytest.approx(1.0)
     (worker,) = client.get("/api/v1/perception").json()["items"]
     assert (worker["id"], worker["backend"], worker["why"], worker["stale"]) == ("w1", "simulated", "no weights", False)
+    assert (worker["ready"], worker["models"]) == (True, {"detector": "d@1", "segmenter": "", "embedder": ""})
+    assert worker["stages"]["queue"] == {"views": 3, "p50_ms": 8.0, "p95_ms": 8.0}
+    assert worker["stages"]["odd"] == {"views": 1, "p50_ms": None, "p95_ms": None}
 
 
 # --- maps ---------------------------------------------------------------------------------------------------------

@@ -100,6 +100,13 @@ def test_requests(name, worker, request_of):
     assert error.value.name == expected
 
 
+def test_a_deadline_in_the_past_is_refused_even_where_the_answer_is_remembered(worker, request_of):
+    worker.ask(request_of(10, prompts=["tv"]))
+    with pytest.raises(Refused) as error:
+        worker.ask(request_of(10, prompts=["tv"], deadline_ms=-1))
+    assert error.value.name == "too_late"
+
+
 @pytest.mark.parametrize("name", TEXTS)
 def test_texts(name, worker):
     texts, expected = TEXTS[name]

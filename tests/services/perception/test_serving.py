@@ -87,6 +87,25 @@ def test_one_bad_picture_in_a_batch_fails_alone(make_worker, scripted, request_o
     assert worker.service.load().queued == 0
 
 
+def test_of_many_that_ask_at_once_each_is_answered_or_told_when_to_come_again(make_worker, scripted, request_of, until):
+    backend = scripted()
+    worker = make_worker(backend, capacity=4)
+    backend.let["detect"].clear()
+
+    def outcome(shade: int) -> str:
+        try:
+            return f"answered {worker.ask(request_of(shade)).view}"
+        except Refused as error:
+            return f"{error.name} {bool(error.retry_after_ms)}"
+
+    with ThreadPoolExecutor(30) as pool:
+        told = [pool.submit(outcome, shade) for shade in range(30)]
+        until(lambda: sum(t.done() for t in told) == 26)
+        assert {t.result() for t in told if t.done()} == {"busy True"}
+        backend.let["detect"].set()
+        assert sum(t.result() == f"answered {shade}" for shade, t in enumerate(told)) == 4
+
+
 def test_a_newer_view_takes_the_place_of_one_that_waits(make_worker, scripted, request_of, until):
     backend = scripted()
     worker = make_worker(backend, max_batch=1)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from msgspec.structs import asdict
+from pydantic import BaseModel, Field
 
 from services.gateway.core.resources.base import Number, Resource
 from surveilnav.geometry import yaw_of
+from surveilnav.histogram import quantile_ms
 from surveilnav.messages import RobotStatus, WorkerLoad
 
 
@@ -27,6 +29,12 @@ class Robot(Resource):
         return cls.made_of(status, **where, mission=mission, last_seen=seen_ns, stale=stale)
 
 
+class StageTimes(BaseModel):
+    views: int
+    p50_ms: Number
+    p95_ms: Number
+
+
 class Worker(Resource):
     id: str = Field(validation_alias="worker")
     backend: str
@@ -34,8 +42,16 @@ class Worker(Resource):
     queued: int
     capacity: int
     latency_ms: Number
+    ready: bool = Field(description="it answered a probe picture rightly")
+    cached: int = Field(description="views answered from memory")
+    models: dict[str, str] = Field(description="ids of its detector, segmenter and embedder")
+    stages: dict[str, StageTimes] = Field(description="how long views waited (queue) and took, by stage")
 
     @classmethod
     def from_load(cls, load: WorkerLoad, seen_ns: int, stale: bool) -> Worker:
         """A perception worker as it tells of itself."""
-        return cls.made_of(load, last_seen=seen_ns, stale=stale)
+        stages = {
+            name: StageTimes(views=sum(counts), p50_ms=quantile_ms(counts, 0.5), p95_ms=quantile_ms(counts, 0.95))
+            for name, counts in load.times.items()
+        }
+        return cls.made_of(load, models=asdict(load.models), stages=stages, last_seen=seen_ns, stale=stale)

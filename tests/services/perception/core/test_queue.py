@@ -129,6 +129,8 @@ def test_who_comes_again_is_told_the_pace_of_the_last_answers() -> None:
             j = job("a", deadline_ms=1e9)
             admit(q, j, now_ns=i * pace_ms * MS)
             q.take("detect", 1, i * pace_ms * MS)
+            q.put(j, "embed", (i + 1) * pace_ms * MS - 1)  # the last stage is the shortest
+            q.take("embed", 1, (i + 1) * pace_ms * MS)
             q.finish(j, (i + 1) * pace_ms * MS)
         admit(q, *(job(str(i), deadline_ms=1e9) for i in range(4)), now_ns=60 * pace_ms * MS)
         return q.retry_after_ms()
