@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -105,6 +105,26 @@ def image_processor(path: Path) -> Any:
     return part(transformers.AutoImageProcessor, path, backend="pil")
 
 
+def tokens(tokenizer: Any, texts: Sequence[str], *, most: int = 77, whole: bool = False) -> dict[str, torch.Tensor]:
+    """``input_ids`` and ``attention_mask`` (N, T) of texts, padded to the length that the model was trained with.
+
+    Args:
+        tokenizer: a tokenizer of transformers.
+        texts: N of them.
+        most: tokens of a text, where the tokenizer has no smaller limit of its own.
+        whole: a text that is too long is refused rather than cut.
+
+    Raises:
+        PerceptionError: such a text.
+    """
+    most = min(int(tokenizer.model_max_length), most)
+    for text in texts if whole else ():
+        if (n := len(tokenizer(text)["input_ids"])) > most:
+            raise PerceptionError(f"{text[:40]!r} has {n} tokens, and this model reads {most}: shorten it")
+    out = tokenizer(list(texts), padding="max_length", truncation=True, max_length=most, return_tensors="pt")
+    return {"input_ids": out["input_ids"], "attention_mask": out["attention_mask"]}
+
+
 def expect_type(path: Path, model_types: Sequence[str]) -> str:
     """What a folder's config.json says it holds, which must be one of ``model_types``. PerceptionError: it isn't."""
     file = path / "config.json"
@@ -115,14 +135,6 @@ def expect_type(path: Path, model_types: Sequence[str]) -> str:
     if found not in model_types:
         raise PerceptionError(f"expected a model of type {' or '.join(model_types)}, and {path} holds {found!r}")
     return str(found)
-
-
-def groups(keys: Iterable[Hashable]) -> list[list[int]]:
-    """Places of equal keys, the first first: what can run as one batch without touching the others."""
-    rows: dict[Hashable, list[int]] = {}
-    for i, key in enumerate(keys):
-        rows.setdefault(key, []).append(i)
-    return list(rows.values())
 
 
 _AGAIN = "Fetch the folder anew, or name another"

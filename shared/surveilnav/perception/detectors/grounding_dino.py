@@ -12,10 +12,11 @@ import numpy as np
 import transformers
 from numpy.typing import NDArray
 
-from surveilnav.perception.boxes import Boxes, merged
+from surveilnav.perception.boxes import Boxes
+from surveilnav.perception.detectors.queries import chosen, corners, in_groups, things
 from surveilnav.perception.detectors.spans import Marks, Prompt, cleaned, prompts, word_scores
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.torch_model import groups, image_processor, load, numbers, part
+from surveilnav.perception.torch_model import image_processor, load, numbers, part
 
 MODEL_TYPES = ("grounding-dino", "mm-grounding-dino")
 
@@ -61,59 +62,33 @@ class GroundingDino:
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
         """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""
-        found = [Boxes.empty(tuple(w)) for w in words]
-        keys = ((image.shape, tuple(w)) for image, w in zip(images, words, strict=True))
-        for rows in groups(keys):
-            if found[rows[0]].words:
-                for row, boxes in zip(rows, self._detect([images[i] for i in rows], words[rows[0]]), strict=True):
-                    found[row] = boxes
-        return found
+        return in_groups(images, words, self._detect)
 
-    def _detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[str]) -> list[Boxes]:
-        """Boxes of pictures of one size, all asked for the same words."""
+    def _detect(self, images: Sequence[NDArray[np.uint8]], words: tuple[str, ...]) -> list[Boxes]:
         pixels = self._images(list(images), return_tensors="np")["pixel_values"]
-        passes = [self._pass(pixels, prompt) for prompt in self.prompts(words)]
         height, width = images[0].shape[:2]
-        found = []
-        for i in range(len(images)):
-            parts = [
-                self._boxes(cxcywh[i], logits[i], prompt, words, width, height) for prompt, cxcywh, logits in passes
-            ]
-            found.append(merged(Boxes.joined(parts), _SAME_THING_IOU).clipped(width, height))
-        return found
+        parts: list[list[Boxes]] = [[] for _ in images]
+        for prompt in self.prompts(words):
+            for row, (cxcywh, logits) in enumerate(self._pass(pixels, prompt)):
+                scores = word_scores(logits, prompt, len(words))
+                xyxy = corners(cxcywh, width, height)
+                parts[row].append(chosen(xyxy, scores, words, self.threshold, self.text_threshold))
+        return [things(of_one, _SAME_THING_IOU, width, height) for of_one in parts]
 
     def prompts(self, words: Sequence[str]) -> list[Prompt]:
-        """The texts in which these words are looked for."""
+        """The texts in which these words are looked for.
+
+        Raises:
+            PerceptionError: a word names nothing, or is too long.
+        """
         tokens = [self._tokenizer(cleaned(word), add_special_tokens=False)["input_ids"] for word in words]
         return prompts(tokens, self._marks, self._most_tokens, self.words_per_pass)
 
     def _pass(
         self, pixels: NDArray[np.float32], prompt: Prompt
-    ) -> tuple[Prompt, NDArray[np.float32], NDArray[np.float32]]:
-        """(prompt, boxes (B, Q, 4) as centre and size in shares of the picture, logits (B, Q, tokens))."""
+    ) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        """Of each picture (Q, 4) centres and sizes of boxes in shares of its sides, and logits (Q, tokens)."""
         ids = np.repeat(prompt.ids[None], len(pixels), axis=0)
         with self._model.running():
             out = self._model.net(pixel_values=self._model.tensor(pixels), input_ids=self._model.tensor(ids))
-        return prompt, numbers(out.pred_boxes), numbers(out.logits)
-
-    def _boxes(
-        self,
-        cxcywh: NDArray[np.float32],
-        logits: NDArray[np.float32],
-        prompt: Prompt,
-        words: Sequence[str],
-        width_px: int,
-        height_px: int,
-    ) -> Boxes:
-        """Of one picture and one pass, those above the thresholds, in pixels."""
-        scores = word_scores(logits, prompt, len(words))
-        keep = scores.max(axis=1) >= self.threshold
-        scores = np.where(scores >= self.text_threshold, scores, 0.0).astype(np.float32)
-        return Boxes(corners(cxcywh[keep], width_px, height_px), scores[keep], tuple(words))
-
-
-def corners(cxcywh: NDArray[np.float32], width_px: float, height_px: float) -> NDArray[np.float32]:
-    """Boxes (N, 4) xyxy [pixels] of centres and sizes in shares of a picture's sides."""
-    centre, half = cxcywh[:, :2], cxcywh[:, 2:] / 2
-    scale = np.array([width_px, height_px] * 2, np.float32)
-    return np.asarray(np.concatenate([centre - half, centre + half], axis=1) * scale, np.float32)
+        return list(zip(numbers(out.pred_boxes), numbers(out.logits), strict=True))
