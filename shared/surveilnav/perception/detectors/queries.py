@@ -44,5 +44,5 @@ def chosen(
 
 
 def things(parts: Sequence[Boxes], same_thing_iou: float, width_px: int, height_px: int) -> Boxes:
-    """One box a thing, the best first, in the picture."""
-    return merged(Boxes.joined(parts), same_thing_iou).clipped(width_px, height_px)
+    """One box a thing, the best first, in the picture. What has no extent in it, or isn't a number, goes first."""
+    return merged(Boxes.joined(parts).clipped(width_px, height_px), same_thing_iou)
