@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -160,3 +161,67 @@ def siglip(folder: Path) -> Path:
     vision = {"hidden_size": 32, "intermediate_size": 64, "num_hidden_layers": 1, "num_attention_heads": 2, "image_size": 32, "patch_size": 8}  # fmt: skip  # noqa: E501
     model = transformers.SiglipModel(transformers.SiglipConfig(text_config=text, vision_config=vision))
     return saved(model, folder, tokenizer, SiglipImageProcessorPil(size={"height": 32, "width": 32}))
+
+
+class _SamEncoder(torch.nn.Module):
+    def __init__(self, sam: Any) -> None:
+        super().__init__()
+        self.encoder = sam.vision_encoder
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        return self.encoder(image, return_dict=True).last_hidden_state
+
+
+class _SamDecoder(torch.nn.Module):
+    """The inputs and outputs of SAM's documented ONNX export, for one box; masks come in the picture's size."""
+
+    def __init__(self, sam: Any) -> None:
+        super().__init__()
+        self.sam, self.side = sam, sam.config.vision_config.image_size
+
+    def forward(
+        self, image_embeddings: torch.Tensor, point_coords: torch.Tensor, point_labels: torch.Tensor,
+        mask_input: torch.Tensor, has_mask_input: torch.Tensor, orig_im_size: torch.Tensor,
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:  # fmt: skip
+        unused = 0 * (point_labels.sum() + mask_input.sum() + has_mask_input.sum())  # they stay inputs of the file
+        box = torch.cat([point_coords[:, 0], point_coords[:, 1]], dim=-1)[None] + unused
+        out = self.sam(image_embeddings=image_embeddings, input_boxes=box, multimask_output=False)
+        masks = torch.nn.functional.interpolate(out.pred_masks[0], (self.side, self.side), mode="bilinear")
+        height, width = torch.floor(orig_im_size * (self.side / orig_im_size.max()) + 0.5).to(torch.int64)
+        size = orig_im_size.to(torch.int64)
+        masks = torch.nn.functional.interpolate(masks[..., :height, :width], (size[0], size[1]), mode="bilinear")
+        return masks, out.iou_scores[0], out.pred_masks[0]
+
+
+def sam() -> Any:
+    """A tiny SAM (the first one), whose prompts and masks MobileSAM shares."""
+    torch.manual_seed(0)
+    vision = {"hidden_size": 32, "output_channels": 32, "num_hidden_layers": 1, "num_attention_heads": 2, "image_size": 128, "patch_size": 16, "window_size": 4, "global_attn_indexes": [0], "mlp_dim": 64, "num_pos_feats": 16}  # fmt: skip  # noqa: E501
+    prompt = {"hidden_size": 32, "image_size": 128, "patch_size": 16}
+    mask = {"hidden_size": 32, "mlp_dim": 64, "iou_head_hidden_dim": 32}
+    return transformers.SamModel(
+        transformers.SamConfig(vision_config=vision, prompt_encoder_config=prompt, mask_decoder_config=mask)
+    ).eval()
+
+
+def mobile_sam_onnx(folder: Path) -> Path:
+    """``sam()`` as the two ONNX files that MobileSAM's scripts write."""
+    folder.mkdir(parents=True, exist_ok=True)
+    model = sam()
+    names = ["image_embeddings", "point_coords", "point_labels", "mask_input", "has_mask_input", "orig_im_size"]
+    box = torch.tensor([[[10.0, 10.0], [60.0, 70.0]]])
+    inputs = (
+        torch.randn(1, 32, 8, 8), box, torch.tensor([[2.0, 3.0]]), torch.zeros(1, 1, 32, 32), torch.zeros(1),
+        torch.tensor([100.0, 120.0]),
+    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of tracing
+        torch.onnx.export(
+            _SamEncoder(model), (torch.randn(1, 3, 128, 128),), folder / "encoder.onnx", input_names=["image"],
+            output_names=["image_embeddings"], dynamo=False,
+        )  # fmt: skip
+        torch.onnx.export(
+            _SamDecoder(model), inputs, folder / "decoder.onnx", input_names=names,
+            output_names=["masks", "iou_predictions", "low_res_masks"], dynamo=False,
+        )  # fmt: skip
+    return folder
