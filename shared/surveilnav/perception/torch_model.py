@@ -90,8 +90,23 @@ def load(kind: Any, path: Path, model_types: Sequence[str], runtime: Runtime) ->
     return TorchModel(torch.compile(net) if runtime.compiled and device.type == "cuda" else net, device)
 
 
-def part(kind: Any, path: Path, **options: Any) -> Any:
-    """What goes with a model in its folder: a tokenizer or an image processor. PerceptionError: it isn't there."""
+def tokenizer(path: Path) -> Any:
+    """The tokenizer of a folder. PerceptionError: it isn't there; transformers would make one that knows no word."""
+    if not any((path / name).is_file() for name in _VOCABULARIES):
+        raise PerceptionError(f"{path} has no tokenizer: expected one of {', '.join(_VOCABULARIES)} in it. {_AGAIN}")
+    return _part(transformers.AutoTokenizer, path)
+
+
+def image_processor(path: Path) -> Any:
+    """The image processor of a folder, with Pillow: the same numbers whether torchvision is there or not.
+
+    Raises:
+        PerceptionError: it isn't there.
+    """
+    return _part(transformers.AutoImageProcessor, path, backend="pil")
+
+
+def _part(kind: Any, path: Path, **options: Any) -> Any:
     try:
         return kind.from_pretrained(path, local_files_only=True, **options)
     except Exception as error:  # as above
@@ -100,16 +115,11 @@ def part(kind: Any, path: Path, **options: Any) -> Any:
         ) from error
 
 
-def image_processor(path: Path) -> Any:
-    """The image processor of a folder, with Pillow: the same numbers whether torchvision is there or not."""
-    return part(transformers.AutoImageProcessor, path, backend="pil")
-
-
-def tokens(tokenizer: Any, texts: Sequence[str], *, most: int = 77, whole: bool = False) -> dict[str, torch.Tensor]:
+def tokens(reader: Any, texts: Sequence[str], *, most: int = 77, whole: bool = False) -> dict[str, torch.Tensor]:
     """``input_ids`` and ``attention_mask`` (N, T) of texts, padded to the length that the model was trained with.
 
     Args:
-        tokenizer: a tokenizer of transformers.
+        reader: a tokenizer.
         texts: N of them.
         most: tokens of a text, where the tokenizer has no smaller limit of its own.
         whole: a text that is too long is refused rather than cut.
@@ -117,11 +127,11 @@ def tokens(tokenizer: Any, texts: Sequence[str], *, most: int = 77, whole: bool 
     Raises:
         PerceptionError: such a text.
     """
-    most = min(int(tokenizer.model_max_length), most)
+    most = min(int(reader.model_max_length), most)
     for text in texts if whole else ():
-        if (n := len(tokenizer(text)["input_ids"])) > most:
+        if (n := len(reader(text)["input_ids"])) > most:
             raise PerceptionError(f"{text[:40]!r} has {n} tokens, and this model reads {most}: shorten it")
-    out = tokenizer(list(texts), padding="max_length", truncation=True, max_length=most, return_tensors="pt")
+    out = reader(list(texts), padding="max_length", truncation=True, max_length=most, return_tensors="pt")
     return {"input_ids": out["input_ids"], "attention_mask": out["attention_mask"]}
 
 
@@ -137,6 +147,7 @@ def expect_type(path: Path, model_types: Sequence[str]) -> str:
     return str(found)
 
 
+_VOCABULARIES = ("tokenizer.json", "vocab.json", "vocab.txt", "tokenizer.model", "spiece.model")
 _AGAIN = "Fetch the folder anew, or name another"
 
 

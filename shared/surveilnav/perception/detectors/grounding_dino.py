@@ -16,7 +16,7 @@ from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.detectors.queries import chosen, corners, in_groups, things
 from surveilnav.perception.detectors.spans import Marks, Prompt, cleaned, prompts, word_scores
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.torch_model import image_processor, load, numbers, part
+from surveilnav.perception.torch_model import image_processor, load, numbers, tokenizer
 
 MODEL_TYPES = ("grounding-dino", "mm-grounding-dino")
 
@@ -56,7 +56,7 @@ class GroundingDino:
         self.words_per_pass = words_per_pass
         self._model = load(transformers.AutoModelForZeroShotObjectDetection, path, MODEL_TYPES, runtime or Runtime())
         self._most_tokens = int(self._model.net.config.max_text_len)
-        self._images, self._tokenizer = image_processor(path), part(transformers.AutoTokenizer, path)
+        self._images, self._tokenizer = image_processor(path), tokenizer(path)
         start, stop, dot, question = self._tokenizer.convert_tokens_to_ids(["[CLS]", "[SEP]", ".", "?"])
         self._marks = Marks(start, stop, dot, inside=(question,))
 

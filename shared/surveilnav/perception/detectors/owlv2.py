@@ -13,7 +13,7 @@ from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.detectors.queries import chosen, corners, in_groups, things
 from surveilnav.perception.detectors.spans import cleaned
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.torch_model import image_processor, load, numbers, part, tokens
+from surveilnav.perception.torch_model import image_processor, load, numbers, tokenizer, tokens
 
 MODEL_TYPES = ("owlv2",)
 
@@ -40,7 +40,7 @@ class Owlv2:
         """
         self.model, self.threshold = model, threshold
         self._model = load(transformers.Owlv2ForObjectDetection, path, MODEL_TYPES, runtime or Runtime())
-        self._images, self._tokenizer = image_processor(path), part(transformers.AutoTokenizer, path)
+        self._images, self._tokenizer = image_processor(path), tokenizer(path)
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
         """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""

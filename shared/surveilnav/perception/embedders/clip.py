@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.protocols import ViewEmbedding
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.torch_model import expect_type, image_processor, load, numbers, part, tokens
+from surveilnav.perception.torch_model import expect_type, image_processor, load, numbers, tokenizer, tokens
 
 MODEL_TYPES = ("clip", "siglip", "siglip2")
 
@@ -42,7 +42,7 @@ class Clip:
         """
         self.model, self._type = model, expect_type(path, MODEL_TYPES)
         self._model = load(transformers.AutoModel, path, MODEL_TYPES, runtime or Runtime())
-        self._images, self._tokenizer = image_processor(path), part(transformers.AutoTokenizer, path)
+        self._images, self._tokenizer = image_processor(path), tokenizer(path)
         self.dim = int(self.embed_texts(["a room"]).shape[1])
 
     def embed_views(
