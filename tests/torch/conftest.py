@@ -57,3 +57,46 @@ def pictures() -> list[NDArray[np.uint8]]:
         coarse = rng.integers(0, 255, (4, 5, 3)).repeat(30, axis=0).repeat(32, axis=1)
         out.append(np.clip(coarse + rng.integers(-20, 20, (120, 160, 3)), 0, 255).astype(np.uint8))
     return out
+
+
+#: Two words that the tiny models learn, one of two tokens, and what the rooms are asked about.
+WORDS = ("couch", "dining table")
+ROOM_TEXTS = {"Living room": "seems like there is a couch", "Kitchen": "seems like there is a dining table"}
+
+
+@pytest.fixture(scope="session")
+def home() -> Any:
+    """A small home of boxes: (renderer, navigation)."""
+    from simulator.render.renderer import Renderer
+    from simulator.sources import open_building
+    from simulator.world.navigation import NavigationMap
+
+    scene = open_building("parametric_flat")
+    return Renderer(scene, lighting="flat"), NavigationMap.build(scene)
+
+
+@pytest.fixture(scope="session")
+def twenty(home: Any) -> Any:
+    """Twenty renders of the home as its robot sees it, each of which shows one of ``WORDS`` at least."""
+    from services.robot_node.core import CAMERA
+    from tests.torch.trained import examples
+
+    return examples(*home, CAMERA, WORDS, 20)
+
+
+@pytest.fixture(scope="session")
+def tiny_grounding_dino(twenty: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a tiny Grounding DINO that knows where ``WORDS`` are in ``twenty``. Two minutes."""
+    from tests.torch.trained import train_grounding_dino
+
+    return train_grounding_dino(tmp_path_factory.mktemp("trained") / "tiny-grounding-dino", twenty, WORDS)
+
+
+@pytest.fixture(scope="session")
+def tiny_clip(home: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a tiny CLIP that tells the living room from the kitchen by ``ROOM_TEXTS``."""
+    from services.robot_node.core import CAMERA
+    from tests.torch.trained import room_views, train_clip
+
+    shown = [(rgb, text) for room, text in ROOM_TEXTS.items() for rgb in room_views(*home, CAMERA, room, 40)]
+    return train_clip(tmp_path_factory.mktemp("trained") / "tiny-clip", shown)
