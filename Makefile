@@ -2,13 +2,14 @@
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/.set-up
+TORCH_READY := .venv-torch/.set-up
 # More arguments for a target's command: make demo ARGS="--target couch", make test ARGS="-k fusion -x".
 ARGS ?=
 # Processes among which `make test` divides the tests.
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-compose demo dataset bench bench-core bench-perception bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test canary test-torch test-compose demo dataset bench bench-core bench-perception bench-render bench-homes bench-association bench-calibration docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -30,6 +31,13 @@ test: $(READY) ## all tests that need no Docker engine, on real Zenoh; TEST_WORK
 
 canary: $(READY) ## a dozen fixed searches, action by action as written in benchmark/canary.json (2 minutes)
 	$(BIN)/python -m benchmark.canary $(ARGS)
+
+$(TORCH_READY): $(READY) tools/setup-torch
+	@tools/setup-torch
+	@touch $@
+
+test-torch: $(TORCH_READY) ## tests of the networks under PyTorch, in .venv-torch, on tiny models (minutes)
+	.venv-torch/bin/python -m pytest -q tests/torch $(ARGS)
 
 test-compose: $(READY) ## the compose file, on a real Docker engine (skipped where there is none)
 	$(BIN)/python -m pytest -q tests/compose $(ARGS)
@@ -67,6 +75,6 @@ docs: $(READY) ## write what is generated: the contract, the settings, the READM
 	$(BIN)/python -m cli.settings_page > docs/use/settings.md
 	$(BIN)/python -m benchmark.tables.readme docs/images/results.png
 
-clean: ## remove caches; .venv and runs/ stay
+clean: ## remove caches; .venv, .venv-torch and runs/ stay
 	rm -rf .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache build dist
-	find . -path ./.venv -prune -o -name __pycache__ -type d -exec rm -rf {} +
+	find . -path './.venv*' -prune -o -name __pycache__ -type d -exec rm -rf {} +

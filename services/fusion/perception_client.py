@@ -175,7 +175,7 @@ class PerceptionClient:
                 break
             except (Refused, WireError) as error:
                 pause_s = _pause_s(error, pause_s)
-                attempts += not (isinstance(error, Refused) and error.name in _PASSING)
+                attempts += not _passes(error, lane is self._robots)
                 if lane is self._robots:  # a camera's view that has to wait is no outage
                     lane.problem = f"perception can't tell what {header.source} sees: {error}"
             except (BusError, PerceptionError) as error:
@@ -201,6 +201,12 @@ class PerceptionClient:
         if (reply.source, reply.view, reply.seq) != (header.source, header.view, header.seq):
             raise WireError(f"worker {reply.worker} answered about another view")
         return msgspec.msgpack.encode(reply), perception_from_wire(reply, header.camera)
+
+
+def _passes(error: Exception, is_robot: bool) -> bool:
+    """Whether a refusal has to do with the moment. A robot says again what it sees, and the truth of it; a camera doesn't: a
+    worker that was started after it will never be told."""
+    return isinstance(error, Refused) and error.name in _PASSING and (is_robot or error.name != "no_truth")
 
 
 def _pause_s(error: Exception, otherwise_s: float) -> float:

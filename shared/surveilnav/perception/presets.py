@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from surveilnav.errors import PerceptionError
-from surveilnav.perception import models
+from surveilnav.perception import models, parts
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.perception.sizes import extents_of
 from surveilnav.perception.vocabulary import COCO
@@ -19,6 +20,9 @@ from surveilnav.perception.vocabulary import COCO
 #: The pairs that did best for their time on rendered homes: for robots' views, and for cameras' (the first in tiles).
 DEFAULT_DETECTORS: tuple[str, ...] = ("yolox-nano", "picodet-s")
 DEFAULT_LARGE_DETECTORS: tuple[str, ...] = ("yolox-nano", "deimv2-femto")
+
+#: The paper's three: Grounding DINO, MobileSAM, CLIP.
+PAPER: tuple[str, str, str] = ("grounding-dino-tiny", "mobile-sam", "clip-vit-b32")
 
 #: Weaker things of COCO's networks are kept out of the answer (they still tint the view's embedding).
 _COCO_MIN_SCORE = 0.25
@@ -31,12 +35,23 @@ class Networks:
     Attributes:
         detectors: the networks of ``onnx-coco`` for views of up to 900 pixels.
         large_detectors: the same for larger ones.
+        detector, segmenter, embedder: models or folders of ``paper``; empty: the paper's.
+        words_per_pass: how many words Grounding DINO looks for at once; 0: as many as fit into its text.
+        threshold: the score that a box of ``detector`` needs; None: what its paper says.
+        device, compiled: see ``Runtime``; of networks under PyTorch.
         threads: of each network.
         download: whether weights may be fetched.
     """
 
     detectors: Sequence[str] = DEFAULT_DETECTORS
     large_detectors: Sequence[str] = DEFAULT_LARGE_DETECTORS
+    detector: str = ""
+    segmenter: str = ""
+    embedder: str = ""
+    words_per_pass: int = 0
+    threshold: float | None = None
+    device: str = "auto"
+    compiled: bool = False
     threads: int = 1
     download: bool = True
 
@@ -62,5 +77,24 @@ def onnx_coco(networks: Networks, why: str) -> Backend:
     )  # fmt: skip
 
 
+def paper(networks: Networks, why: str) -> Backend:
+    """The paper's eyes, which find any word: Grounding DINO, MobileSAM, CLIP, or what settings name instead.
+
+    Raises:
+        PerceptionError: a model can't be had, or PyTorch isn't installed.
+    """
+    given = (networks.detector, networks.segmenter, networks.embedder)
+    names = [name or default for name, default in zip(given, PAPER, strict=True)]
+    runtime = Runtime(networks.device, networks.threads, networks.compiled)
+    detector = parts.detector(
+        names[0], runtime, words_per_pass=networks.words_per_pass, threshold=networks.threshold,
+        download=networks.download,
+    )  # fmt: skip
+    segmenter = parts.segmenter(names[1], runtime, download=networks.download)
+    embedder = parts.embedder(names[2], runtime, download=networks.download)
+    # The detector keeps what is weak to itself.
+    return Pipeline("paper", f"any word ({' + '.join(names)}), {why}", detector, segmenter, embedder, min_score=0.0)
+
+
 #: What makes a backend, told what settings say and why it runs.
-PRESETS: Mapping[str, Callable[[Networks, str], Backend]] = MappingProxyType({"onnx-coco": onnx_coco})
+PRESETS: Mapping[str, Callable[[Networks, str], Backend]] = MappingProxyType({"onnx-coco": onnx_coco, "paper": paper})

@@ -1,1 +1,2 @@
-"""Embedders: pictures, boxes and texts as unit vectors of one space. ``class_space`` serves detectors with a vocabulary."""
+"""Embedders: pictures, boxes and texts as unit vectors of one space. ``class_space`` serves detectors with a vocabulary,
+``clip`` any word."""

@@ -13,7 +13,11 @@ from surveilnav.errors import PerceptionError
 from surveilnav.perception.models import digest, lock
 from surveilnav.perception.models.catalogue import Model
 
-_WEIGHTS = ("*.safetensors", "pytorch_model*.bin")
+_WEIGHTS = ("*.safetensors", "pytorch_model*.bin", "*.onnx")
+#: A folder with these is MobileSAM, as its own scripts export it.
+_MOBILE_SAM = ("encoder.onnx", "decoder.onnx")
+#: Whose a single file is.
+_FAMILY_OF_SUFFIX = {".onnx": "yolo-world", ".pt": "mobile-sam"}
 _LARGEST_HEADER = 100_000_000  # bytes: of a safetensors file, by its specification
 
 
@@ -53,11 +57,28 @@ def missing_files(folder: Path, model: Model) -> Iterator[str]:
             yield file.name
 
 
+def checked_own(path: Path) -> Path:
+    """``path``, once it is seen to be a file or folder that somebody reads. PerceptionError: it isn't."""
+    there(path)
+    if path.is_dir():
+        return checked_folder(path)
+    family_of_file(path)
+    whole(path)
+    return path
+
+
+def family_of_file(path: Path) -> str:
+    """Whose a single file is. PerceptionError: nobody's."""
+    if path.suffix not in _FAMILY_OF_SUFFIX:
+        raise PerceptionError(
+            f"expected a folder with config.json and weights, or a file {' or '.join(_FAMILY_OF_SUFFIX)}; {path} is neither"
+        )
+    return _FAMILY_OF_SUFFIX[path.suffix]
+
+
 def checked_folder(folder: Path) -> Path:
-    """``folder``, once it is seen to be a model as transformers writes it. PerceptionError: it isn't."""
+    """``folder``, once it is seen to be a model as transformers writes it, or MobileSAM. PerceptionError: it isn't."""
     there(folder)
-    if not folder.is_dir():
-        raise PerceptionError(f"expected a folder with config.json and weights, {folder} is a file")
     model_type(folder)
     weights = weights_of(folder)
     if not weights:
@@ -76,7 +97,9 @@ def weights_of(folder: Path) -> list[Path]:
 
 
 def model_type(folder: Path) -> str:
-    """The ``model_type`` that a folder's config.json says. PerceptionError: it says none."""
+    """The ``model_type`` that a folder's config.json says, or whose it is by its files. PerceptionError: it says none."""
+    if all((folder / name).is_file() for name in _MOBILE_SAM):
+        return "mobile-sam"
     path = folder / "config.json"
     there(path)
     try:

@@ -34,9 +34,9 @@ def find(name: str, *, download: bool = True, on_progress: OnProgress | None = N
     Raises:
         PerceptionError: it can't be had, or what is there isn't it.
     """
-    own = _own_folder(name)
+    own = _own(name)
     if own is not None:
-        return check.checked_folder(own)
+        return check.checked_own(own)
     model = model_called(name)
     path = _present(model)
     if path is not None and not (download and _half_pulled(path, model)):
@@ -53,8 +53,11 @@ def family(name: str) -> str:
     Raises:
         PerceptionError: there is no such model, or its config.json says nothing.
     """
-    own = _own_folder(name)
-    return check.model_type(own) if own is not None else model_called(name).family
+    own = _own(name)
+    if own is None:
+        return model_called(name).family
+    check.there(own)
+    return check.model_type(own) if own.is_dir() else check.family_of_file(own)
 
 
 def model_id(name: str, path: Path) -> str:
@@ -88,12 +91,12 @@ def survey(name: str, *, anew: bool = False) -> Seen:
     Raises:
         PerceptionError: there is no model of that name.
     """
-    own = _own_folder(name)
+    own = _own(name)
     path = own if own is not None else _present(model_called(name))
     if path is None:
         return Seen()
     try:
-        return Seen(check.checked_folder(path) if own else check.checked(path, model_called(name), anew=anew))
+        return Seen(check.checked_own(path) if own else check.checked(path, model_called(name), anew=anew))
     except PerceptionError as error:
         return Seen(path, str(error))
 
@@ -120,11 +123,12 @@ def _half_pulled(path: Path, model: Model) -> bool:
     return path.parent == cache() and model.is_folder and bool(list(check.missing_files(path, model)))
 
 
-def _own_folder(name: str) -> Path | None:
-    """The folder that a path or an unknown name in SURVEILNAV_MODELS_DIR means; None: a name of the catalogue."""
+def _own(name: str) -> Path | None:
+    """The file or folder that a path, or a folder's name in SURVEILNAV_MODELS_DIR, means; None: a model of the catalogue."""
     if "/" in name or "\\" in name:
         return Path(name).expanduser()
     given = models_dir()
-    if name and name not in CATALOGUE and given is not None and (given / name).is_dir():
+    catalogued = name in CATALOGUE and CATALOGUE[name].is_folder
+    if name and not catalogued and given is not None and (given / name).is_dir():
         return given / name
     return None

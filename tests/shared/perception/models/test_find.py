@@ -99,10 +99,28 @@ def test_half_a_file_of_weights_is_refused_though_nobody_knows_its_hash(left, ma
         models.find(str(folder))
 
 
-def test_a_file_is_no_folder(machine, tmp_path):
+def test_a_file_by_its_path(machine, tmp_path):
     (tmp_path / "mine").write_text("")
-    with pytest.raises(PerceptionError, match="is a file"):
+    with pytest.raises(PerceptionError, match="is neither"):
         models.find(str(tmp_path / "mine"))
+    (own := tmp_path / "mine.onnx").write_bytes(b"")
+    with pytest.raises(PerceptionError, match="is empty"):
+        models.find(str(own))
+    own.write_bytes(b"a network")
+    assert models.find(str(own)) == own
+    assert models.family(str(own)) == "yolo-world"
+    assert models.model_id(str(own), own).startswith("mine.onnx@")
+
+
+def test_mobile_sam_may_be_two_files_in_a_folder_of_its_name(machine, given):
+    folder = given / "mobile-sam"
+    folder.mkdir()
+    (folder / "encoder.onnx").write_bytes(b"sees")
+    with pytest.raises(PerceptionError, match=r"config.json"):
+        models.find("mobile-sam")
+    (folder / "decoder.onnx").write_bytes(b"cuts")
+    assert models.find("mobile-sam") == folder
+    assert models.family("mobile-sam") == "mobile-sam"
 
 
 def test_weights_in_another_format_do(given, of_the_hub, folder_at):

@@ -1,0 +1,48 @@
+"""What detectors with an open vocabulary share: they answer with queries, each a box and a score for every word."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.perception.boxes import Boxes, merged
+
+#: Finds words in pictures of one size, all asked for the same words.
+Finder = Callable[[Sequence[NDArray[np.uint8]], tuple[str, ...]], list[Boxes]]
+
+
+def in_groups(images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]], find: Finder) -> list[Boxes]:
+    """``Detector.detect`` by a ``find`` that gets as a batch what has one size and the same words: such pictures need no
+    padding, so none changes what is said of another."""
+    found = [Boxes.empty(tuple(asked)) for asked in words]
+    groups: dict[tuple[tuple[int, ...], tuple[str, ...]], list[int]] = {}
+    for row, (image, asked) in enumerate(zip(images, words, strict=True)):
+        if asked:
+            groups.setdefault((image.shape, tuple(asked)), []).append(row)
+    for (_, asked), rows in groups.items():
+        for row, boxes in zip(rows, find([images[row] for row in rows], asked), strict=True):
+            found[row] = boxes
+    return found
+
+
+def corners(cxcywh: NDArray[np.float32], width_px: float, height_px: float) -> NDArray[np.float32]:
+    """Boxes (N, 4) xyxy [pixels] of centres and sizes in shares of a picture's sides."""
+    centre, half = cxcywh[:, :2], cxcywh[:, 2:] / 2
+    scale = np.array([width_px, height_px] * 2, np.float32)
+    return np.asarray(np.concatenate([centre - half, centre + half], axis=1) * scale, np.float32)
+
+
+def chosen(
+    xyxy: NDArray[np.float32], scores: NDArray[np.float32], words: Sequence[str], threshold: float, floor: float = 0.0
+) -> Boxes:
+    """Of queries (Q, 4) and (Q, W) those whose best word reaches ``threshold``; scores below ``floor`` count as unsaid."""
+    keep = scores.max(axis=1) >= threshold
+    said = np.where(scores >= floor, scores, 0.0).astype(np.float32)
+    return Boxes(xyxy[keep], said[keep], tuple(words))
+
+
+def things(parts: Sequence[Boxes], same_thing_iou: float, width_px: int, height_px: int) -> Boxes:
+    """One box a thing, the best first, in the picture. What has no extent in it, or isn't a number, goes first."""
+    return merged(Boxes.joined(parts).clipped(width_px, height_px), same_thing_iou)

@@ -1,0 +1,20 @@
+"""How networks run: device, threads, compilation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Runtime:
+    """Settings of every network of a backend.
+
+    Attributes:
+        device: "auto" (a GPU if there is one), "cpu", "cuda", "cuda:1".
+        threads: of a network on the CPU.
+        compiled: whether PyTorch compiles it; on a GPU alone. The first pictures of each size then take minutes.
+    """
+
+    device: str = "auto"
+    threads: int = 1
+    compiled: bool = False

@@ -1,0 +1,72 @@
+"""SAM 2 and 2.1 (Ravi et al. 2024, arXiv 2408.00714) on single pictures: a box is the prompt, a mask the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+import transformers
+from numpy.typing import NDArray
+
+from surveilnav.perception.protocols import RgbdView
+from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.segmenters.box_prompts import in_box, pixels
+from surveilnav.perception.torch_model import load, numbers
+
+#: The published folders hold the tracker of videos; the model of single pictures is a part of it.
+MODEL_TYPES = ("sam2", "sam2_video")
+
+Masks = list[NDArray[np.bool_] | None]
+
+
+class Sam2:
+    """The segmenter of this module."""
+
+    def __init__(self, path: Path, model: str, runtime: Runtime | None = None) -> None:
+        """Loads a folder of transformers.
+
+        Args:
+            path: the folder.
+            model: its id.
+            runtime: where and how it runs.
+
+        Raises:
+            PerceptionError: it can't be loaded.
+        """
+        self.model = model
+        self._model = load(transformers.Sam2Model, path, MODEL_TYPES, runtime or Runtime())
+        self._side = int(self._model.net.config.prompt_encoder_config.image_size)
+
+    def segment(self, views: Sequence[RgbdView], boxes: Sequence[NDArray[np.float32]]) -> list[Masks]:
+        """See ``Segmenter.segment``: pictures are encoded together, then each one's boxes decoded together."""
+        rows = [row for row, xyxy in enumerate(boxes) if len(xyxy)]
+        masks: list[Masks] = [[] for _ in views]
+        if not rows:
+            return masks
+        batch = np.stack([pixels(views[row].rgb, self._side, self._side) for row in rows])
+        with self._model.running():
+            features = self._model.net.get_image_embeddings(self._model.tensor(batch))
+            for i, row in enumerate(rows):
+                masks[row] = self._decode([level[i : i + 1] for level in features], views[row].rgb.shape, boxes[row])
+        return masks
+
+    def _decode(self, features: list[torch.Tensor], shape: tuple[int, ...], xyxy: NDArray[np.float32]) -> Masks:
+        """Masks of the boxes (N, 4) [pixels] of one picture (height, width, 3)."""
+        height, width = shape[:2]
+        scale = np.array([self._side / width, self._side / height] * 2, np.float32)
+        prompts = self._model.tensor((xyxy * scale)[None].astype(np.float32))
+        out = self._model.net(image_embeddings=features, input_boxes=prompts, multimask_output=False)
+        return [
+            in_box(_enlarged(logits, height, width) > 0, box)
+            for logits, box in zip(out.pred_masks[0], xyxy, strict=True)
+        ]
+
+
+def _enlarged(logits: torch.Tensor, height_px: int, width_px: int) -> NDArray[np.float32]:
+    """(height, width) of a network's (1, h, w); one at a time, since a hundred of a camera's views fill the memory."""
+    size = (height_px, width_px)
+    return numbers(
+        torch.nn.functional.interpolate(logits[None].float(), size, mode="bilinear", align_corners=False)[0, 0]
+    )
