@@ -16,7 +16,7 @@ from surveilnav.messages import InferRequest, WorkerLoad
 #: Refusals of one worker that another needn't share.
 _ITS_OWN = {"busy", "not_ready", "too_late"}
 
-_Told = tuple[str, Received[Any] | Exception]
+_GRACE_S = 1.0  # for the bus to say that the time is over
 
 
 class Workers:
@@ -46,33 +46,33 @@ class Workers:
             Refused, BusError: the last that went wrong, when nobody is left to answer.
         """
         untried, until_s = self._ranked(), time.monotonic() + timeout_s
-        told: queue.Queue[_Told] = queue.Queue()
-        late, waited_for = "", 0
+        told: queue.Queue[Received[Any] | Exception] = queue.Queue()
+        waited_for = 0
         while True:
-            patience_s = until_s - time.monotonic()
-            if untried:
-                load = untried.pop(0)
-                late, waited_for = load.worker, waited_for + 1
-                with self._lock:
-                    patience_s = min(patience_s, self._choice.patience_s(load, timeout_s)) if untried else patience_s
-                self._send(told, load.worker, stream, request, payload, max(until_s - time.monotonic(), 0.01))
+            late, left_s = "", until_s - time.monotonic()
+            patience_s = left_s + _GRACE_S
+            if untried and left_s > 0:
+                load, waited_for = untried.pop(0), waited_for + 1
+                self._send(told, load.worker, stream, request, payload, left_s)
+                if untried:
+                    late, patience_s = load.worker, self._patience_s(load, timeout_s)
             try:
-                _, answer = told.get(timeout=max(patience_s, 0.0) + (0.0 if untried else 1.0))
+                answer = told.get(timeout=max(patience_s, 0.0))
             except queue.Empty:
-                if not untried:
+                if not late:
                     raise PerceptionError(f"no worker answers within {timeout_s:g} s") from None
-                with self._lock:
-                    self._choice.overdue(late, time.monotonic())
+                self._overdue(late)
                 continue
             waited_for -= 1
             if isinstance(answer, Received):
                 return answer
-            if not _may_go_on(answer) or (not untried and not waited_for):
+            nobody_left = not waited_for and (not untried or time.monotonic() >= until_s)
+            if nobody_left or not _may_go_on(answer):
                 raise answer
 
     def _send(
         self,
-        told: queue.Queue[_Told],
+        told: queue.Queue[Any],
         worker: str,
         stream: Stream,
         request: InferRequest,
@@ -89,11 +89,19 @@ class Workers:
                 self._choice.ended(worker, answered=isinstance(answer, Received | Refused))
                 if not isinstance(answer, Received | Refused):
                     self._choice.overdue(worker, time.monotonic())
-            told.put((worker, answer))
+            told.put(answer)
 
         with self._lock:
             self._choice.asked(worker)
         threading.Thread(target=ask, name=f"ask-{worker}", daemon=True).start()
+
+    def _patience_s(self, load: WorkerLoad, timeout_s: float) -> float:
+        with self._lock:
+            return self._choice.patience_s(load, timeout_s)
+
+    def _overdue(self, worker: str) -> None:
+        with self._lock:
+            self._choice.overdue(worker, time.monotonic())
 
     def _ranked(self) -> list[WorkerLoad]:
         loads = self._loads_now()

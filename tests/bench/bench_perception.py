@@ -57,6 +57,7 @@ class Timed(Backend):
     name, why, embedding_dim = "timed", "stands in for a GPU", DIM
     models = ModelIds("timed", "timed", "timed")
     needs_prompts = True
+    best_batch = 8
 
     def __init__(self, speed: float = 1.0) -> None:
         self.stages = tuple(Stage(n, self._slept(n, a / speed, b / speed)) for n, (a, b) in STAGES_MS.items())

@@ -138,12 +138,40 @@ def test_the_same_picture_is_looked_at_once(make_worker, scripted, request_of):
     assert worker.service.load().cached == 1
 
 
-def test_what_is_told_the_truth_is_not_remembered(make_worker, request_of):
-    worker = make_worker(Oracle(), truth_wait_s=0.1)
-    for seq in (1, 2):
-        with pytest.raises(Refused) as error:
-            worker.ask(request_of(10, seq=seq))
-        assert error.value.name == "no_truth"
+def truth_about(view: int, seq: int, left_px: int = 10) -> tuple[Truth, bytes]:
+    ids = np.zeros((48, 64), np.uint16)
+    ids[10:30, left_px : left_px + 20] = 5
+    told = Truth(
+        stamp_ns=clock_ns(), source="robot/r", view=view, seq=seq, width_px=64, height_px=48, labels={5: "bed"}
+    )
+    return told, pack_array(ids)
+
+
+def test_what_is_told_the_truth_is_not_remembered(make_worker, request_of, client, until):
+    worker = make_worker(Oracle(), truth_wait_s=15.0)
+    publisher = client.publisher(TRUTH, source="robot-r", view=0)
+    until(lambda: publisher.matched)
+    boxes = []
+    for seq, left_px in ((1, 10), (2, 30)):
+        publisher.put(*truth_about(10, seq, left_px))
+        boxes.append(worker.ask(request_of(10, seq=seq)).detections[0].box_px)
+    assert boxes == [(10.0, 10.0, 30.0, 30.0), (30.0, 10.0, 50.0, 30.0)]
+
+
+def test_the_last_stage_and_texts_take_turns(make_worker, scripted, request_of, until):
+    backend = scripted()
+    worker = make_worker(backend)
+    backend.let["embed"].clear()
+    with ThreadPoolExecutor(2) as pool:
+        view = pool.submit(worker.ask, request_of(10))
+        until(lambda: bool(backend.batches["embed"]))
+        text = pool.submit(worker.ask, (InferRequest(stamp_ns=1, texts=["abcd"]), b""), PERCEPTION_TEXT)
+        with pytest.raises(TimeoutError):
+            text.result(timeout=0.5)
+        assert "abcd" not in backend.texts
+        backend.let["embed"].set()
+        assert len(text.result().embeddings) == 1
+        assert view.result().view == 10
 
 
 def test_views_that_wait_for_truth_hold_up_no_other(make_worker, request_of, bus, client, until):
@@ -153,13 +181,11 @@ def test_views_that_wait_for_truth_hold_up_no_other(make_worker, request_of, bus
     with ThreadPoolExecutor(4) as pool:
         stuck = [pool.submit(worker.ask, request_of(shade, seq=99)) for shade in (10, 20, 30)]
         until(lambda: worker.service.load().queued == 3)
-        told = Truth(stamp_ns=clock_ns(), source="robot/r", view=40, seq=1, width_px=64, height_px=48, labels={})
-        publisher.put(told, pack_array(np.zeros((48, 64), np.uint16)))
+        publisher.put(*truth_about(40, 1))
         assert worker.ask(request_of(40)).view == 40
         assert not any(answer.done() for answer in stuck)
         for view in (10, 20, 30):
-            told = Truth(stamp_ns=clock_ns(), source="robot/r", view=view, seq=99, width_px=64, height_px=48, labels={})
-            publisher.put(told, pack_array(np.zeros((48, 64), np.uint16)))
+            publisher.put(*truth_about(view, 99))
         assert [answer.result().view for answer in stuck] == [10, 20, 30]
 
 
