@@ -35,6 +35,8 @@ DEFAULT_CAMERAS = 4
 class PerceptionName(StrEnum):
     auto = "auto"
     onnx_coco = "onnx-coco"
+    paper = "paper"
+    yolo_world = "yolo-world"
     oracle = "oracle"
     simulated = "simulated"
 

@@ -16,8 +16,9 @@ class CameraSettings(BaseSettings):
     thumbnail_width_px: int = Field(480, ge=64, le=1280, description="of the pictures made for people")
     perception: str = Field(
         "none",
-        pattern="^(none|auto|onnx-coco|oracle|simulated)$",
-        description="with what the camera looks at its own views, for its summary; none: it doesn't",
+        pattern="^(none|auto|onnx-coco|oracle|simulated|paper|yolo-world)$",
+        description="with what the camera looks at its own views, for its summary; none: it doesn't, nor does it with "
+        "paper or yolo-world, which are too large for a camera",
     )
     least_floors: int = Field(
         2, ge=1, description="it looks only in buildings of so many floors: a floor is chosen among several"
@@ -25,3 +26,8 @@ class CameraSettings(BaseSettings):
     look_period_s: float = Field(1.0, gt=0, description="it looks at one of its views in so long")
     threads: int = Field(1, ge=1, le=64, description="threads of its own perception's networks")
     download: bool = Field(True, description="whether missing weights may be downloaded")
+
+    @property
+    def looks(self) -> bool:
+        """Whether it looks at its own views."""
+        return self.perception not in ("none", "paper", "yolo-world")

@@ -39,7 +39,7 @@ def open_eyes(
     ``n_floors``: of the building; ``load`` makes the backend; ``busy`` says when the camera has more important
     things to do: no look begins then.
     """
-    if settings.perception == "none" or n_floors < settings.least_floors:
+    if not settings.looks or n_floors < settings.least_floors:
         yield None
         return
     eyes = Eyes(node, source, settings, load, busy)

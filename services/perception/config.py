@@ -15,7 +15,7 @@ class PerceptionSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PERCEPTION__", extra="ignore")
 
     worker: str = Field(default="perception-1", pattern=ID_PATTERN, description="this worker's name in its keys")
-    backend: str = Field(default="auto", description="auto, onnx-coco, paper, oracle or simulated")
+    backend: str = Field(default="auto", description="auto, onnx-coco, paper, yolo-world, oracle or simulated")
     detectors: list[str] = Field(default=list(DEFAULT_DETECTORS), description="onnx-coco's networks (JSON list)")
     large_detectors: list[str] = Field(default=list(DEFAULT_LARGE_DETECTORS), description="the same for cameras' views")
     detector: str = Field(default="", description="paper: another detector: a model, or a folder")

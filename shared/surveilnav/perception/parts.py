@@ -11,6 +11,7 @@ from typing import Any
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
+from surveilnav.perception.detectors.onnx_file import LOWEST
 from surveilnav.perception.protocols import Detector, Embedder, Segmenter
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
@@ -32,6 +33,12 @@ def _owlv2() -> Any:
     from surveilnav.perception.detectors.owlv2 import Owlv2
 
     return Owlv2
+
+
+def _yolo_world() -> Any:
+    from surveilnav.perception.detectors.yolo_world import YoloWorld
+
+    return lambda path, model, runtime, threshold=LOWEST: YoloWorld(path, model, runtime.threads, threshold=threshold)
 
 
 def _mobile_sam() -> Any:
@@ -56,6 +63,7 @@ def _clip() -> Any:
 _Table = Mapping[str, Callable[[], Any]]
 _DETECTORS: _Table = {
     "grounding-dino": _grounding_dino, "mm-grounding-dino": _grounding_dino, "omdet-turbo": _omdet_turbo, "owlv2": _owlv2,
+    "yolo-world": _yolo_world,
 }  # fmt: skip
 _SEGMENTERS: _Table = {"mobile-sam": _mobile_sam, "sam2": _sam2}
 _EMBEDDERS: _Table = {"clip": _clip, "siglip": _clip}

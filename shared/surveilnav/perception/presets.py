@@ -26,6 +26,7 @@ PAPER: tuple[str, str, str] = ("grounding-dino-tiny", "mobile-sam", "clip-vit-b3
 
 #: Weaker things of COCO's networks are kept out of the answer (they still tint the view's embedding).
 _COCO_MIN_SCORE = 0.25
+_YOLO_WORLD_MIN_SCORE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,5 +97,21 @@ def paper(networks: Networks, why: str) -> Backend:
     return Pipeline("paper", f"any word ({' + '.join(names)}), {why}", detector, segmenter, embedder, min_score=0.0)
 
 
+def yolo_world(networks: Networks, why: str) -> Backend:
+    """YOLO-World from a user's file, with the words that it was exported with; masks from depth, CLIP.
+
+    Raises:
+        PerceptionError: the file or CLIP can't be had.
+    """
+    name, runtime = networks.detector or "yolo-world", Runtime(networks.device, networks.threads, networks.compiled)
+    detector = parts.detector(name, runtime, threshold=networks.threshold or _YOLO_WORLD_MIN_SCORE, download=False)
+    segmenter = parts.segmenter(networks.segmenter or DepthInBox.model, runtime, download=networks.download)
+    embedder = parts.embedder(networks.embedder or PAPER[2], runtime, download=networks.download)
+    said = f"{len(detector.vocabulary or ())} words of its own"
+    return Pipeline("yolo-world", f"{detector.model} ({said}), {why}", detector, segmenter, embedder, min_score=0.0)
+
+
 #: What makes a backend, told what settings say and why it runs.
-PRESETS: Mapping[str, Callable[[Networks, str], Backend]] = MappingProxyType({"onnx-coco": onnx_coco, "paper": paper})
+PRESETS: Mapping[str, Callable[[Networks, str], Backend]] = MappingProxyType(
+    {"onnx-coco": onnx_coco, "paper": paper, "yolo-world": yolo_world}
+)

@@ -183,6 +183,8 @@ def test_who_does_not_choose_a_floor_loads_no_detector(camera_node, make_camera)
             camera_node, make_camera(), CameraSettings(**settings), n_floors=n_floors, load=Oracle, busy=lambda: False
         )
 
+    with opened(2, perception="paper") as eyes:
+        assert eyes is None, "large models run in the perception service alone"
     with opened(2, perception="none") as eyes:
         assert eyes is None
     with opened(1, perception="oracle") as eyes:

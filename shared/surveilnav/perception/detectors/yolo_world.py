@@ -28,14 +28,14 @@ _SAME_THING_IOU = 0.7  # of its own suppression
 
 
 class YoloWorld:
-    """The detector in one file. ``threads``: of ONNX Runtime.
+    """The detector in one file. ``threads``: of ONNX Runtime; ``threshold``: weaker scores count as none.
 
     Raises:
         PerceptionError: the file is no YOLO-World, or nothing says what its words are.
     """
 
-    def __init__(self, path: Path, model: str, threads: int = 1) -> None:
-        self.model, self._path = model, path
+    def __init__(self, path: Path, model: str, threads: int = 1, *, threshold: float = LOWEST) -> None:
+        self.model, self._path, self._threshold = model, path, threshold
         self._session = session(path, threads)
         entry = self._session.get_inputs()[0]
         if len(entry.shape) != 4 or not all(isinstance(n, int) for n in entry.shape[1:]) or entry.shape[1] != 3:
@@ -66,7 +66,7 @@ class YoloWorld:
             raise PerceptionError(
                 f"{self._path.name}: expected boxes and scores of {len(self.vocabulary)} words, got {output.shape}"
             )
-        scores = np.where(table[:, 4:] < LOWEST, 0.0, table[:, 4:]).astype(np.float32)
+        scores = np.where(table[:, 4:] < self._threshold, 0.0, table[:, 4:]).astype(np.float32)
         table, scores = table[scores.any(axis=1)], scores[scores.any(axis=1)]
         half = table[:, 2:4] / 2
         xyxy = np.concatenate([table[:, :2] - half, table[:, :2] + half], axis=1).astype(np.float32)
@@ -78,7 +78,7 @@ class YoloWorld:
             raise PerceptionError(f"{self._path.name}: expected the outputs {sorted(missing)}, got {sorted(out)}")
         n = int(out["num_dets"].ravel()[0])
         labels, scores = out["labels"][0][:n].astype(int), out["scores"][0][:n]
-        keep = (scores >= LOWEST) & (labels >= 0) & (labels < len(self.vocabulary))
+        keep = (scores >= self._threshold) & (labels >= 0) & (labels < len(self.vocabulary))
         table = np.zeros((int(keep.sum()), len(self.vocabulary)), np.float32)
         table[np.arange(len(table)), labels[keep]] = scores[keep]
         return Boxes(out["boxes"][0][:n][keep].astype(np.float32), table, self.vocabulary)
