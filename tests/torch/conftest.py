@@ -98,5 +98,5 @@ def tiny_clip(home: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from services.robot_node.core import CAMERA
     from tests.torch.trained import room_views, train_clip
 
-    shown = [(rgb, text) for room, text in ROOM_TEXTS.items() for rgb in room_views(*home, CAMERA, room, 40)]
+    shown = [(rgb, text) for room, text in ROOM_TEXTS.items() for rgb in room_views(*home, CAMERA, room, 120)]
     return train_clip(tmp_path_factory.mktemp("trained") / "tiny-clip", shown)

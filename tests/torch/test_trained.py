@@ -64,12 +64,12 @@ def test_a_tiny_clip_tells_two_rooms_apart(tiny_clip: Path, home: Any) -> None:
         for seen in embedder.embed_views(views, none, [np.zeros(0, np.int64)] * len(views)):
             right += int(np.argmax(texts @ seen.image) == column)
             total += 1
-    assert right >= 0.85 * total
+    assert right >= 0.9 * total
 
 
 @pytest.mark.slow
 def test_the_three_together_say_what_and_where_and_how_relevant(
-    tiny_grounding_dino: Path, tiny_clip: Path, folder_of: Any, twenty: list[Example]
+    tiny_grounding_dino: Path, tiny_clip: Path, folder_of: Any, twenty: list[Example], home: Any
 ) -> None:
     backend = choose_backend(
         "paper", detector=str(tiny_grounding_dino), segmenter=str(folder_of("mobile_sam_onnx")), embedder=str(tiny_clip)
@@ -78,5 +78,7 @@ def test_the_three_together_say_what_and_where_and_how_relevant(
     seen = backend.perceive(example.rgb, np.full(example.rgb.shape[:2], 2.0, np.float32), CAMERA, prompts=WORDS)
     assert seen.detections[0].label == "couch"
     assert overlaps(example.boxes, np.array([seen.detections[0].box_px], np.float32))[0].max() > 0.5
-    couch, table = backend.embed_texts([value_prompt(word) for word in WORDS]) @ seen.image_embedding
-    assert couch > table
+    texts = backend.embed_texts([value_prompt(word) for word in WORDS])
+    for room, rgb in ((room, room_views(*home, CAMERA, room, 1, seed=3)[0]) for room in ROOM_TEXTS):
+        view = backend.perceive(rgb, np.full(rgb.shape[:2], 2.0, np.float32), CAMERA)
+        assert list(ROOM_TEXTS)[int(np.argmax(texts @ view.image_embedding))] == room

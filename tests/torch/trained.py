@@ -109,7 +109,7 @@ def _label(example: Example, words: Sequence[str]) -> dict[str, Any]:
     return {"class_labels": torch.tensor([words.index(name) for name in example.names]), "boxes": boxes}
 
 
-def train_clip(folder: Path, shown: Sequence[tuple[NDArray[np.uint8], str]], steps: int = 200) -> Path:
+def train_clip(folder: Path, shown: Sequence[tuple[NDArray[np.uint8], str]], steps: int = 400) -> Path:
     """A folder with a tiny CLIP that has learnt which of a few texts each picture goes with."""
     torch.manual_seed(0)
     tokenizer, images = tiny.clip_tokenizer(), tiny.clip_images()
@@ -133,14 +133,15 @@ def train_clip(folder: Path, shown: Sequence[tuple[NDArray[np.uint8], str]], ste
 def room_views(
     renderer: Renderer, navigation: NavigationMap, camera: Pinhole, room: str, n: int, seed: int = 0
 ) -> list[NDArray[np.uint8]]:
-    """``n`` views (H, W, 3) from random places in a room."""
+    """``n`` views (H, W, 3) from random places in a room towards its middle: not of a bare wall."""
     floor = renderer.scene.floors[0].id
     polygon = next(r.polygon_m for r in renderer.scene.rooms if r.name == room)
-    path = MatplotlibPath(np.asarray(polygon))
+    outline, middle = MatplotlibPath(np.asarray(polygon)), np.mean(polygon, axis=0)
     rng, out = np.random.default_rng(seed), []
     while len(out) < n:
         x, y, z = navigation.random_point(rng, floor)
-        if path.contains_point((x, y)):
-            T = camera_pose((x, y, z + CAMERA_HEIGHT_M), rng.uniform(-np.pi, np.pi), 0.0)
+        if outline.contains_point((x, y)):
+            yaw_rad = np.arctan2(middle[1] - y, middle[0] - x) + rng.uniform(-0.6, 0.6)
+            T = camera_pose((x, y, z + CAMERA_HEIGHT_M), yaw_rad, 0.0)
             out.append(renderer.render(T, camera).rgb)
     return out
