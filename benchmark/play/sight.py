@@ -17,6 +17,7 @@ import numpy as np
 
 from services.camera_node.core import Seen, labels_of, summary
 from services.robot_node import core as robot
+from simulator.furniture.labels import TARGETS
 from simulator.render.depth_noise import DepthNoise
 from simulator.render.picture import Rendered
 from simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding, noise_seed
@@ -115,16 +116,18 @@ class Sight:
         scale: int = 2,
         pose_error: PoseError = NO_POSE_ERROR,
         view_bytes: Mapping[str, Sequence[int]] = _NOT_MEASURED,
+        words: Sequence[str] = TARGETS,
     ) -> None:
         """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this.
         ``pose_error``: how wrong the cameras are about where they hang. ``view_bytes``: of ``depth``, by camera what each
-        of its views takes (``offered_views``)."""
+        of its views takes (``offered_views``). ``words``: what a detector with an open vocabulary looks for, the targets of
+        all episodes, since views are perceived once."""
         if way == "depth" and not backend.needs_truth:
             raise ValueError(f"{backend.name} looks at pixels: it needs way='pixels'")
         self.building, self.backend, self.way = building, backend, way
         self._plan = plan or building.plan
         self._half, self._scale = views == "half", scale if way == "depth" else 1
-        self._view_bytes = view_bytes
+        self._view_bytes, self._words = view_bytes, tuple(words)
         self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
         self._cameras = {camera.name: camera for camera in self._plan.cameras}
         self._labels = building.scene.truth_labels if backend.needs_truth else {}
@@ -216,7 +219,7 @@ class Sight:
             return None
         told = TrueInstances(rendered.instance_ids, self._labels, view.T_world_camera)
         truth = told if self.backend.needs_truth else None
-        return self.backend.perceive(view.rgb, view.depth_m, view.camera, truth=truth, key=key)
+        return self.backend.perceive(view.rgb, view.depth_m, view.camera, prompts=self._words, truth=truth, key=key)
 
     def _depth(
         self, T_world_camera: Matrix4, camera: Pinhole, range_m: tuple[float, float], noise: DepthNoise, *name: object

@@ -161,15 +161,13 @@ class PerceptionClient:
         """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""
         header, key = frame.message, (frame.message.source, frame.message.view)
         words = self.words()
-        digest = hashlib.blake2b(repr((header.T_world_camera, header.camera, *words)).encode(), digest_size=16)
-        digest.update(frame.payload)
-        if self._is_held(key, digest.digest()):
+        if self._is_held(key, _digest(frame, words)):
             return PerceivedView(key, header)
         view = decode_frame(header, frame.payload)
         reply, perception, attempts = b"", None, 0
         looks_down = looks_straight_down(view.T_world_camera)
         while not looks_down and attempts < _ATTEMPTS:
-            pause_s = self._settings.retry_s
+            pause_s, words = self._settings.retry_s, self.words()  # a mission may have begun meanwhile
             try:
                 reply, perception = self._ask(frame, words)
                 break
@@ -186,7 +184,7 @@ class PerceptionClient:
                 if self._node.stopping.is_set() or key in lane.waiting:
                     return None
         lane.problem = ""
-        return PerceivedView(key, header, view, perception, frame.payload, reply, digest.digest())
+        return PerceivedView(key, header, view, perception, frame.payload, reply, _digest(frame, words))
 
     def _ask(self, frame: Received[FrameHeader], words: tuple[str, ...]) -> tuple[bytes, ViewPerception]:
         """A worker's reply, as it was sent and as it is understood."""
@@ -201,6 +199,14 @@ class PerceptionClient:
         if (reply.source, reply.view, reply.seq) != (header.source, header.view, header.seq):
             raise WireError(f"worker {reply.worker} answered about another view")
         return msgspec.msgpack.encode(reply), perception_from_wire(reply, header.camera)
+
+
+def _digest(frame: Received[FrameHeader], words: tuple[str, ...]) -> bytes:
+    """Of a picture, its pose, and the words that it is looked at for."""
+    header = frame.message
+    digest = hashlib.blake2b(repr((header.T_world_camera, header.camera, *words)).encode(), digest_size=16)
+    digest.update(frame.payload)
+    return digest.digest()
 
 
 def _passes(error: Exception, is_robot: bool) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 
 from services.fusion.config import FusionSettings
@@ -18,6 +19,8 @@ from surveilnav.bus import Node, Received
 from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS
 from surveilnav.messages import FrameHeader
 
+_WORDS_S = 0.2  # between two looks at what missions search for
+
 
 class FusionService:
     """Follows robots, invokes cameras, has perception look at every new view, and keeps the joint maps."""
@@ -29,7 +32,8 @@ class FusionService:
         self._sources = Sources(node, settings, config.map, self._maps.contents.robots)
         self._words = Words(node, settings.prompts)
         self._perception = PerceptionClient(node, settings, self._maps.holds, self._words.now)
-        self._pictures, self._looked_for = KeptPictures(settings.kept_pictures_mb << 20), frozenset[str]()
+        self._pictures = KeptPictures(settings.kept_pictures_mb << 20)
+        self._looked_for, self._asked_words_s = frozenset[str](), 0.0
         self._places = RobotPlaces()
         self._revisions = Revisions(node, config.map, self._maps, self._perception, self._places, self._sources.cameras)
         replies = Replies(config, self._maps, self._perception, self._places)
@@ -72,6 +76,10 @@ class FusionService:
 
     def _look_for_new_words(self) -> None:
         """Has perception look again at the cameras' pictures when a mission brings a word that it didn't look for."""
+        now_s = time.monotonic()
+        if now_s - self._asked_words_s < _WORDS_S:
+            return
+        self._asked_words_s = now_s
         words = frozenset(self._perception.words())
         if words - self._looked_for:
             self._perception.look_again(self._pictures.all())

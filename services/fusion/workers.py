@@ -25,7 +25,7 @@ class Workers:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._loads = node.table(PERCEPTION_LOAD)
-        self._choice, self._lock = WorkerChoice(), threading.Lock()
+        self._choice, self._lock, self._open = WorkerChoice(), threading.Lock(), False
         node.alive("perception")  # the first call starts watching
 
     def best(self) -> WorkerLoad:
@@ -34,8 +34,10 @@ class Workers:
 
     @property
     def open_vocabulary(self) -> bool:
-        """Whether any of them looks for whatever words it is given."""
-        return any(load.open_vocabulary for load in self._loads_now())
+        """Whether any of them looks for whatever words it is given; while none is there, what was so before."""
+        if loads := self._loads_now():
+            self._open = any(load.open_vocabulary for load in loads)
+        return self._open
 
     def ask(self, stream: Stream, request: InferRequest, payload: bytes = b"", *, timeout_s: float) -> Received[Any]:
         """The first answer of the workers asked: the best one, and, as soon as that is late or refuses for its own sake,

@@ -23,7 +23,7 @@ A pixel without depth (NaN or 0) is no fault: it is left out.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -171,7 +171,9 @@ class Guard:
     def note(self, view: PosedView, perception: ViewPerception | None) -> None:
         """Remembers a view that the maps now hold."""
         key, now = (view.source, view.view), LastView.of(view, perception)
-        self._last.pop(key, None)
+        last = self._last.pop(key, None)
+        if last is not None and _repeats(last, now, view.is_robot):  # it was looked at again
+            now = replace(now, words=tuple(sorted({*last.words, *now.words})))
         self._last[key] = now
         if len(self._last) > self._config.max_sources:
             del self._last[next(iter(self._last))]

@@ -80,7 +80,9 @@ def test_a_view_looked_at_again_gives_its_new_words_and_nothing_twice(stool, too
     assert sum(o.n_detections for o in after) == before.n_detections + 1
     assert {e.label for o in after for e in o.history} == {"stool", "samovar"}
     assert joint.accept(view, both) is None, "those words were looked for"
-    joint.layer("0", "value", tools.unit(7), "clip")
+    lamp = replace(both, words=("lamp",), detections=())
+    assert joint.accept(view, lamp) is not None
+    assert joint.accept(view, both) is None, "and still are, whatever came between"
 
 
 def test_a_robots_view_is_not_looked_at_again(stool, tools):
