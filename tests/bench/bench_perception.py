@@ -1,6 +1,6 @@
 """How many views a perception worker answers, and what becomes of the others. Prints tables.
 
-.venv/bin/python tests/bench/bench_perception.py [--seconds 15] [--requests 10000]
+.venv/bin/python tests/bench/bench_perception.py [--seconds 15] [--requests 10000] [--only memory]
 
 Router, worker and callers are processes of their own, on one machine, over real Zenoh. ``onnx-coco`` runs where its
 weights are. ``timed`` stands in for a GPU: its stages sleep for a time of their own and a little for each view.
@@ -340,6 +340,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=15.0, help="of each row of throughput and overload")
     parser.add_argument("--requests", type=int, default=10_000, help="for memory")
+    parser.add_argument("--only", default="", help="parts whose name has this in it: memory, overload-timed, ...")
     parser.add_argument("--serve", choices=("timed", "onnx-coco"), help=argparse.SUPPRESS)
     parser.add_argument("--speed", type=float, default=1.0, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -348,18 +349,27 @@ def main() -> None:
         return
     bus = BusSettings(router=f"tcp/127.0.0.1:{free_port()}")
     with process("-m", "surveilnav.bus.router", "--listen", bus.router):
-        bad_input(bus)
-        frozen(bus)
-        throughput(bus, "timed", arguments.seconds)
-        overload(bus, "timed", arguments.seconds)
-        memory(bus, arguments.requests)
-        try:
-            onnx_coco(Networks(download=False), "are its weights here?")
-        except SurveilNavError as error:
-            print(f"\nonnx-coco is left out: {error}")
-        else:
-            throughput(bus, "onnx-coco", arguments.seconds)
-            overload(bus, "onnx-coco", arguments.seconds)
+        parts: dict[str, Callable[[], None]] = {
+            "bad-input": lambda: bad_input(bus),
+            "frozen": lambda: frozen(bus),
+            "memory": lambda: memory(bus, arguments.requests),
+        }
+        for backend in backends():
+            parts[f"throughput-{backend}"] = lambda b=backend: throughput(bus, b, arguments.seconds)
+            parts[f"overload-{backend}"] = lambda b=backend: overload(bus, b, arguments.seconds)
+        for name, part in parts.items():
+            if arguments.only in name:
+                part()
+
+
+def backends() -> list[str]:
+    """Those that can run here."""
+    try:
+        onnx_coco(Networks(download=False), "are its weights here?")
+    except SurveilNavError as error:
+        print(f"onnx-coco is left out: {error}")
+        return ["timed"]
+    return ["timed", "onnx-coco"]
 
 
 if __name__ == "__main__":
