@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,20 +16,6 @@ from surveilnav.errors import PerceptionError
 from surveilnav.perception.protocols import Detector, Embedder, Segmenter
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
-
-#: By family, the module and class that read it.
-_DETECTORS = MappingProxyType(
-    {
-        "grounding-dino": ("detectors.grounding_dino", "GroundingDino"),
-        "mm-grounding-dino": ("detectors.grounding_dino", "GroundingDino"),
-        "omdet-turbo": ("detectors.omdet_turbo", "OmDetTurbo"),
-        "owlv2": ("detectors.owlv2", "Owlv2"),
-    }
-)
-_SEGMENTERS = MappingProxyType(
-    {"mobile-sam": ("segmenters.mobile_sam", "MobileSam"), "sam2": ("segmenters.sam2", "Sam2")}
-)
-_EMBEDDERS = MappingProxyType({"clip": ("embedders.clip", "Clip"), "siglip": ("embedders.clip", "Clip")})
 
 #: What a config.json says, where it isn't the family's name.
 _FAMILY_OF_TYPE = MappingProxyType({"sam2_video": "sam2", "siglip2": "siglip"})
@@ -64,7 +49,7 @@ def detector(
     more: dict[str, Any] = {} if threshold is None else {"threshold": threshold}
     if model.family.endswith("grounding-dino"):
         more["words_per_pass"] = words_per_pass
-    made: Detector = _kind(model, name, _DETECTORS, "detector")(model.path, model.id, runtime, **more)
+    made: Detector = _class(model, name, _detector, "a detector of any word")(model.path, model.id, runtime, **more)
     return made
 
 
@@ -73,29 +58,65 @@ def segmenter(name: str, runtime: Runtime, *, download: bool = True) -> Segmente
     if name == DepthInBox.model:
         return DepthInBox()
     model = _found(name, download)
-    made: Segmenter = _kind(model, name, _SEGMENTERS, "segmenter")(model.path, model.id, runtime)
+    made: Segmenter = _class(model, name, _segmenter, "a segmenter")(model.path, model.id, runtime)
     return made
 
 
 def embedder(name: str, runtime: Runtime, *, download: bool = True) -> Embedder:
     """The embedder that runs this model. PerceptionError: see ``detector``."""
     model = _found(name, download)
-    made: Embedder = _kind(model, name, _EMBEDDERS, "embedder")(model.path, model.id, runtime)
+    made: Embedder = _class(model, name, _embedder, "an embedder")(model.path, model.id, runtime)
     return made
 
 
-def _kind(model: _Model, name: str, table: Mapping[str, tuple[str, str]], what: str) -> Any:
-    """The class that reads a model."""
-    if model.family not in table:
-        raise PerceptionError(f"expected a {what} of {', '.join(table)}, and {name} is {model.family!r}")
-    module, kind = table[model.family]
+def _class(model: _Model, name: str, of_family: Callable[[str], Any], what: str) -> Any:
+    """The class that reads a model, by a function that imports it."""
     try:
-        return getattr(import_module(f"surveilnav.perception.{module}"), kind)
+        kind = of_family(model.family)
     except ImportError as error:
         raise PerceptionError(
             f"{name} needs PyTorch and transformers, which can't be loaded here ({error}): "
             "pip install 'surveilnav[perception-torch]'"
         ) from error
+    if kind is None:
+        raise PerceptionError(f"expected a model that is {what}, and {name} is {model.family!r}")
+    return kind
+
+
+def _detector(family: str) -> Any:
+    if family in ("grounding-dino", "mm-grounding-dino"):
+        from surveilnav.perception.detectors.grounding_dino import GroundingDino
+
+        return GroundingDino
+    if family == "omdet-turbo":
+        from surveilnav.perception.detectors.omdet_turbo import OmDetTurbo
+
+        return OmDetTurbo
+    if family == "owlv2":
+        from surveilnav.perception.detectors.owlv2 import Owlv2
+
+        return Owlv2
+    return None
+
+
+def _segmenter(family: str) -> Any:
+    if family == "mobile-sam":
+        from surveilnav.perception.segmenters.mobile_sam import MobileSam
+
+        return MobileSam
+    if family == "sam2":
+        from surveilnav.perception.segmenters.sam2 import Sam2
+
+        return Sam2
+    return None
+
+
+def _embedder(family: str) -> Any:
+    if family in ("clip", "siglip"):
+        from surveilnav.perception.embedders.clip import Clip
+
+        return Clip
+    return None
 
 
 def _found(name: str, download: bool) -> _Model:
