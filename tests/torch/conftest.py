@@ -100,3 +100,13 @@ def tiny_clip(home: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     shown = [(rgb, text) for room, text in ROOM_TEXTS.items() for rgb in room_views(*home, CAMERA, room, 120)]
     return train_clip(tmp_path_factory.mktemp("trained") / "tiny-clip", shown)
+
+
+@pytest.fixture(scope="session")
+def tiny_home_detector(home: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same for the whole home: it has seen ``WORDS`` from many places, and views without them. Minutes."""
+    from services.robot_node.core import CAMERA
+    from tests.torch.trained import examples, train_grounding_dino
+
+    shown = examples(*home, CAMERA, WORDS, 160, empty=60)
+    return train_grounding_dino(tmp_path_factory.mktemp("trained") / "home-grounding-dino", shown, WORDS, steps=500)

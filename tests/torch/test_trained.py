@@ -26,7 +26,7 @@ def found_again(shown: Sequence[Example], found: Sequence[Boxes]) -> tuple[int, 
         iou = overlaps(example.boxes, boxes.xyxy)[0] if len(boxes) else np.zeros((len(example.names), 0))
         right = iou >= 0.5
         for column, label in enumerate(boxes.labels):
-            right[:, column] &= np.array([name == label for name in example.names])
+            right[:, column] &= np.array([name == label for name in example.names], bool)
         hits, things = hits + int(right.any(axis=1).sum()), things + len(example.names)
         wrong += int((~right.any(axis=0)).sum())
     return hits, things, wrong

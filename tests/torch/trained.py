@@ -36,15 +36,17 @@ class Example:
 
 
 def examples(
-    renderer: Renderer, navigation: NavigationMap, camera: Pinhole, words: Sequence[str], n: int, seed: int = 0
-) -> list[Example]:
-    """``n`` views from random places of a robot, each of which shows one of the words at least; all words by turns."""
+    renderer: Renderer, navigation: NavigationMap, camera: Pinhole, words: Sequence[str], n: int, *,
+    empty: int = 0, seed: int = 0,
+) -> list[Example]:  # fmt: skip
+    """``n`` views from random places of a robot, each of which shows one of the words at least, all words by turns; then
+    ``empty`` ones that show none."""
     rng, out = np.random.default_rng(seed), []
-    while len(out) < n:
+    while len(out) < n + empty:
         point = navigation.random_point(rng, renderer.scene.floors[0].id)
         T = camera_pose((point[0], point[1], point[2] + CAMERA_HEIGHT_M), rng.uniform(-np.pi, np.pi), 0.0)
         example = _example(renderer, T, camera, words)
-        if words[len(out) % len(words)] in example.names:
+        if words[len(out) % len(words)] in example.names if len(out) < n else not example.names:
             out.append(example)
     return out
 
@@ -106,7 +108,10 @@ def _label(example: Example, words: Sequence[str]) -> dict[str, Any]:
     height, width = example.rgb.shape[:2]
     xyxy = torch.from_numpy(example.boxes) / torch.tensor([width, height, width, height])
     boxes = torch.cat([(xyxy[:, :2] + xyxy[:, 2:]) / 2, xyxy[:, 2:] - xyxy[:, :2]], dim=1)
-    return {"class_labels": torch.tensor([words.index(name) for name in example.names]), "boxes": boxes}
+    return {
+        "class_labels": torch.tensor([words.index(name) for name in example.names], dtype=torch.long),
+        "boxes": boxes,
+    }
 
 
 def train_clip(folder: Path, shown: Sequence[tuple[NDArray[np.uint8], str]], steps: int = 400) -> Path:
