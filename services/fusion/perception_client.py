@@ -78,6 +78,12 @@ class PerceptionClient:
         """What is looked for now; nothing in particular where every worker knows a closed set of classes."""
         return self._searched() if self._workers.open_vocabulary else ()
 
+    @property
+    def embedder(self) -> str:
+        """The model whose embeddings views get now; while no worker is there, the one of before. Workers of one building should
+        run one."""
+        return self._workers.embedder
+
     def submit(self, frame: Received[FrameHeader]) -> None:
         """Takes a picture in."""
         header = frame.message
@@ -161,15 +167,16 @@ class PerceptionClient:
         """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""
         header, key = frame.message, (frame.message.source, frame.message.view)
         words = self.words()
-        if self._is_held(key, _digest(frame, words)):
+        if self._is_held(key, _digest(frame, self.embedder, words)):
             return PerceivedView(key, header)
         view = decode_frame(header, frame.payload)
-        reply, perception, attempts = b"", None, 0
+        reply, perception, attempts, embedder = b"", None, 0, self.embedder
         looks_down = looks_straight_down(view.T_world_camera)
         while not looks_down and attempts < _ATTEMPTS:
             pause_s, words = self._settings.retry_s, self.words()  # a mission may have begun meanwhile
             try:
                 reply, perception = self._ask(frame, words)
+                embedder = perception.embedding_model
                 break
             except (Refused, WireError) as error:
                 pause_s = _pause_s(error, pause_s)
@@ -184,7 +191,7 @@ class PerceptionClient:
                 if self._node.stopping.is_set() or key in lane.waiting:
                     return None
         lane.problem = ""
-        return PerceivedView(key, header, view, perception, frame.payload, reply, _digest(frame, words))
+        return PerceivedView(key, header, view, perception, frame.payload, reply, _digest(frame, embedder, words))
 
     def _ask(self, frame: Received[FrameHeader], words: tuple[str, ...]) -> tuple[bytes, ViewPerception]:
         """A worker's reply, as it was sent and as it is understood."""
@@ -201,10 +208,11 @@ class PerceptionClient:
         return msgspec.msgpack.encode(reply), perception_from_wire(reply, header.camera)
 
 
-def _digest(frame: Received[FrameHeader], words: tuple[str, ...]) -> bytes:
-    """Of a picture, its pose, and the words that it is looked at for."""
+def _digest(frame: Received[FrameHeader], embedder: str, words: tuple[str, ...]) -> bytes:
+    """Of a picture, its pose, the model that embeds it, and the words that it is looked at for."""
     header = frame.message
-    digest = hashlib.blake2b(repr((header.T_world_camera, header.camera, *words)).encode(), digest_size=16)
+    said = repr((header.T_world_camera, header.camera, embedder, *words))
+    digest = hashlib.blake2b(said.encode(), digest_size=16)
     digest.update(frame.payload)
     return digest.digest()
 

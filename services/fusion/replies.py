@@ -50,6 +50,10 @@ class Replies:
                 source_sets = joint.source_sets(floor) if layer == "provenance" else []
         except KeyError as error:
             raise Refused("unknown_floor", str(error.args[0])) from error
+        if left_out:
+            self._maps.warn(
+                f"a value layer leaves out views of floor {floor} that another model embedded", views=left_out
+            )
         header = LayerHeader(
             stamp_ns=clock_ns(), floor=floor, layer=cast("LayerName", layer), revision=revision, grid=grid,
             dtype=cast("DType", str(array.dtype)), shape=array.shape, target=target, source_sets=source_sets,

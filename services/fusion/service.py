@@ -33,7 +33,7 @@ class FusionService:
         self._words = Words(node, settings.prompts)
         self._perception = PerceptionClient(node, settings, self._maps.holds, self._words.now)
         self._pictures = KeptPictures(settings.kept_pictures_mb << 20)
-        self._looked_for, self._asked_words_s = frozenset[str](), 0.0
+        self._looked_for, self._embedder, self._asked_s = frozenset[str](), "", 0.0
         self._places = RobotPlaces()
         self._revisions = Revisions(node, config.map, self._maps, self._perception, self._places, self._sources.cameras)
         replies = Replies(config, self._maps, self._perception, self._places)
@@ -49,7 +49,7 @@ class FusionService:
         for source in dropped:
             self._perception.withdraw(source)
             self._pictures.drop(source)
-        self._look_for_new_words()
+        self._look_again()
         # perception looks at what is new
         finished = [*self._submit(frames), *self._perceived()]
         # joint maps: logged, then taken, then told of
@@ -74,16 +74,17 @@ class FusionService:
             self._perception.submit(frame)
         return faulty
 
-    def _look_for_new_words(self) -> None:
-        """Has perception look again at the cameras' pictures when a mission brings a word that it didn't look for."""
+    def _look_again(self) -> None:
+        """Has perception look at the cameras' pictures again when a mission brings a word that it didn't look for, or when
+        another model embeds them."""
         now_s = time.monotonic()
-        if now_s - self._asked_words_s < _WORDS_S:
+        if now_s - self._asked_s < _WORDS_S:
             return
-        self._asked_words_s = now_s
-        words = frozenset(self._perception.words())
-        if words - self._looked_for:
+        self._asked_s = now_s
+        words, embedder = frozenset(self._perception.words()), self._perception.embedder
+        if words - self._looked_for or embedder != self._embedder:
             self._perception.look_again(self._pictures.all())
-        self._looked_for = words
+        self._looked_for, self._embedder = words, embedder
 
     def _perceived(self) -> list[PerceivedView]:
         """Robots' views first; cameras' in slices, so that a robot never waits for many."""

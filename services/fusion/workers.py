@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections import Counter
 from typing import Any
 
 from services.fusion.core.choice import WorkerChoice
@@ -26,6 +27,7 @@ class Workers:
         self._node = node
         self._loads = node.table(PERCEPTION_LOAD)
         self._choice, self._lock, self._open = WorkerChoice(), threading.Lock(), False
+        self._embedder = ""
         node.alive("perception")  # the first call starts watching
 
     def best(self) -> WorkerLoad:
@@ -38,6 +40,14 @@ class Workers:
         if loads := self._loads_now():
             self._open = any(load.open_vocabulary for load in loads)
         return self._open
+
+    @property
+    def embedder(self) -> str:
+        """The embedding model that most workers run; while none is there, what it was before."""
+        models = Counter(load.models.embedder for load in self._loads_now() if load.ready)
+        if models:
+            self._embedder = min(models, key=lambda model: (-models[model], model))
+        return self._embedder
 
     def ask(self, stream: Stream, request: InferRequest, payload: bytes = b"", *, timeout_s: float) -> Received[Any]:
         """The first answer of the workers asked: the best one, and, as soon as that is late or refuses for its own sake,

@@ -75,11 +75,15 @@ class JointMap:
         return done
 
     def _look_again(self, view: PosedView, perception: ViewPerception | None) -> Integrated | None:
-        """Adds what was found in a view that the maps hold by words that it wasn't looked at for before."""
+        """Adds what was found in a camera's view that the maps hold: by words that it wasn't looked at for before, or the
+        embedding of another model."""
         words = self.guard.new_words(view, perception)
-        if perception is None or not words:
+        if perception is None or view.is_robot:
             return None
         maps = self._floor_of(view)
+        embedded = maps.value.embed_again(view, perception.image_embedding, perception.embedding_model)
+        if not (words or embedded):
+            return None
         self.revision += 1
         maps.geometry.revision = self.revision
         found = tuple(d for d in perception.detections if d.label in words)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
 from typing import Any
@@ -93,6 +93,16 @@ class ValueMap:
             layer.add(seen)
         if len(self._views) > self._config.max_views:
             self._forget_oldest()
+
+    def embed_again(self, view: PosedView, embedding: NDArray[np.float32], embedding_model: str) -> bool:
+        """Gives a camera's view that is kept the embedding (D,) of another model; whether that changed anything."""
+        key = (view.source, view.view, 0)
+        seen = self._views.get(key)
+        if view.is_robot or seen is None or seen.embedding_model == embedding_model or not embedding.size:
+            return False
+        self._views[key] = replace(seen, embedding=embedding.astype(np.float16), embedding_model=embedding_model)
+        self._start_anew()
+        return True
 
     def left_out(self, embedding_model: str) -> int:
         """How many of the views kept say nothing about that model's texts: another model looked at them."""

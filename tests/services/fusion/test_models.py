@@ -85,6 +85,20 @@ def test_a_view_looked_at_again_gives_its_new_words_and_nothing_twice(stool, too
     assert joint.accept(view, both) is None, "and still are, whatever came between"
 
 
+def test_a_cameras_view_gets_the_embedding_of_the_model_that_runs_now(stool, tools):
+    joint, view = JointMap(), near(stool)
+    first = perception_of(tools, view, stool)
+    joint.accept(view, first)
+    seen = joint.objects("0")[0].n_detections
+    assert joint.accept(view, replace(first, embedding_model="siglip", image_embedding=tools.unit(6))) is not None
+    assert joint.views_left_out("0", "siglip") == 0
+    assert np.nanmax(joint.layer("0", "value", tools.unit(6), "siglip")[1]) == pytest.approx(1.0, abs=1e-3)
+    assert joint.objects("0")[0].n_detections == seen, "one picture is no evidence twice"
+    robots = near(stool, source="robot/r")
+    joint.accept(robots, first)
+    assert joint.accept(robots, replace(first, embedding_model="siglip")) is None
+
+
 def test_a_robots_view_is_not_looked_at_again(stool, tools):
     joint, view = JointMap(), near(stool, source="robot/r")
     joint.accept(view, perception_of(tools, view, stool))
