@@ -199,6 +199,8 @@ def test_answers_say_models_and_how_relevant_the_view_is_to_each_prompt(make_wor
     assert reply.relevance == pytest.approx({"abcd": 0.6, "abcde": 0.8, "ab": 0.0})
     worker.ask(request_of(20, prompts=["abcd", "abcde"]))
     assert backend.texts.count("abcd") == 1, "a text is embedded once"
+    worker.ask(request_of(30, prompts=["x", "xy", "xyz", "ab"]))
+    assert backend.text_batches[-1] == 3, "new texts are embedded in one batch"
 
 
 def test_who_wants_only_the_embedding_keeps_no_detector_busy(make_worker, scripted, request_of):
