@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 
 import structlog
 
@@ -11,10 +12,11 @@ from services.perception.service import PerceptionService
 from simulator.truth.choose import choose_backend
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
+from surveilnav.errors import PerceptionError
 
 
 def main() -> None:
-    """One perception worker, until SIGTERM."""
+    """One perception worker, until SIGTERM. PerceptionError: its backend doesn't answer a probe picture rightly."""
     settings, bus = PerceptionSettings(), BusSettings()
     backend = choose_backend(
         settings.backend,
@@ -35,8 +37,19 @@ def main() -> None:
     with Node("perception", settings.worker, bus) as node:
         service = PerceptionService(node, backend, settings)
         node.ready = lambda: service.ready
-        service.warm_up()
+        failed: list[PerceptionError] = []
+
+        def warm_up() -> None:
+            try:
+                service.warm_up()
+            except PerceptionError as error:
+                failed.append(error)
+                node.stop()
+
+        threading.Thread(target=warm_up, name="warm-up", daemon=True).start()  # meanwhile it says that it isn't ready
         node.run(service.step, idle_s=0.2)
+    if failed:
+        raise failed[0]
 
 
 if __name__ == "__main__":

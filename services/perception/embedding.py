@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +37,11 @@ class Embedding:
 
     def texts(self, texts: Sequence[str]) -> list[NDArray[np.float32]]:
         """Unit vectors (D,) of texts, in their order. TargetError: one that the space has no place for."""
-        if any(self._remembered(text) is None for text in texts):
+        known, new = self._remembered(texts)
+        if new:
             with self._one_at_a_time:
-                return [self._embedded(text) for text in texts]
-        return [self._embedded(text) for text in texts]
+                known |= self._embedded(new)
+        return [known[text] for text in texts]
 
     def problem(self, texts: Sequence[str]) -> str:
         """What is wrong with the embeddings of texts; empty: nothing. A text without a place is none."""
@@ -48,22 +50,26 @@ class Embedding:
 
     def _known(self, texts: Iterable[str]) -> dict[str, NDArray[np.float32]]:
         """By text, its vector; texts that the space has no place for are left out."""
-        out = {}
-        for text in texts:
-            try:
-                out[text] = self._embedded(text)
-            except TargetError:
-                continue
-        return out
+        known, new = self._remembered(texts)
+        with suppress(TargetError):
+            return known | self._embedded(new)
+        for text in new:
+            with suppress(TargetError):
+                known |= self._embedded([text])
+        return known
 
-    def _embedded(self, text: str) -> NDArray[np.float32]:
-        vector = self._remembered(text)
-        if vector is None:
-            vector = self._backend.embed_texts([text])[0]
-            with self._lock:
-                self._texts.put(text_key(text), vector, vector.nbytes)
-        return vector
-
-    def _remembered(self, text: str) -> NDArray[np.float32] | None:
+    def _embedded(self, texts: Sequence[str]) -> dict[str, NDArray[np.float32]]:
+        """By text, its vector, all in one batch. TargetError: one that the space has no place for."""
+        rows = self._backend.embed_texts(texts) if texts else ()
+        vectors = {text: row.copy() for text, row in zip(texts, rows, strict=True)}  # a view would keep the whole batch
         with self._lock:
-            return self._texts.get(text_key(text))
+            for text, vector in vectors.items():
+                self._texts.put(text_key(text), vector, vector.nbytes)
+        return vectors
+
+    def _remembered(self, texts: Iterable[str]) -> tuple[dict[str, NDArray[np.float32]], list[str]]:
+        """By text, the vectors that are kept; and the texts that have none, each once."""
+        with self._lock:
+            found = {text: self._texts.get(text_key(text)) for text in texts}
+        known = {text: vector for text, vector in found.items() if vector is not None}
+        return known, [text for text in found if text not in known]

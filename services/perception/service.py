@@ -48,10 +48,13 @@ class PerceptionService:
         """
         for n in (1, self._settings.max_batch or self._backend.best_batch):
             works = [probe.probe() for _ in range(n)]
-            for stage in self._backend.stages:
-                stage.run(works)
-            problems = [probe.problem(work.seen, self._backend.embedding_dim) for work in works]
-            problems.append(self._embedding.problem(probe.PROMPTS))
+            try:
+                for stage in self._backend.stages:
+                    stage.run(works)
+                problems = [probe.problem(work.seen, self._backend.embedding_dim) for work in works]
+                problems.append(self._embedding.problem(probe.PROMPTS))
+            except Exception as error:  # whatever a model's library raises
+                problems = [f"{type(error).__name__}: {error}"]
             if wrong := next(filter(None, problems), ""):
                 raise PerceptionError(f"{self._backend.name} doesn't answer a probe picture rightly: {wrong}")
         self.ready = True

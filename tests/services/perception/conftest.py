@@ -49,6 +49,7 @@ class Scripted(Backend):
         self.embedding = np.array([0.6, 0.8, 0, 0], np.float32)
         self.box_px = (4.0, 4.0, 20.0, 20.0)
         self.texts: list[str] = []
+        self.text_batches: list[int] = []
         self.stages = (Stage("detect", self._detect), Stage("embed", self._embed))
 
     def _pass(self, stage: str, batch: Sequence[Work]) -> None:
@@ -73,6 +74,7 @@ class Scripted(Backend):
         if "flux capacitor" in texts:
             raise TargetError("no flux capacitor is known")
         self.texts += texts
+        self.text_batches.append(len(texts))
         return np.eye(DIM, dtype=np.float32)[[len(text) % DIM for text in texts]]
 
 

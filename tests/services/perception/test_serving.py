@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from services.perception import __main__ as main
 from simulator.truth.backends import Oracle
 from surveilnav.bus import Refused, clock_ns
 from surveilnav.contract import PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
@@ -198,6 +199,8 @@ def test_answers_say_models_and_how_relevant_the_view_is_to_each_prompt(make_wor
     assert reply.relevance == pytest.approx({"abcd": 0.6, "abcde": 0.8, "ab": 0.0})
     worker.ask(request_of(20, prompts=["abcd", "abcde"]))
     assert backend.texts.count("abcd") == 1, "a text is embedded once"
+    worker.ask(request_of(30, prompts=["x", "xy", "xyz", "ab"]))
+    assert backend.text_batches[-1] == 3, "new texts are embedded in one batch"
 
 
 def test_who_wants_only_the_embedding_keeps_no_detector_busy(make_worker, scripted, request_of):
@@ -242,6 +245,15 @@ def test_a_worker_that_answers_nonsense_is_never_ready(make_worker, scripted, ch
     with pytest.raises(PerceptionError, match="probe"):
         worker.service.warm_up()
     assert not worker.service.ready
+
+
+def test_a_process_that_is_never_ready_ends_and_says_why(scripted, bus, monkeypatch):
+    broken = scripted()
+    broken.embedding = np.zeros(4, np.float32)
+    monkeypatch.setattr(main, "choose_backend", lambda *_, **__: broken)
+    monkeypatch.setenv("SURVEILNAV_BUS__ROUTER", bus.router)
+    with ThreadPoolExecutor(1) as pool, pytest.raises(PerceptionError, match="probe picture rightly: expected a unit"):
+        pool.submit(main.main).result(timeout=20)
 
 
 def test_the_load_says_how_long_each_stage_takes(make_worker, scripted, request_of):
