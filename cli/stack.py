@@ -135,10 +135,7 @@ def environment(
         # With what a camera looks for its summary; it does so only in buildings of more than one floor, where the
         # planner has a floor to choose. SURVEILNAV_CAMERA__PERCEPTION in the environment is stronger: "none" spares
         # the cameras' processors, and every floor is then as promising as the other.
-        # The paper's networks are too large for every camera to have its own.
-        "SURVEILNAV_CAMERA__PERCEPTION": os.environ.get(
-            "SURVEILNAV_CAMERA__PERCEPTION", "none" if perception == "paper" else perception
-        ),
+        "SURVEILNAV_CAMERA__PERCEPTION": os.environ.get("SURVEILNAV_CAMERA__PERCEPTION", perception),
         "SURVEILNAV_FUSION__SURVEILLANCE": str(surveillance).lower(),
         "SURVEILNAV_FUSION__STORE": str(state.resolve() / "fusion.sqlite"),
         "SURVEILNAV_PLANNER__STORE": str(state.resolve() / "planner.sqlite"),

@@ -23,7 +23,7 @@ from simulator.simulation import SimulatedBuilding
 from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Scene
 from surveilnav.geometry import Pinhole, Pose
-from surveilnav.messages import InferReply
+from surveilnav.messages import InferReply, ModelIds
 from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.robot_body import STEP_M, TURN_RAD
 from surveilnav.sensing.packing import decode_depth, encode_depth, perception_from_wire, perception_to_wire
@@ -33,7 +33,7 @@ from surveilnav.stored import read_parts, write_parts
 #: Instances of these classes are the building itself: a detection on them is one of background.
 STRUCTURE = frozenset({"wall", "floor", "ceiling", "door", "window", "stairs"})
 LOOK_DOWN_RAD = math.radians(-30.0)
-_FORMAT = b"surveilnav recording 1"
+_FORMAT = b"surveilnav recording 2"
 _NO_PICTURE = np.zeros((0, 0, 3), np.uint8)
 
 
@@ -275,6 +275,7 @@ def _stored(seen: SeenView) -> _Stored:
         reply = InferReply(
             stamp_ns=view.stamp_ns, worker="recording", backend=seen.perception.backend, source=view.source,
             view=view.view, seq=view.seq, detections=detections, image_embedding=image,
+            models=ModelIds(embedder=seen.perception.embedding_model), words=list(seen.perception.words),
         )  # fmt: skip
     return _Stored(
         view.source, view.view, view.seq, view.stamp_ns, view.floor, Pose.from_matrix(view.T_world_camera), view.camera,

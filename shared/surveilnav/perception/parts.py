@@ -120,6 +120,13 @@ def embedder(name: str, runtime: Runtime, *, download: bool = True) -> Embedder:
     return made
 
 
+def on_gpu(runtime: Runtime) -> bool:
+    """Whether networks under PyTorch run on a GPU. PerceptionError: the device isn't there."""
+    from surveilnav.perception.torch_model import device_named
+
+    return bool(device_named(runtime.device).type == "cuda")
+
+
 def _kind(model: _Model, name: str, table: _Table, what: str) -> Any:
     """The class that reads a model."""
     if model.family not in table:

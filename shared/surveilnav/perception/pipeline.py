@@ -34,12 +34,14 @@ class Pipeline(Backend):
         *,
         min_score: float,
         extents_m: Mapping[str, tuple[float, float]] | None = None,
+        best_batch: int = 1,
     ) -> None:
         self.name, self.why = name, why
         self.detector, self.segmenter, self.embedder = detector, segmenter, embedder
         self.models = ModelIds(detector.model, segmenter.model, embedder.model)
         self.vocabulary, self.embedding_dim = detector.vocabulary, embedder.dim
         self.needs_prompts = detector.vocabulary is None
+        self.best_batch = best_batch
         self._min_score, self._extents_m = min_score, extents_m or {}
         self.stages = (
             Stage("detect", self._detect),
