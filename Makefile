@@ -9,7 +9,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-torch test-compose demo dataset bench bench-core bench-perception bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test canary test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-render bench-homes bench-association bench-calibration docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -54,6 +54,9 @@ bench: $(READY) ## the benchmark's tables: plays what is missing of their runs (
 bench-core: $(READY) ## what a robot step costs, detector left out
 	$(BIN)/python tests/bench/bench_fusion.py $(ARGS)
 	$(BIN)/python -m pytest -q tests/bench/bench_fusion.py tests/bench/bench_planner.py --benchmark-timer=time.process_time --benchmark-columns=min,median,max,rounds
+
+bench-models: $(TORCH_READY) ## what full-size networks cost, on random weights; in .venv-torch
+	.venv-torch/bin/python -m tests.bench.bench_models $(ARGS)
 
 bench-perception: $(READY) ## what a perception worker serves: throughput, overload, memory, a frozen worker
 	$(BIN)/python tests/bench/bench_perception.py $(ARGS)
