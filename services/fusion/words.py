@@ -16,13 +16,19 @@ class Words:
 
     def __init__(self, node: Node, standing: Sequence[str]) -> None:
         """``standing``: words that are always looked for."""
-        self._standing = standing
+        self._node, self._standing = node, standing
+        node.alive("planner")  # the first call starts watching
         self._missions = node.table(MISSION_STATUS)
 
     def now(self) -> tuple[str, ...]:
-        """The words of this moment, sorted, each once; at most ``MAX_WORDS``."""
-        searched = (row.message.target for row in self._missions.rows() if row.message.state not in FINISHED_STATES)
-        return tuple(sorted(_words([*self._standing, *searched][:MAX_WORDS])))
+        """The words of this moment, sorted, each once; at most ``MAX_WORDS``, missions' first. Without a planner on the bus no
+        mission goes on."""
+        open_ = self._missions.rows() if self._node.alive("planner") else []
+        searched = _words(row.message.target for row in open_ if row.message.state not in FINISHED_STATES)
+        words = list(dict.fromkeys((*sorted(searched), *sorted(_words(self._standing)))))
+        if len(words) > MAX_WORDS:
+            self._node.warn_seldom("too many words are searched for at once", left_out=len(words) - MAX_WORDS)
+        return tuple(sorted(words[:MAX_WORDS]))
 
 
 def _words(names: Iterable[str]) -> set[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from dataclasses import replace
 from typing import NamedTuple
 
 from services.gateway.asking import absent, ask_known
@@ -64,6 +65,8 @@ class Maps:
             rows = self._node.ask_all(contract.OBJECTS)
             if not rows and not self._state.alive("fusion"):
                 raise absent("fusion")
+        elif floor is None and not self._state.alive("fusion"):
+            raise absent("fusion")
         else:  # a text may be refused, which must be told
             rows = [
                 ask_known(self._node, "floor", name, "fusion", contract.OBJECTS, parameters=parameters, floor=name)
@@ -73,7 +76,7 @@ class Maps:
         records = [r for row in rows for r in row.message.objects if wanted is None or r.label == wanted]
         records.sort(key=lambda r: (r.floor, -r.last_seen_ns, r.id))
         if text:
-            records.sort(key=lambda r: -1.0 if r.relevance is None else -r.relevance - 2.0)
+            records.sort(key=lambda r: (r.relevance is None, -(r.relevance or 0.0)))
         return [Object.from_record(r) for r in records]
 
     def layer(self, floor: str, layer: str, target: str) -> tuple[Picture, int]:
@@ -107,7 +110,7 @@ class Maps:
             picture = layers.render(layer, row.message.grid, unpack_layer(layer, row.message, row.payload))
         except WireError as error:
             raise Problem(502, "bad_layer", f"fusion sent a {layer} layer that can't be read: {error}") from error
-        return picture, row.message.revision
+        return replace(picture, views_left_out=row.message.views_left_out), row.message.revision
 
     def _cached(self, key: _PictureKey) -> tuple[Picture, int] | None:
         with self._pictures_lock:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import unicodedata
 from functools import cache
 from pathlib import Path
 
@@ -14,7 +15,7 @@ MAX_WORD_CHARS, MAX_WORDS = 100, 256
 
 def canonical(name: str) -> str:
     """The one spelling of a word: lower case, single spaces, synonyms folded ("Sofa" -> "couch")."""
-    folded = " ".join(name.strip().lower().replace("_", " ").replace("-", " ").split())
+    folded = " ".join(unicodedata.normalize("NFC", name).strip().lower().replace("_", " ").replace("-", " ").split())
     return _synonyms().get(folded, folded)
 
 

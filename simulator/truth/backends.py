@@ -71,14 +71,14 @@ class Oracle(Backend):
 
     def _look(self, batch: Sequence[Work]) -> None:
         for work in batch:
-            asked = tuple(canonical(prompt) for prompt in work.prompts)
+            words = tuple(dict.fromkeys((*COCO, *(canonical(prompt) for prompt in work.prompts))))
             told = _told(work.truth, work.view.depth_m, self.name)
-            things = visible_things(told, work.view.depth_m, self._min_pixels, {*COCO, *asked})
+            things = visible_things(told, work.view.depth_m, self._min_pixels, words)
             detections = tuple(
                 Detected(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label)) for t in things
             )
             image = name_space.embed_image([thing.label for thing in things])
-            work.seen = ViewPerception(self.name, detections, image, self.models.embedder, asked)
+            work.seen = ViewPerception(self.name, detections, image, self.models.embedder, words)
 
 
 class Simulated(Backend):
@@ -125,7 +125,9 @@ class Simulated(Backend):
         detections.sort(key=lambda d: -d.score)
         clear = 1.0 - np.prod([1.0 - scores for scores in weak], axis=0) if weak else np.zeros(len(COCO), np.float32)
         presence = np.maximum(clear, self._haze(scene, view, told.T_world_camera, shown, is_camera))
-        return ViewPerception(self.name, tuple(detections), class_space.embed_image([presence]), ClassSpace.model)
+        return ViewPerception(
+            self.name, tuple(detections), class_space.embed_image([presence]), ClassSpace.model, tuple(COCO)
+        )
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return class_space.embed_texts(texts)

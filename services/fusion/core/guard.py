@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -118,7 +119,9 @@ class LastView:
         """Of a view whose pose is finite."""
         c, pose = view.camera, tuple(view.T_world_camera[:3].ravel().tolist())
         intrinsics = float(c.width_px), float(c.height_px), c.fx_px, c.fy_px, c.cx_px, c.cy_px
-        words = perception.words if perception is not None else ()
+        words: tuple[str, ...] = ()
+        if perception is not None and not view.is_robot:  # a robot's view isn't looked at again
+            words = _shared(tuple(sorted(perception.words)))
         return cls(view.seq, view.stamp_ns, pose, view.floor, view.floor_z_m, intrinsics, words)
 
 
@@ -173,7 +176,7 @@ class Guard:
         key, now = (view.source, view.view), LastView.of(view, perception)
         last = self._last.pop(key, None)
         if last is not None and _repeats(last, now, view.is_robot):  # it was looked at again
-            now = replace(now, words=tuple(sorted({*last.words, *now.words})))
+            now = replace(now, words=_shared(tuple(sorted({*last.words, *now.words}))))
         self._last[key] = now
         if len(self._last) > self._config.max_sources:
             del self._last[next(iter(self._last))]
@@ -211,26 +214,37 @@ class Guard:
 
     def state(self) -> dict[str, Any]:
         """All of it, as plain values, for ``of_state``."""
+        rows: dict[tuple[str, ...], int] = {}  # many views were looked at for the same words
         views = {
-            name: [[*key, asdict(view)] for key, view in kept.items()]
+            name: [
+                [*key, asdict(view) | {"words": rows.setdefault(view.words, len(rows))}] for key, view in kept.items()
+            ]
             for name, kept in (("last", self._last), ("doubted", self._doubted))
         }
-        return {**views, "heard": dict(self._heard), "missed": dict(self.missed)}
+        return {**views, "words": list(rows), "heard": dict(self._heard), "missed": dict(self.missed)}
 
     @classmethod
     def of_state(cls, state: dict[str, Any], config: GuardConfig) -> Guard:
         """The guard that ``state`` was taken of."""
         guard = cls(config)
+        words = [tuple(row) for row in state.get("words", [()])]  # version 2 knew of none
         guard._last, guard._doubted = (
-            {(source, view): _last_view(fields) for source, view, fields in state[name]} for name in ("last", "doubted")
+            {(source, view): _last_view(fields, words) for source, view, fields in state[name]}
+            for name in ("last", "doubted")
         )
         guard._heard, guard.missed = dict(state["heard"]), dict(state["missed"])
         return guard
 
 
-def _last_view(fields: dict[str, Any]) -> LastView:
-    lists = {name: tuple(fields.get(name, ())) for name in ("pose", "intrinsics", "words")}
-    return LastView(**(fields | lists))
+@lru_cache(maxsize=4096)
+def _shared(words: tuple[str, ...]) -> tuple[str, ...]:
+    """The same words, once in memory however many views were looked at for them."""
+    return words
+
+
+def _last_view(fields: dict[str, Any], words: list[tuple[str, ...]]) -> LastView:
+    lists = {"pose": tuple(fields["pose"]), "intrinsics": tuple(fields["intrinsics"])}
+    return LastView(**(fields | lists | {"words": words[fields.get("words", 0)]}))
 
 
 def _repeats(last: LastView, now: LastView, is_robot: bool) -> bool:

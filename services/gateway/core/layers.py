@@ -32,12 +32,14 @@ MAX_PIXELS = 4096 * 4096
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A PNG, the grid whose cells are its pixels (row 0 of the grid is the lowest line), and the scale of values."""
+    """A PNG, the grid whose cells are its pixels (row 0 of the grid is the lowest line), the scale of values, and how many
+    views they leave out."""
 
     png: bytes
     grid: Grid
     low: float | None = None
     high: float | None = None
+    views_left_out: int = 0
 
 
 def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS) -> Picture:

@@ -31,7 +31,8 @@ def router(found: Maps) -> APIRouter:
         """A map layer, north up, one pixel a cell: occupancy (slate), explored (pale blue), frontier (orange), or
         value (viridis from the lowest to the highest value, for ``target``; default: the newest mission's). All
         else is transparent. ``X-Surveilnav-Grid`` holds the world position of the lower left corner, the cell
-        size [m], rows and columns; ``X-Surveilnav-Range`` the ends of the value scale.
+        size [m], rows and columns; ``X-Surveilnav-Range`` the ends of the value scale;
+        ``X-Surveilnav-Views-Left-Out`` how many views another model looked at, if any.
         """
         picture, revision = found.layer(id, layer, target.strip())
         return Response(picture.png, media_type="image/png", headers=_headers(picture, revision))
@@ -57,6 +58,8 @@ def _headers(picture: Picture, revision: int) -> dict[str, str]:
         "X-Surveilnav-Revision": str(revision),
         "X-Surveilnav-Grid": " ".join(f"{v:g}" for v in astuple(picture.grid)),
     }
+    if picture.views_left_out:
+        headers["X-Surveilnav-Views-Left-Out"] = str(picture.views_left_out)
     if picture.low is not None and picture.high is not None:
         headers["X-Surveilnav-Range"] = f"{picture.low:.6g} {picture.high:.6g}"
     return headers

@@ -59,8 +59,8 @@ class InferReply(Message, frozen=True, kw_only=True):
     """What a worker sees in one view.
 
     ``image_embedding``: float16 bytes, unit length. ``relevance``: by prompt, the cosine of the view's embedding with
-    the prompt's own (-1 to 1); prompts that the space has no place for are missing. ``words``: what a detector with an
-    open vocabulary looked for.
+    the prompt's own (-1 to 1); prompts that the space has no place for are missing. ``words``: what the detector looked
+    for; all its names, if it has a vocabulary.
     """
 
     worker: str

@@ -26,6 +26,7 @@ class Work:
         prompts: words that an open-vocabulary detector should look for; closed-set ones ignore them.
         truth: what each pixel shows; only for backends that need it.
         key: names the view (source, view, seq): what a backend draws by chance depends on nothing else.
+        looked_for: after detecting, the words that were looked for; none if detecting was left out.
         boxes: after detecting, with all words' scores.
         rows: after segmenting, which of the boxes are reported; ``masks``: theirs.
         seen: the answer, after the last stage.
@@ -38,6 +39,7 @@ class Work:
     boxes: Boxes = field(default_factory=Boxes.empty)
     rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     masks: list[NDArray[np.bool_] | None] = field(default_factory=list)
+    looked_for: tuple[str, ...] = ()
     seen: ViewPerception | None = None
 
 

@@ -56,6 +56,7 @@ class Pipeline(Backend):
         found = self.detector.detect([w.view.rgb for w in batch], [w.prompts for w in batch])
         for work, boxes in zip(batch, found, strict=True):
             work.boxes = boxes
+            work.looked_for = tuple(work.prompts if self.vocabulary is None else self.vocabulary)
 
     def _segment(self, batch: Sequence[Work]) -> None:
         likely = [np.flatnonzero(w.boxes.best >= self._min_score) for w in batch]
@@ -76,8 +77,9 @@ class Pipeline(Backend):
                 for row, mask, vector in zip(work.rows.tolist(), work.masks, embedding.objects, strict=True)
             ]
             detections.sort(key=lambda d: -d.score)
-            words = () if self.vocabulary is not None else tuple(work.prompts)
-            work.seen = ViewPerception(self.name, tuple(detections), embedding.image, self.embedder.model, words)
+            work.seen = ViewPerception(
+                self.name, tuple(detections), embedding.image, self.embedder.model, work.looked_for
+            )
 
     def _sized(
         self, view: RgbdView, boxes: Boxes, rows: NDArray[np.int64], masks: Sequence[NDArray[np.bool_] | None]

@@ -33,7 +33,6 @@ from surveilnav.geometry import Pinhole
 from surveilnav.messages import Detection, FrameHeader, InferReply, Part
 from surveilnav.sensing import rle
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_cells
-from surveilnav.words import MAX_WORDS
 
 DEPTH_QUANTUM_PER_M: Final = 0.001
 
@@ -42,6 +41,7 @@ MAX_PIXELS: Final = 4096 * 4096
 MAX_ARRAY_BYTES: Final = 256 * 1024 * 1024
 MAX_EMBEDDING_DIM: Final = 4096
 MAX_DETECTIONS: Final = 1000
+MAX_NAMES: Final = 4096  # of one vocabulary
 MAX_LABEL_CHARS: Final = 100
 
 _SOURCE = re.compile(rf"(robot|camera)/{ID}")
@@ -310,8 +310,8 @@ def perception_from_wire(reply: InferReply, camera: Pinhole) -> ViewPerception:
     if bad := [value for value in reply.relevance.values() if not -1.0 <= value <= 1.0]:
         raise WireError(f"a relevance lies between -1 and 1, got {bad[0]}")
     detections = tuple(_detected(d, camera, image_embedding.size) for d in reply.detections)
-    if len(reply.words) > MAX_WORDS:
-        raise WireError(f"a view is looked at for up to {MAX_WORDS} words, got {len(reply.words)}")
+    if len(reply.words) > MAX_NAMES or any(len(word) > MAX_LABEL_CHARS for word in reply.words):
+        raise WireError(f"a view is looked at for up to {MAX_NAMES} words of {MAX_LABEL_CHARS} characters")
     words = tuple(reply.words)
     return ViewPerception(reply.backend, detections, image_embedding, reply.models.embedder, words)
 

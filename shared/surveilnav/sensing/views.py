@@ -82,7 +82,7 @@ class ViewPerception:
     """What perception says about one view.
 
     ``image_embedding`` is (D,) float32, unit length. ``embedding_model`` names the space of all its vectors: those of two
-    models can't be compared. ``words``: what an open-vocabulary detector looked for; closed-set ones look for all theirs.
+    models can't be compared. ``words``: what the detector looked for; one with a vocabulary looks for all of it.
     """
 
     backend: str

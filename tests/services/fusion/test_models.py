@@ -99,6 +99,18 @@ def test_a_cameras_view_gets_the_embedding_of_the_model_that_runs_now(stool, too
     assert joint.accept(robots, replace(first, embedding_model="siglip")) is None
 
 
+def test_a_detector_with_a_vocabulary_adds_what_the_last_one_did_not_look_for(stool, tools):
+    """A change from an open vocabulary to a closed set: the same picture, all names of the set."""
+    joint, view = JointMap(), near(stool)
+    joint.accept(view, replace(perception_of(tools, view, stool, words=("lamp",)), detections=()))
+    assert joint.objects("0") == []
+    closed = perception_of(tools, view, stool, model="class-space", words=("chair", "lamp", "stool"))
+    assert joint.accept(view, closed) is not None
+    (one,) = joint.objects("0")
+    assert (one.label, one.n_detections) == ("stool", 1)
+    assert joint.accept(view, closed) is None
+
+
 def test_a_robots_view_is_not_looked_at_again(stool, tools):
     joint, view = JointMap(), near(stool, source="robot/r")
     joint.accept(view, perception_of(tools, view, stool))

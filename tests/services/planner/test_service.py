@@ -28,6 +28,7 @@ from surveilnav.contract import (
     MISSION_PLAN,
     MISSION_STATUS,
     OBJECTS,
+    PERCEPTION_LOAD,
     PERCEPTION_TEXT,
     ROBOT_COMMAND,
     ROBOT_STATUS,
@@ -40,11 +41,13 @@ from surveilnav.messages import (
     LayerHeader,
     MissionCancel,
     MissionGoal,
+    ModelIds,
     ObjectList,
     Revision,
     RobotStatus,
     Stair,
     TextReply,
+    WorkerLoad,
 )  # fmt: skip
 from surveilnav.sensing.packing import pack_array
 from tests.waiting import until, until_heard
@@ -290,7 +293,14 @@ def test_a_target_is_what_some_worker_understands(fakes, planner, make_node, cli
                 raise Refused("bad_target", "nearest to it: vase")
             return Answer(TextReply(stamp_ns=1, worker="w", backend="b", embeddings=[b""]))
 
-        make_node("perception", name).serve(PERCEPTION_TEXT, answer, worker=name)
+        load = WorkerLoad(
+            stamp_ns=1, worker=name, backend="b", why="", queued=0, capacity=1, latency_ms=1.0,
+            models=ModelIds(detector=name),
+        )  # fmt: skip
+        worker = make_node("perception", name)
+        worker.serve(PERCEPTION_TEXT, answer, worker=name)
+        worker.serve(PERCEPTION_LOAD, lambda _, load=load: Answer(load), worker=name)
+        until_heard(lambda name=name: client.ask(PERCEPTION_LOAD, worker=name))
     planner()
     ack = submit(client, "m1", target="Samovar")
     assert ack.accepted == accepted
