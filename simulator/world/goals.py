@@ -149,8 +149,8 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
 
 
 def _contents(scene: Scene) -> str:
-    labels = list(scene.labels_by_id.values())
-    return ", ".join(f"{label} ({labels.count(label)})" for label in sorted(set(labels))) or "nothing with a name"
+    words = [word for word in scene.truth_labels.values() if word not in PARTS]
+    return ", ".join(f"{word} ({words.count(word)})" for word in sorted(set(words))) or "nothing with a name"
 
 
 def _surface(scene: Scene, instance: Instance) -> NDArray[np.float32]:
