@@ -18,6 +18,7 @@ from rich.console import Console
 
 from cli import bench, dataset, models
 from surveilnav.errors import SurveilNavError
+from surveilnav.perception.names import BackendName
 
 app = typer.Typer(
     name="surveilnav", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
@@ -32,15 +33,6 @@ console = Console(stderr=True, highlight=False)
 DEFAULT_CAMERAS = 4
 
 
-class PerceptionName(StrEnum):
-    auto = "auto"
-    onnx_coco = "onnx-coco"
-    paper = "paper"
-    yolo_world = "yolo-world"
-    oracle = "oracle"
-    simulated = "simulated"
-
-
 class OnOff(StrEnum):
     on = "on"
     off = "off"
@@ -52,8 +44,9 @@ Building = Annotated[
 Seed = Annotated[int, typer.Option(min=0, help="Draws furniture models, textures, start and sensor noise.")]
 Cameras = Annotated[int | None, typer.Option(min=0, max=10_000, help="So many cameras in all (4 if no area is given).")]
 Area = Annotated[float | None, typer.Option(min=1.0, help="One camera for so many square metres of floor.")]
-Perception = Annotated[
-    PerceptionName, typer.Option(help="What looks at the pictures; auto takes the best that can run.")
+Perception = Annotated[BackendName, typer.Option(help="What looks at the pictures; auto takes the best that can run.")]
+Text = Annotated[
+    str, typer.Argument(help="What looks most like it comes first; a perception with a closed set refuses other words.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
 Url = Annotated[str, typer.Option(envvar="SURVEILNAV_URL", help="The gateway.")]
@@ -71,8 +64,8 @@ def _density(cameras: int | None, area_per_camera_m2: float | None) -> dict[str,
 def demo(
     building: Building = "3_bedroom",
     seed: Seed = 0,
-    target: Annotated[str, typer.Option(help="What to find, in any words that the perception understands.")] = "tv",
-    perception: Perception = PerceptionName.auto,
+    target: Annotated[str, typer.Option(help="What to find, in words that the perception understands.")] = "tv",
+    perception: Perception = BackendName.AUTO,
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
     cameras: Cameras = None,
     area_per_camera: Area = None,
@@ -97,7 +90,7 @@ def demo(
 def up(
     building: Building = "2_bedroom",
     seed: Seed = 0,
-    perception: Perception = PerceptionName.auto,
+    perception: Perception = BackendName.AUTO,
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
     cameras: Cameras = None,
     area_per_camera: Area = None,
@@ -133,7 +126,7 @@ def find(
 
 @app.command()
 def objects(
-    text: Annotated[str, typer.Argument(help="Any words: objects that look most like them come first.")] = "",
+    text: Text = "",
     label: Annotated[str, typer.Option(help="Only objects that are called so.")] = "",
     floor: Annotated[str, typer.Option(help="Only those of one floor.")] = "",
     url: Url = DEFAULT_URL,

@@ -69,24 +69,34 @@ class FusedCameras:
         return copy.deepcopy(self._kept[names])
 
 
+class _Invocation:
+    """Invokes cameras (eq. 1) and knows whose views are on their way. ``offered_bytes``: by camera invoked."""
+
+    def __init__(self, sight: Sight, tau_z_m: float, delay_steps: int) -> None:
+        self._sight, self._tau_z_m, self._delay_steps = sight, tau_z_m, delay_steps
+        self.offered_bytes: dict[str, int] = {}
+        self._due: list[tuple[int, tuple[str, ...]]] = []
+
+    def arrivals(self, floor_z_m: float, now: int) -> tuple[str, ...]:
+        """The cameras whose views arrive at step ``now``; those of the robot's floor are invoked before."""
+        active = active_cameras([floor_z_m], self._sight.infos, self._tau_z_m)
+        if new := tuple(name for name in active if name not in self.offered_bytes):
+            self.offered_bytes |= {name: sum(v.offered_bytes for v in self._sight.camera(name)) for name in new}
+            self._due.append((now + self._delay_steps, new))
+        arrived = tuple(name for at, names in self._due if at <= now for name in names)
+        self._due = [(at, names) for at, names in self._due if at > now]
+        return arrived
+
+
 class Episode:
     """A search for ``goals.label`` from ``start``, step by step: sense, fuse, decide, act."""
 
     def __init__(
-        self,
-        sight: Sight,
-        goals: Goals,
-        start: Start,
-        searcher: Searcher,
-        *,
-        surveillance: bool = True,
-        summaries: bool = True,
-        fusion: FusionConfig | None = None,
-        fused: FusedCameras | None = None,
-        delay_steps: int = 0,
-        seed: int = 0,
+        self, sight: Sight, goals: Goals, start: Start, searcher: Searcher, *, surveillance: bool = True,
+        summaries: bool = True, fusion: FusionConfig | None = None, fused: FusedCameras | None = None,
+        delay_steps: int = 0, seed: int = 0,
         on_step: Callable[[int, PosedView, JointMap, MapView, Decision], None] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """An episode that can be run once.
 
         Args:
@@ -98,9 +108,9 @@ class Episode:
         """
         self._began_s = time.perf_counter()
         self._sight, self._goals, self._start, self._searcher = sight, goals, start, searcher
-        self._surveillance, self._fusion, self._fused = surveillance, fusion, fused
-        self._delay_steps, self._seed, self._on_step = delay_steps, seed, on_step
-        self._tau_z_m = (fusion or FusionConfig()).map.tau_z_m
+        self._fusion, self._fused, self._seed, self._on_step = fusion, fused, seed, on_step
+        tau_z_m = (fusion or FusionConfig()).map.tau_z_m
+        self._surveillance, self._invocation = surveillance, _Invocation(sight, tau_z_m, delay_steps)
         self._navigation = sight.building.navigation
         self._state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
         self._stairs = tuple(robot.stairs_of(self._navigation))
@@ -110,8 +120,6 @@ class Episode:
         self._embedding_model = sight.backend.models.embedder
         self._joint: JointMap | None = None
         self._floor = start.floor  # as the maps call it
-        self._invoked: dict[str, int] = {}
-        self._due: list[tuple[int, tuple[str, ...]]] = []
         self._robot_bytes = 0
         self._trajectory: list[tuple[float, float, float]] = []
         self._floors: list[str] = []
@@ -133,14 +141,9 @@ class Episode:
         """What the robot sees, and the cameras whose views arrive now: those of its floor are invoked (eq. 1)."""
         seen = self._sight.robot(self._state, self._seed)
         self._robot_bytes += seen.offered_bytes
-        active = active_cameras([seen.view.floor_z_m], self._sight.infos, self._tau_z_m) if self._surveillance else []
-        now = self._searcher.steps
-        if new := tuple(name for name in active if name not in self._invoked):
-            self._invoked |= {name: sum(v.offered_bytes for v in self._sight.camera(name)) for name in new}
-            self._due.append((now + self._delay_steps, new))
-        arrived = tuple(name for at, names in self._due if at <= now for name in names)
-        self._due = [(at, names) for at, names in self._due if at > now]
-        return seen, arrived
+        if not self._surveillance:
+            return seen, ()
+        return seen, self._invocation.arrivals(seen.view.floor_z_m, self._searcher.steps)
 
     def fuse(self, seen: Sighted, arrived: tuple[str, ...]) -> tuple[JointMap, MapView]:
         """The joint maps with the cameras' views and the robot's, and what the planner is shown of them."""
@@ -176,9 +179,9 @@ class Episode:
         return EpisodeResult(
             verdict=verdict, found=decision.found, steps=self._searcher.steps, error=decision.error,
             reason=reason_of(verdict, decision, seen, self._goals, self._floors), message=decision.message,
-            seconds=time.perf_counter() - self._began_s, robot_bytes=self._robot_bytes, camera_bytes=self._invoked, seen=seen,
-            trajectory=self._trajectory, trajectory_floors=self._floors,
-            summary_bytes={name: self._sight.summary(name)[1] for name in cameras},
+            seconds=time.perf_counter() - self._began_s, robot_bytes=self._robot_bytes,
+            camera_bytes=self._invocation.offered_bytes, seen=seen, trajectory=self._trajectory,
+            trajectory_floors=self._floors, summary_bytes={name: self._sight.summary(name)[1] for name in cameras},
         )  # fmt: skip
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from surveilnav.perception.names import BackendName
+
 
 class CameraSettings(BaseSettings):
     """One simulated surveillance camera."""
@@ -16,9 +18,9 @@ class CameraSettings(BaseSettings):
     thumbnail_width_px: int = Field(480, ge=64, le=1280, description="of the pictures made for people")
     perception: str = Field(
         "none",
-        pattern="^(none|auto|onnx-coco|oracle|simulated|paper|yolo-world)$",
+        pattern=f"^({'|'.join(('none', *BackendName))})$",
         description="with what the camera looks at its own views, for its summary; none: it doesn't, nor does it with "
-        "paper or yolo-world, which are too large for a camera",
+        f"{' or '.join(n for n in BackendName if n.too_large_for_camera)}, which are too large for a camera",
     )
     least_floors: int = Field(
         2, ge=1, description="it looks only in buildings of so many floors: a floor is chosen among several"
@@ -30,4 +32,4 @@ class CameraSettings(BaseSettings):
     @property
     def looks(self) -> bool:
         """Whether it looks at its own views."""
-        return self.perception not in ("none", "paper", "yolo-world")
+        return self.perception != "none" and not BackendName(self.perception).too_large_for_camera

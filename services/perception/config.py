@@ -6,6 +6,7 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from surveilnav.contract import ID_PATTERN
+from surveilnav.perception.names import BackendName
 from surveilnav.perception.presets import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
 
 
@@ -15,21 +16,27 @@ class PerceptionSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PERCEPTION__", extra="ignore")
 
     worker: str = Field(default="perception-1", pattern=ID_PATTERN, description="this worker's name in its keys")
-    backend: str = Field(default="auto", description="auto, onnx-coco, paper, yolo-world, oracle or simulated")
+    backend: str = Field(default="auto", description=f"one of {', '.join(BackendName)}")
     detectors: list[str] = Field(default=list(DEFAULT_DETECTORS), description="onnx-coco's networks (JSON list)")
     large_detectors: list[str] = Field(default=list(DEFAULT_LARGE_DETECTORS), description="the same for cameras' views")
-    detector: str = Field(default="", description="paper: another detector: a model, or a folder")
-    segmenter: str = Field(default="", description="paper: another segmenter, or depth-in-box")
-    embedder: str = Field(default="", description="paper: another embedder")
-    words_per_pass: int = Field(default=0, ge=0, description="paper: words looked for at once; 0: as many as fit")
-    threshold: float | None = Field(
-        default=None, ge=0, le=1, description="paper: the score a box needs; not set: its model's"
+    detector: str = Field(default="", description="paper, yolo-world: another detector: a model, or a folder")
+    segmenter: str = Field(default="", description="paper, yolo-world: another segmenter, or depth-in-box")
+    embedder: str = Field(default="", description="paper, yolo-world: another embedder")
+    words_per_pass: int = Field(
+        default=0, ge=0, description="paper, with Grounding DINO: words looked for at once; 0: as many as fit"
     )
-    device: str = Field(default="auto", description="paper: auto (a GPU if there is one), cpu, cuda, cuda:1")
-    compiled: bool = Field(default=False, description="paper: compile on a GPU; the first pictures then take minutes")
+    threshold: float | None = Field(
+        default=None, ge=0, le=1, description="paper, yolo-world: the score a box needs; not set: its model's"
+    )
+    device: str = Field(
+        default="auto", description="networks under PyTorch: auto (a GPU if there is one), cpu, cuda, cuda:1"
+    )
+    compiled: bool = Field(
+        default=False, description="compile networks under PyTorch on a GPU; the first pictures then take minutes"
+    )
     threads: int = Field(default=1, ge=1, le=64, description="threads of each network")
     seed: int = Field(default=0, description="of simulated")
-    download: bool = Field(default=True, description="whether missing weights may be downloaded")
+    download: bool = Field(default=True, description="whether missing weights of up to 100 MB may be downloaded")
     capacity: int = Field(default=16, ge=1, description="views that may be under way; more are refused")
     max_batch: int | None = Field(
         default=None,

@@ -45,8 +45,9 @@ def router(found: Maps) -> APIRouter:
         limit: Limit = 100,
         offset: Offset = 0,
     ) -> Items[Object]:
-        """Objects with their histories, by floor, last seen first. ``text``: any words; those that look most like them
-        first, with their ``relevance``."""
+        """Objects with their histories, by floor, last seen first. ``text``: words that a perception worker
+        understands (one with a closed set refuses others); those that look most like them first, with their
+        ``relevance``."""
         return page_of(found.objects(floor, label, text.strip()), limit, offset)
 
     return router

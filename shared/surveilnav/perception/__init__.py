@@ -3,6 +3,7 @@
 backend      the class ``Backend``: the stages that a view passes through
 protocols    its three parts: ``Detector``, ``Segmenter``, ``Embedder``
 pipeline     a backend made of the three
+names        what backends are called
 presets      which three make which backend; ``choose`` takes one, and says why
 detectors, segmenters, embedders   the parts, a file a model; ``parts`` takes one by its model's name
 torch_model  what runs under PyTorch is loaded by it; runtime: on which device, with how many threads

@@ -7,10 +7,11 @@ from types import MappingProxyType
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.backend import Backend
+from surveilnav.perception.names import BackendName
 from surveilnav.perception.presets import PRESETS, Networks
 
 #: What "auto" takes where it can run.
-AUTO = "onnx-coco"
+AUTO = BackendName.ONNX_COCO
 
 #: Makes a backend that is told why it runs.
 Maker = Callable[[str], Backend]
@@ -37,7 +38,7 @@ def choose_backend(
         return PRESETS[name](networks, "asked for by name")
     if name != "auto":
         raise PerceptionError(
-            f"expected a perception backend out of {', '.join(('auto', *PRESETS, *others))}, got {name!r}"
+            f"expected a perception backend out of {', '.join((BackendName.AUTO, *PRESETS, *others))}, got {name!r}"
         )
     try:
         return PRESETS[AUTO](networks, "the best that runs here")

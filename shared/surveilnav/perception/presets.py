@@ -11,6 +11,7 @@ from surveilnav.perception import models, parts
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.embedders.class_space import ClassSpace
+from surveilnav.perception.names import BackendName
 from surveilnav.perception.pipeline import Pipeline
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
@@ -118,5 +119,5 @@ def yolo_world(networks: Networks, why: str) -> Backend:
 
 #: What makes a backend, told what settings say and why it runs.
 PRESETS: Mapping[str, Callable[[Networks, str], Backend]] = MappingProxyType(
-    {"onnx-coco": onnx_coco, "paper": paper, "yolo-world": yolo_world}
+    {BackendName.ONNX_COCO: onnx_coco, BackendName.PAPER: paper, BackendName.YOLO_WORLD: yolo_world}
 )

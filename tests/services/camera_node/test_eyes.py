@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from services.camera_node import eyes as eyes_module
 from services.camera_node.config import CameraSettings
@@ -20,6 +21,7 @@ from simulator.truth.backends import Oracle
 from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRAFFIC
 from surveilnav.errors import PerceptionError
 from surveilnav.messages import CameraRequest
+from surveilnav.perception.names import BackendName
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, ViewPerception
 from tests.waiting import until
@@ -177,14 +179,23 @@ def test_a_detector_that_cannot_run_is_named_and_the_camera_goes_on(start, camer
     assert eyes._thread.is_alive()
 
 
+def test_a_camera_takes_every_backend_s_name_and_no_other():
+    looks = {name for name in BackendName if CameraSettings(perception=name).looks}
+    assert looks == {"auto", "onnx-coco", "oracle", "simulated"}
+    assert not CameraSettings().looks
+    with pytest.raises(ValidationError):
+        CameraSettings(perception="magic")
+
+
 def test_who_does_not_choose_a_floor_loads_no_detector(camera_node, make_camera):
     def opened(n_floors, **settings):
         return open_eyes(
             camera_node, make_camera(), CameraSettings(**settings), n_floors=n_floors, load=Oracle, busy=lambda: False
         )
 
-    with opened(2, perception="paper") as eyes:
-        assert eyes is None, "large models run in the perception service alone"
+    for name in ("paper", "yolo-world"):
+        with opened(2, perception=name) as eyes:
+            assert eyes is None, "large models run in the perception service alone"
     with opened(2, perception="none") as eyes:
         assert eyes is None
     with opened(1, perception="oracle") as eyes:

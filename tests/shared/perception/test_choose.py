@@ -7,9 +7,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from simulator.truth.choose import choose_backend
+from simulator.truth.choose import BACKENDS, choose_backend
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.models import transfer
+from surveilnav.perception.names import BackendName
 
 
 @pytest.fixture
@@ -33,6 +34,18 @@ def test_with_no_weights_and_no_network_auto_is_simulated_and_says_so(
     assert backend.name == "simulated"
     assert "no real detector" in backend.why
     assert "SURVEILNAV_MODELS_DIR" in backend.why
+
+
+def test_the_paper_names_the_command_that_fetches_a_large_model(
+    bare_machine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(transfer.httpx, "stream", no_network)
+    with pytest.raises(PerceptionError, match="`surveilnav models pull grounding-dino-tiny` fetches it"):
+        choose_backend("paper")
+
+
+def test_every_name_is_a_backend_s(bare_machine: Path) -> None:
+    assert set(BACKENDS) == {str(name) for name in BackendName}
 
 
 def test_asked_by_name_a_backend_runs_or_says_what_is_missing(

@@ -29,7 +29,7 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     Attributes:
         family: who reads it; of a transformers folder, the ``model_type`` of its config.json or a near relative.
-        vocabulary: "coco": the 80 classes; "open": any text; "": it knows no classes.
+        vocabulary: "coco": the 80 classes; "own": those of the user's file; "open": any text; "": it knows no classes.
         repo, revision: on the Hugging Face hub.
         url: of the one file, where it isn't on the hub.
         setting: the environment variable that names a custom file. Such a model has no public address.
@@ -43,7 +43,7 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     family: str
     licence: str
     files: tuple[File, ...]
-    vocabulary: Literal["coco", "open", ""] = ""
+    vocabulary: Literal["coco", "own", "open", ""] = ""
     repo: str = ""
     revision: str = ""
     url: str = ""

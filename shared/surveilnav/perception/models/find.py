@@ -14,6 +14,9 @@ from surveilnav.perception.models.catalogue import CATALOGUE, Model, model_calle
 from surveilnav.perception.models.pull import cache, pull
 from surveilnav.perception.models.transfer import OnProgress
 
+#: Larger models are fetched by `surveilnav models pull` alone: nobody expects gigabytes because a service starts.
+MOST_UNASKED_BYTES = 100_000_000
+
 
 @dataclass(frozen=True, slots=True)
 class Seen:
@@ -28,7 +31,7 @@ def find(name: str, *, download: bool = True, on_progress: OnProgress | None = N
 
     Args:
         name: of the catalogue; or a folder's name in SURVEILNAV_MODELS_DIR; or a folder's path (with a slash in it).
-        download: whether it may be fetched if it isn't on this machine.
+        download: whether it may be fetched if it isn't on this machine and has at most ``MOST_UNASKED_BYTES``.
         on_progress: is told of each file's bytes.
 
     Raises:
@@ -38,12 +41,11 @@ def find(name: str, *, download: bool = True, on_progress: OnProgress | None = N
     if own is not None:
         return check.checked_own(own)
     model = model_called(name)
-    path = _present(model)
-    if path is not None and not (download and _half_pulled(path, model)):
+    path, small = _present(model), model.size_bytes <= MOST_UNASKED_BYTES
+    if path is not None and not (download and small and _half_pulled(path, model)):
         return check.checked(path, model)
-    if not download or not model.source:
-        how = f"`surveilnav models pull {name}` fetches it." if model.source else model.note
-        raise PerceptionError(f"{model.path} isn't on this machine. {how}")
+    if not (download and small and model.source):
+        raise PerceptionError(_not_here(model, download))
     return pull(name, on_progress=on_progress)
 
 
@@ -99,6 +101,15 @@ def survey(name: str, *, anew: bool = False) -> Seen:
         return Seen(check.checked_own(path) if own else check.checked(path, model_called(name), anew=anew))
     except PerceptionError as error:
         return Seen(path, str(error))
+
+
+def _not_here(model: Model, download: bool) -> str:
+    """That a model isn't on this machine, and how it gets there."""
+    how = f"`surveilnav models pull {model.name}` fetches it." if model.source else model.note
+    if download and model.source:
+        mb, most_mb = model.size_bytes / 1e6, MOST_UNASKED_BYTES / 1e6
+        how = f"It has {mb:,.0f} MB, and only models of up to {most_mb:.0f} MB are fetched unasked: {how}"
+    return f"{model.path} isn't on this machine. {how}"
 
 
 def _present(model: Model) -> Path | None:

@@ -8,6 +8,9 @@ from PIL import Image
 
 from surveilnav.sensing.views import box_cells
 
+#: Of each box of a picture the mask of its cells (``box_cells``); None: the whole box.
+Masks = list[NDArray[np.bool_] | None]
+
 #: Means and deviations of ImageNet's colours, on the scale 0-1: the networks were trained so.
 _MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
 

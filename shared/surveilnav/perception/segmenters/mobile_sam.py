@@ -18,11 +18,9 @@ from surveilnav.errors import PerceptionError
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.segmenters.box_prompts import in_box, pixels
+from surveilnav.perception.segmenters.box_prompts import Masks, in_box, pixels
 
 _CORNERS = np.array([[2, 3]], np.float32)  # SAM's labels of a box's two corners
-
-Masks = list[NDArray[np.bool_] | None]
 
 
 class Network(Protocol):

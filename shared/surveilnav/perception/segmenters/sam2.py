@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.segmenters.box_prompts import in_box, pixels
+from surveilnav.perception.segmenters.box_prompts import Masks, in_box, pixels
 from surveilnav.perception.torch_model import load, numbers
 
 #: The published folders hold the tracker of videos; the model of single pictures is a part of it.
 MODEL_TYPES = ("sam2", "sam2_video")
-
-Masks = list[NDArray[np.bool_] | None]
 
 
 class Sam2:

@@ -40,6 +40,12 @@ def test_the_closed_set_is_what_the_backend_runs():
     assert all(models.CATALOGUE[name].licence.startswith("Apache-2.0") for name in models.COCO_DETECTORS)
 
 
+def test_what_a_user_exports_knows_its_own_words_alone():
+    custom = {name for name, model in models.CATALOGUE.items() if model.setting}
+    assert custom == {"yolo-world"}
+    assert {name for name, model in models.CATALOGUE.items() if model.vocabulary == "own"} == custom
+
+
 def test_addresses_go_through_the_endpoint_and_name_the_revision():
     model = models.model_called("owlv2-base")
     address = model.address(model.files[0], model.revision, "https://mirror.org")

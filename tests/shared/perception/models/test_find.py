@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import msgspec
 import pytest
 
 from surveilnav.errors import PerceptionError
@@ -35,6 +36,23 @@ def test_what_is_not_here_is_named_with_the_way_to_get_it(machine, of_the_hub):
     with pytest.raises(PerceptionError, match=r"expected a model out of .*clip-vit-b32.*'hubbedd'"):
         models.find("hubbedd")
     assert of_the_hub.asked == []
+
+
+@pytest.mark.parametrize(("about_mb", "asked"), [(100, True), (101, False)])
+def test_only_small_models_are_fetched_unasked(about_mb, asked, machine, of_the_hub, monkeypatch):
+    large = msgspec.structs.replace(models.CATALOGUE["hubbed"], about_mb=about_mb)
+    monkeypatch.setitem(models.CATALOGUE, "hubbed", large)
+    if asked:
+        assert models.find("hubbed").is_dir()
+    else:
+        with pytest.raises(PerceptionError, match=r"101 MB, .* up to 100 MB .*`surveilnav models pull hubbed`"):
+            models.find("hubbed")
+        models.pull("hubbed")
+        (machine / "hubbed" / "vocab.txt").unlink()
+        n = len(of_the_hub.asked)
+        with pytest.raises(PerceptionError, match=r"half of hubbed"):
+            models.find("hubbed")
+        assert len(of_the_hub.asked) == n, "a pull that broke off isn't gone on with unasked either"
 
 
 def test_a_wrong_file_is_refused(given):
@@ -225,6 +243,4 @@ def test_a_change_that_keeps_size_and_time_is_seen_by_a_look_anew(given, tmp_pat
 
 
 def _with_hash(model, sha256):
-    import msgspec
-
     return msgspec.structs.replace(model, files=(msgspec.structs.replace(model.files[0], sha256=sha256),))
