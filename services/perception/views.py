@@ -13,7 +13,7 @@ import msgspec
 from services.perception.asked import Asked
 from services.perception.config import PerceptionSettings
 from services.perception.core.answer import reply_to
-from services.perception.core.cache import ByteCache, content_key
+from services.perception.core.cache import AnswerCache, content_key
 from services.perception.core.checks import check_view
 from services.perception.core.queue import Job
 from services.perception.core.refusal import Refusal
@@ -33,7 +33,7 @@ class Views:
 
     def __init__(self, node: Node, backend: Backend, embedding: Embedding, settings: PerceptionSettings) -> None:
         self._node, self._backend, self._worker = node, backend, settings.worker
-        self._answers: ByteCache[InferReply] = ByteCache(settings.cache_mb << 20)
+        self._answers = AnswerCache(settings.cache_mb << 20)
         self._lock = threading.Lock()
         self.cached = 0
         last, most = backend.stages[-1], settings.max_batch or backend.best_batch
@@ -90,9 +90,8 @@ class Views:
             latency_ms=asked.busy_ms, stamp_ns=clock_ns(),
         )  # fmt: skip
         if asked.key:
-            n_bytes = len(msgspec.msgpack.encode(reply))
             with self._lock:
-                self._answers.put(asked.key, reply, n_bytes)
+                self._answers.put(asked.key, reply)
         asked.reply = Answer(reply)
 
     def _sweep(self) -> None:
