@@ -21,6 +21,7 @@ from services.perception.embedding import Embedding
 from services.perception.line import Line, Step
 from services.perception.truth_channel import Told, TruthChannel
 from surveilnav.bus import Answer, Node, Refused, clock_ns
+from surveilnav.errors import WireError
 from surveilnav.messages import InferReply, InferRequest
 from surveilnav.perception import Backend
 from surveilnav.perception.backend import Stage, Work
@@ -66,6 +67,18 @@ class Views:
                 return Answer(_about(request, known))
         self._let_in(asked.job(received_ns))
         return asked.answer
+
+    def cancel(self, request: InferRequest) -> Answer:
+        """Drops what waits of a request, if it does; the answer is empty. WireError: nobody is named who asked for it."""
+        if not request.asker:
+            raise WireError("expected a cancel to name the asker whose request it is, got none")
+        self.line.cancel(lambda asked: asked.is_meant_by(request))
+        return Answer(
+            InferReply(
+                stamp_ns=clock_ns(), worker=self._worker, backend=self._backend.name, source=request.source,
+                view=request.view, seq=request.seq, detections=[], image_embedding=b"",
+            )
+        )  # fmt: skip
 
     def _let_in(self, job: Job[Asked]) -> None:
         if not self.line.admit(job):

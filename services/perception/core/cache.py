@@ -57,7 +57,7 @@ class AnswerCache:
 
     def put(self, key: bytes, reply: InferReply) -> None:
         """Keeps an answer, and lets go of what was used longest ago."""
-        encoded = bytes(memoryview(msgspec.msgpack.encode(reply)))  # a copy: the encoder's own bytes lie in a larger block
+        encoded = bytes(memoryview(msgspec.msgpack.encode(reply)))  # a copy: the encoder's lies in a larger block
         self._kept.put(key, encoded, len(encoded))
 
 
