@@ -24,6 +24,7 @@ from surveilnav.errors import ConfigError
 from surveilnav.perception import models
 from surveilnav.perception.boxes import Boxes, merged
 from surveilnav.perception.detectors.coco import load
+from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.vocabulary import COCO
 
 CELL_PX = (300, 230)
@@ -84,7 +85,7 @@ def detectors_here() -> list[str]:
 
 def boxes_of(name: str, pictures: Iterable[Picture]) -> list[Boxes]:
     """One box per thing of at least ``LEAST_SCORE``, for each picture."""
-    detector = load(models.find(name, download=False), models.family(name), 1)
+    detector = load(models.find(name, download=False), models.family(name), Runtime("cpu"))
     found = [merged(detector.detect(picture), SAME_THING_IOU) for picture in pictures]
     return [boxes.where(boxes.best >= LEAST_SCORE) for boxes in found]
 

@@ -6,11 +6,15 @@ import queue
 import threading
 import time
 from collections import Counter
+from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any
+
+import msgspec
 
 from services.fusion.core.choice import WorkerChoice
 from surveilnav.bus import Node, Received, Refused
-from surveilnav.contract import PERCEPTION_LOAD, Stream
+from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, Stream
 from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.messages import InferRequest, WorkerLoad
 
@@ -18,6 +22,11 @@ from surveilnav.messages import InferRequest, WorkerLoad
 _ITS_OWN = {"busy", "not_ready", "too_late"}
 
 _GRACE_S = 1.0  # for the bus to say that the time is over
+_DEADLINE_SHARE = 0.9  # of the time that is left; the rest is for the answer's way
+_CANCEL_S = 1.0  # for a worker to hear a cancel
+
+#: A worker, and what came from it.
+_Told = tuple[str, Received[Any] | Exception]
 
 
 class Workers:
@@ -51,32 +60,34 @@ class Workers:
 
     def ask(self, stream: Stream, request: InferRequest, payload: bytes = b"", *, timeout_s: float) -> Received[Any]:
         """The first answer of the workers asked: the best one, and, as soon as that is late or refuses for its own sake,
-        the next.
+        the next. Who is asked later is told how little time is left, and who is too late that it needn't look any more.
 
         Raises:
             PerceptionError: no worker is there.
             Refused, BusError: the last that went wrong, when nobody is left to answer.
         """
         untried, until_s = self._ranked(), time.monotonic() + timeout_s
-        told: queue.Queue[Received[Any] | Exception] = queue.Queue()
-        waited_for = 0
+        told: queue.Queue[_Told] = queue.Queue()
+        waited_for: list[str] = []
         while True:
             late, left_s = "", until_s - time.monotonic()
             patience_s = left_s + _GRACE_S
             if untried and left_s > 0:
-                load, waited_for = untried.pop(0), waited_for + 1
+                load = untried.pop(0)
+                waited_for.append(load.worker)
                 self._send(told, load.worker, stream, request, payload, left_s)
                 if untried:
                     late, patience_s = load.worker, self._patience_s(load, timeout_s)
             try:
-                answer = told.get(timeout=max(patience_s, 0.0))
+                worker, answer = told.get(timeout=max(patience_s, 0.0))
             except queue.Empty:
                 if not late:
                     raise PerceptionError(f"no worker answers within {timeout_s:g} s") from None
                 self._overdue(late)
                 continue
-            waited_for -= 1
+            waited_for.remove(worker)
             if isinstance(answer, Received):
+                self._cancel(stream, request, waited_for)
                 return answer
             nobody_left = not waited_for and (not untried or time.monotonic() >= until_s)
             if nobody_left or not _may_go_on(answer):
@@ -84,13 +95,16 @@ class Workers:
 
     def _send(
         self,
-        told: queue.Queue[Any],
+        told: queue.Queue[_Told],
         worker: str,
         stream: Stream,
         request: InferRequest,
         payload: bytes,
         timeout_s: float,
     ) -> None:
+        deadline_ms = min(request.deadline_ms, int(_DEADLINE_SHARE * 1000 * timeout_s))
+        request = msgspec.structs.replace(request, deadline_ms=deadline_ms)
+
         def ask() -> None:
             answer: Received[Any] | Exception
             try:
@@ -98,14 +112,30 @@ class Workers:
             except Exception as error:
                 answer = error
             with self._lock:
-                self._choice.ended(worker, answered=isinstance(answer, Received | Refused))
+                self._choice.ended(worker, answered=_has_answered(answer))
                 if not isinstance(answer, Received | Refused):
                     self._choice.overdue(worker, time.monotonic())
-            told.put(answer)
+            told.put((worker, answer))
 
         with self._lock:
             self._choice.asked(worker)
         threading.Thread(target=ask, name=f"ask-{worker}", daemon=True).start()
+
+    def _cancel(self, stream: Stream, request: InferRequest, workers: Iterable[str]) -> None:
+        """Tells workers that what they were asked is of no use any more, so that they don't look at what still waits."""
+        if stream is not PERCEPTION_INFER or not request.asker:
+            return
+        asked = InferRequest(
+            stamp_ns=request.stamp_ns, source=request.source, view=request.view, seq=request.seq, asker=request.asker,
+            cancel=True,
+        )  # fmt: skip
+
+        def tell(worker: str) -> None:
+            with suppress(SurveilNavError):  # it looks in vain, then
+                self._node.ask(stream, asked, timeout_s=_CANCEL_S, worker=worker)
+
+        for worker in workers:
+            threading.Thread(target=tell, args=(worker,), name=f"cancel-{worker}", daemon=True).start()
 
     def _patience_s(self, load: WorkerLoad, timeout_s: float) -> float:
         with self._lock:
@@ -128,6 +158,11 @@ class Workers:
         # what a load says of itself is believed only of a worker that lives
         alive = self._node.alive("perception")
         return [r.message for r in rows if r.message.worker == r.ids["worker"] and r.ids["worker"] in alive]
+
+
+def _has_answered(answer: Received[Any] | Exception) -> bool:
+    """Whether a worker works: that it took in a cancel doesn't say so."""
+    return isinstance(answer, Received) or (isinstance(answer, Refused) and answer.name != "cancelled")
 
 
 def _may_go_on(error: Exception) -> bool:

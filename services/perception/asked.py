@@ -50,6 +50,11 @@ class Asked:
         """What names the view."""
         return self.request.source, self.request.view, self.request.seq
 
+    def is_meant_by(self, cancel: InferRequest) -> bool:
+        """Whether a request to cancel is about this one, and not about an earlier or later one for the same view."""
+        r = self.request
+        return (r.asker, r.source, r.view, r.stamp_ns) == (cancel.asker, cancel.source, cancel.view, cancel.stamp_ns)
+
     def job(self, received_ns: int) -> Job[Asked]:
         """What waits of it: a robot's view is urgent, and a newer request by the same asker makes it needless."""
         r = self.request

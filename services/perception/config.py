@@ -13,7 +13,7 @@ from surveilnav.perception.presets import DEFAULT_DETECTORS, DEFAULT_LARGE_DETEC
 class PerceptionSettings(BaseSettings):
     """Which backend runs, and how much waits in front of it."""
 
-    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PERCEPTION__", extra="ignore")
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PERCEPTION__", extra="ignore", env_ignore_empty=True)
 
     worker: str = Field(default="perception-1", pattern=ID_PATTERN, description="this worker's name in its keys")
     backend: str = Field(default="auto", description=f"one of {', '.join(BackendName)}")

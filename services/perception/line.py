@@ -68,6 +68,17 @@ class Line:
             self._queues.finish(job, clock_ns())
         job.item.refuse(error)
 
+    def cancel(self, is_meant: Callable[[Asked], bool]) -> None:
+        """Refuses what waits and is of no use any more."""
+        with self._changed:
+            turned = self._queues.cancel(is_meant)
+        self._turn_away(turned)
+
+    def retry_after_ms(self) -> int:
+        """When who is refused now may come again [ms]."""
+        with self._changed:
+            return self._queues.retry_after_ms()
+
     def expire(self) -> None:
         """Refuses what waits in vain, however long a stage may take."""
         with self._changed:

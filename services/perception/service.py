@@ -36,9 +36,10 @@ class PerceptionService:
         self._views = Views(node, backend, self._embedding, settings)
         worker, capacity = settings.worker, _QUERIES_PER_VIEW * settings.capacity
         self._load = node.publisher(PERCEPTION_LOAD, worker=worker)
+        hint = self._views.line.retry_after_ms
         node.serve(PERCEPTION_LOAD, lambda _: Answer(self.load()), worker=worker)
-        node.serve(PERCEPTION_TEXT, self.embed_texts, worker=worker)
-        node.serve(PERCEPTION_INFER, self.infer, capacity=capacity, worker=worker)
+        node.serve(PERCEPTION_TEXT, self.embed_texts, retry_after_ms=hint, worker=worker)
+        node.serve(PERCEPTION_INFER, self.infer, capacity=capacity, retry_after_ms=hint, worker=worker)
 
     def warm_up(self) -> None:
         """Has the backend look at a probe picture, alone and in a batch, and embed a word.
@@ -61,12 +62,14 @@ class PerceptionService:
 
     def infer(self, query: Request) -> Answer | Future[Any]:
         """Detections and embeddings of one view, when its turn has come."""
-        if not self.ready:
-            raise Refused("not_ready", "this worker warms up: ask again later or ask another worker", _WARM_UP_MS)
+        self._expect_ready()
+        if query.message.cancel:
+            return self._views.cancel(query.message)
         return self._views.ask(query.message, query.payload, query.received_ns)
 
     def embed_texts(self, query: Request) -> Answer:
         """Embeddings of texts."""
+        self._expect_ready()
         request: InferRequest = query.message
         check_texts(request)
         try:
@@ -79,6 +82,11 @@ class PerceptionService:
                 models=self._backend.models,
             )
         )  # fmt: skip
+
+    def _expect_ready(self) -> None:
+        """Refused: the backend is busy with its probe, and serves one thread at a time."""
+        if not self.ready:
+            raise Refused("not_ready", "this worker warms up: ask again later or ask another worker", _WARM_UP_MS)
 
     def step(self) -> bool:
         """Says once a second how busy it is."""

@@ -13,7 +13,7 @@ import msgspec
 from services.perception.asked import Asked
 from services.perception.config import PerceptionSettings
 from services.perception.core.answer import reply_to
-from services.perception.core.cache import ByteCache, content_key
+from services.perception.core.cache import AnswerCache, content_key
 from services.perception.core.checks import check_view
 from services.perception.core.queue import Job
 from services.perception.core.refusal import Refusal
@@ -21,6 +21,7 @@ from services.perception.embedding import Embedding
 from services.perception.line import Line, Step
 from services.perception.truth_channel import Told, TruthChannel
 from surveilnav.bus import Answer, Node, Refused, clock_ns
+from surveilnav.errors import WireError
 from surveilnav.messages import InferReply, InferRequest
 from surveilnav.perception import Backend
 from surveilnav.perception.backend import Stage, Work
@@ -33,7 +34,7 @@ class Views:
 
     def __init__(self, node: Node, backend: Backend, embedding: Embedding, settings: PerceptionSettings) -> None:
         self._node, self._backend, self._worker = node, backend, settings.worker
-        self._answers: ByteCache[InferReply] = ByteCache(settings.cache_mb << 20)
+        self._answers = AnswerCache(settings.cache_mb << 20)
         self._lock = threading.Lock()
         self.cached = 0
         last, most = backend.stages[-1], settings.max_batch or backend.best_batch
@@ -67,6 +68,18 @@ class Views:
         self._let_in(asked.job(received_ns))
         return asked.answer
 
+    def cancel(self, request: InferRequest) -> Answer:
+        """Drops what waits of a request, if it does; the answer is empty. WireError: nobody is named who asked for it."""
+        if not request.asker:
+            raise WireError("expected a cancel to name the asker whose request it is, got none")
+        self.line.cancel(lambda asked: asked.is_meant_by(request))
+        return Answer(
+            InferReply(
+                stamp_ns=clock_ns(), worker=self._worker, backend=self._backend.name, source=request.source,
+                view=request.view, seq=request.seq, detections=[], image_embedding=b"",
+            )
+        )  # fmt: skip
+
     def _let_in(self, job: Job[Asked]) -> None:
         if not self.line.admit(job):
             return
@@ -90,9 +103,8 @@ class Views:
             latency_ms=asked.busy_ms, stamp_ns=clock_ns(),
         )  # fmt: skip
         if asked.key:
-            n_bytes = len(msgspec.msgpack.encode(reply))
             with self._lock:
-                self._answers.put(asked.key, reply, n_bytes)
+                self._answers.put(asked.key, reply)
         asked.reply = Answer(reply)
 
     def _sweep(self) -> None:

@@ -153,6 +153,12 @@ class Tally:
     seconds: float = 0.0
     lock: threading.Lock = field(default_factory=threading.Lock)
 
+    def next(self) -> int:
+        """The number of the next request."""
+        with self.lock:
+            self.asked += 1
+            return self.asked - 1
+
     def add(self, outcome: str, took_ms: float) -> None:
         with self.lock:
             self.took_ms.setdefault(outcome, []).append(took_ms)
@@ -185,20 +191,11 @@ def flood(
             together.wait()
             begun_s.append(time.monotonic())
             while not until(tally.asked, time.monotonic() - begun_s[0]):
-                with tally.lock:
-                    n, tally.asked = tally.asked, tally.asked + 1
+                n = tally.next()
                 request, payload = asked[n % len(asked)]
                 request = msgspec.structs.replace(request, source=f"camera/c{k}", seq=n, prompts=[f"word {first + n}"])
-                begin_s, pause_ms = time.perf_counter(), 0
-                try:
-                    node.ask(PERCEPTION_INFER, request, payload=payload, worker=name, timeout_s=60.0)
-                    outcome = "answered"
-                except Refused as error:
-                    outcome, pause_ms = error.name, error.retry_after_ms or 0
-                except Unanswered:
-                    outcome = "unanswered"
-                tally.add(outcome, (time.perf_counter() - begin_s) * 1e3)
-                time.sleep(pause_ms / 1e3 if waits else 0.0)
+                pause_s = asked_once(node, name, request, payload, tally)
+                time.sleep(pause_s if waits else 0.0)
 
     threads = [threading.Thread(target=call, args=(k,)) for k in range(callers)]
     for thread in threads:
@@ -207,6 +204,20 @@ def flood(
         thread.join()
     tally.seconds = time.monotonic() - begun_s[0]
     return tally
+
+
+def asked_once(node: Node, name: str, request: InferRequest, payload: bytes, tally: Tally) -> float:
+    """Asks a worker, and notes what came; returns how many seconds to wait before asking again."""
+    begin_s, pause_ms = time.perf_counter(), 0
+    try:
+        node.ask(PERCEPTION_INFER, request, payload=payload, worker=name, timeout_s=60.0)
+        outcome = "answered"
+    except Refused as error:
+        outcome, pause_ms = error.name, error.retry_after_ms or 0
+    except Unanswered:
+        outcome = "unanswered"
+    tally.add(outcome, (time.perf_counter() - begin_s) * 1e3)
+    return pause_ms / 1e3
 
 
 def for_seconds(seconds: float) -> Callable[[int, float], bool]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -89,6 +90,31 @@ def test_the_gpu_worker_has_an_image_and_a_name_of_its_own_and_starts_only_if_as
     assert gpu["environment"]["SURVEILNAV_PERCEPTION__WORKER"] != PerceptionSettings.model_fields["worker"].default
     assert gpu["command"] == perception["command"]
     assert gpu["deploy"]["resources"]["reservations"]["devices"][0]["capabilities"] == ["gpu"]
+
+
+_TOLD = ("DETECTOR", "SEGMENTER", "EMBEDDER", "THRESHOLD", "WORDS_PER_PASS", "THREADS", "COMPILED", "MAX_BATCH")
+
+
+@pytest.mark.parametrize("setting", _TOLD)
+def test_the_gpu_worker_can_be_told_what_it_runs(setting: str) -> None:
+    given = _SERVICES["perception-gpu"]["environment"][f"SURVEILNAV_PERCEPTION__{setting}"]
+    assert given.startswith(f"${{SURVEILNAV_PERCEPTION_GPU__{setting}:-")
+    assert setting.lower() in PerceptionSettings.model_fields
+
+
+def test_what_the_gpu_worker_is_not_told_is_as_the_service_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in os.environ if name.startswith("SURVEILNAV_PERCEPTION__")]:
+        monkeypatch.delenv(name)
+    bare = PerceptionSettings()
+    for name, given in _SERVICES["perception-gpu"]["environment"].items():
+        if name.startswith("SURVEILNAV_PERCEPTION__") and given.endswith(":-}"):
+            monkeypatch.setenv(name, "")
+    assert PerceptionSettings() == bare
+
+
+def test_the_gpu_worker_may_take_longer_to_load_than_others() -> None:
+    period = {name: _SERVICES[name]["healthcheck"]["start_period"] for name in ("perception", "perception-gpu")}
+    assert period == {"perception": "120s", "perception-gpu": "30m"}
 
 
 @pytest.mark.parametrize("name", ["fusion", "planner"])

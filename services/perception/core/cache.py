@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from surveilnav.messages import InferRequest, ModelIds
+from surveilnav.messages import InferReply, InferRequest, ModelIds
 
 V = TypeVar("V")
 
@@ -22,11 +22,6 @@ class ByteCache(Generic[V]):
         self._max_bytes = max_bytes
         self._bytes = 0
         self._kept: OrderedDict[bytes, tuple[V, int]] = OrderedDict()
-
-    @property
-    def n_bytes(self) -> int:
-        """What is kept takes about so much."""
-        return self._bytes
 
     def get(self, key: bytes) -> V | None:
         """The value kept for a key; it counts as used."""
@@ -47,6 +42,23 @@ class ByteCache(Generic[V]):
         while self._bytes > self._max_bytes:
             _, (_, gone) = self._kept.popitem(last=False)
             self._bytes -= gone
+
+
+class AnswerCache:
+    """The answers used last, up to ``max_bytes``. Kept as they are sent: decoded, a mask takes five times as much."""
+
+    def __init__(self, max_bytes: int) -> None:
+        self._kept: ByteCache[bytes] = ByteCache(max_bytes)
+
+    def get(self, key: bytes) -> InferReply | None:
+        """The answer kept for a key; it counts as used."""
+        known = self._kept.get(key)
+        return msgspec.msgpack.decode(known, type=InferReply) if known is not None else None
+
+    def put(self, key: bytes, reply: InferReply) -> None:
+        """Keeps an answer, and lets go of what was used longest ago."""
+        encoded = bytes(memoryview(msgspec.msgpack.encode(reply)))  # a copy: the encoder's lies in a larger block
+        self._kept.put(key, encoded, len(encoded))
 
 
 def content_key(request: InferRequest, payload: bytes, models: ModelIds) -> bytes:

@@ -7,7 +7,7 @@ to its largest batch, and never waits for more.
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -108,6 +108,11 @@ class StageQueues(Generic[T]):
         """All that wait in vain: for when a stage doesn't fall free."""
         return [turned for stage in self._waiting for turned in self.take(stage, 0, now_ns)[1]]
 
+    def cancel(self, is_meant: Callable[[T], bool]) -> list[Turned[T]]:
+        """Turns away what waits and is of no use to who asked; what a stage works on goes on."""
+        why = Refusal("cancelled", "who asked has no use for it any more")
+        return self._removed(lambda job: is_meant(job.item), why)
+
     def finish(self, job: Job[T], now_ns: int) -> None:
         """Counts an admitted job out that left its stage, answered or refused."""
         taken_ms = (now_ns - max(self._answered_ns, self._idle_until_ns)) / 1e6
@@ -122,12 +127,14 @@ class StageQueues(Generic[T]):
     def _superseded(self, newer: Job[T]) -> list[Turned[T]]:
         if newer.replaces is None:
             return []
-        turned = []
+        why = Refusal("superseded", "a newer request took the place of this one")
+        return self._removed(lambda job: job.replaces == newer.replaces, why)
+
+    def _removed(self, is_meant: Callable[[Job[T]], bool], why: Refusal) -> list[Turned[T]]:
+        gone = [job for waiting in self._waiting.values() for job in waiting if is_meant(job)]
         for waiting in self._waiting.values():
-            for job in [j for j in waiting if j.replaces == newer.replaces]:
-                waiting.remove(job)
-                turned.append(self._out(job, Refusal("superseded", "a newer request took the place of this one")))
-        return turned
+            waiting[:] = [job for job in waiting if not is_meant(job)]
+        return [self._out(job, why) for job in gone]
 
     def _newest_that_can_wait(self) -> Job[T] | None:
         """Taken out of the earliest stage that has one: it has cost least so far."""

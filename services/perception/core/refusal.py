@@ -9,7 +9,7 @@ class Refusal(SurveilNavError):  # noqa: N818 - an answer, not a fault
     """A view that won't be looked at.
 
     Attributes:
-        name: one of "busy", "too_late", "superseded", "no_prompt", "bad_prompt", "bad_message".
+        name: one of "busy", "too_late", "superseded", "cancelled", "no_prompt", "bad_prompt", "bad_message".
         retry_after_ms: when the same request may get an answer; None: asking again won't help, or nobody knows.
     """
 

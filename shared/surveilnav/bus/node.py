@@ -24,7 +24,7 @@ from surveilnav.bus import queries
 from surveilnav.bus.connection import Connection, Received
 from surveilnav.bus.presence import Presence
 from surveilnav.bus.publishing import Publisher, Slot, Subscription, Table
-from surveilnav.bus.queries import Answer, Handler, Server
+from surveilnav.bus.queries import Answer, Handler, RetryAfterMs, Server
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.traffic import wire_bytes
 from surveilnav.bus.wire import clock_ns
@@ -154,14 +154,20 @@ class Node:
 
     # --- queries --------------------------------------------------------------------------------------------------
 
-    def serve(self, stream: Stream, handler: Handler, *, workers: int = 1, capacity: int = 16, **ids: object) -> None:
+    def serve(
+        self, stream: Stream, handler: Handler, *, workers: int = 1, capacity: int = 16,
+        retry_after_ms: RetryAfterMs = None, **ids: object,
+    ) -> None:  # fmt: skip
         """Answers queries to a key (wildcards allowed) with ``handler``, on ``workers`` threads of their own.
 
         A handler raises ``Refused`` (or any SurveilNavError) to answer with an error. When ``capacity`` queries
-        wait, more are refused at once as "busy". A handler may return a future, to answer later. If the key has
-        wildcards, answers must name their ids.
+        wait, more are refused at once as "busy", and told ``retry_after_ms``: a number, or what gives it. A handler may
+        return a future, to answer later. If the key has wildcards, answers must name their ids.
         """
-        Server(self._connection, stream, self.key(stream, **ids), handler, workers=workers, capacity=capacity)
+        Server(
+            self._connection, stream, self.key(stream, **ids), handler, workers=workers, capacity=capacity,
+            retry_after_ms=retry_after_ms,
+        )  # fmt: skip
 
     def ask(
         self, stream: Stream, request: Message | None = None, *, payload: bytes = b"", timeout_s: float | None = None,

@@ -44,19 +44,23 @@ class Answer:
 
 Answers = Answer | list[Answer]
 Handler = Callable[[Request], Answers | Future[Answers]]
+#: When who is refused as busy may come again [ms]; None: nobody knows.
+RetryAfterMs = int | Callable[[], int] | None
 
 
 class Server:
     """Answers queries to one key (wildcards allowed) with ``handler``, on ``workers`` threads of their own.
 
-    When ``capacity`` queries wait, more are refused at once as "busy". A handler that returns a future answers later: it
-    holds no thread meanwhile, and keeps its own count.
+    When ``capacity`` queries wait, more are refused at once as "busy", with the hint ``retry_after_ms``. A handler that
+    returns a future answers later: it holds no thread meanwhile, and keeps its own count.
     """
 
     def __init__(
-        self, connection: Connection, stream: Stream, key: str, handler: Handler, *, workers: int, capacity: int
-    ) -> None:
+        self, connection: Connection, stream: Stream, key: str, handler: Handler, *, workers: int, capacity: int,
+        retry_after_ms: RetryAfterMs = None,
+    ) -> None:  # fmt: skip
         self._connection, self._stream, self._key, self._handler = connection, stream, key, handler
+        self._retry_after_ms = retry_after_ms
         self._waiting: queue.Queue[Any] = queue.Queue(maxsize=capacity)
         connection.keep(connection.session.declare_queryable(key, self._on_query))
         for i in range(workers):
@@ -66,8 +70,9 @@ class Server:
         try:
             self._waiting.put_nowait((query, clock_ns()))
         except queue.Full:
-            n = self._waiting.maxsize
-            self._refuse(query, BUSY, f"{n} queries are waiting already: ask again later or ask another")
+            n, after_ms = self._waiting.maxsize, self._retry_after_ms
+            again = f"{n} queries are waiting already: ask again later or ask another"
+            self._refuse(query, BUSY, again, after_ms() if callable(after_ms) else after_ms)
 
     def _work(self) -> None:
         while not self._connection.stopping.is_set():

@@ -16,7 +16,8 @@ class InferRequest(Message, frozen=True, kw_only=True):
     ``texts`` asks for text embeddings instead (no payload). ``prompts`` are words that an open-vocabulary detector
     should look for; closed-set ones ignore them. ``detects`` false: only the view's embedding is wanted. A worker that
     can't answer before ``deadline_ms`` has passed since it got the request refuses. ``asker`` names who asks, if it
-    wants a newer request of its own about the same view to take the place of one that still waits.
+    wants a newer request of its own about the same view to take the place of one that still waits. ``cancel``: the
+    ``asker`` has no use any more for what it asked with this ``stamp_ns`` about this view; the answer is empty.
     """
 
     source: str = ""
@@ -31,6 +32,7 @@ class InferRequest(Message, frozen=True, kw_only=True):
     deadline_ms: int = 30_000
     detects: bool = True
     asker: str = ""
+    cancel: bool = False
 
 
 class ModelIds(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -88,9 +90,10 @@ class TextReply(Message, frozen=True, kw_only=True):
 class WorkerLoad(Message, frozen=True, kw_only=True):
     """Queue and speed of a worker, at 1 Hz: who asks takes the least loaded first.
 
-    ``ready``: it answered a probe picture rightly; before that it refuses views. ``times``: by stage ("queue", "decode",
-    then the backend's own), how many views took how long, in the buckets of ``surveilnav.histogram``, since it started.
-    ``cached``: how many views were answered from memory. ``open_vocabulary``: it looks for whatever words it is given.
+    ``ready``: its answer to a probe picture was well-formed; before that it refuses views and texts. ``times``: by stage
+    ("queue", "decode", then the backend's own), how many views took how long, in the buckets of
+    ``surveilnav.histogram``, since it started. ``cached``: how many views were answered from memory.
+    ``open_vocabulary``: it looks for whatever words it is given.
     """
 
     worker: str

@@ -11,7 +11,6 @@ from typing import Any
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
-from surveilnav.perception.detectors.onnx_file import LOWEST
 from surveilnav.perception.protocols import Detector, Embedder, Segmenter
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
@@ -38,7 +37,7 @@ def _owlv2() -> Any:
 def _yolo_world() -> Any:
     from surveilnav.perception.detectors.yolo_world import YoloWorld
 
-    return lambda path, model, runtime, threshold=LOWEST: YoloWorld(path, model, runtime.threads, threshold=threshold)
+    return YoloWorld
 
 
 def _mobile_sam() -> Any:

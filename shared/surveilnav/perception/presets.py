@@ -70,7 +70,8 @@ def onnx_coco(networks: Networks, why: str) -> Backend:
     if not small or not large:
         raise PerceptionError(f"onnx-coco needs at least one detector out of {list(models.COCO_DETECTORS)}")
     files = {n: models.find(n, download=networks.download) for n in dict.fromkeys((*small, *large))}
-    loaded = {n: coco.load(path, models.family(n), networks.threads) for n, path in files.items()}
+    runtime = Runtime(networks.device, networks.threads)
+    loaded = {n: coco.load(path, models.family(n), runtime) for n, path in files.items()}
     ids = "+".join(models.model_id(n, path) for n, path in files.items())
     said = " + ".join(small) if small == large else f"{' + '.join(small)}; for cameras {' + '.join(large)}"
     kind = "a real detector" if len(loaded) == 1 else "real detectors that have to agree"
@@ -110,7 +111,8 @@ def yolo_world(networks: Networks, why: str) -> Backend:
         PerceptionError: the file or CLIP can't be had.
     """
     name, runtime = networks.detector or "yolo-world", Runtime(networks.device, networks.threads, networks.compiled)
-    detector = parts.detector(name, runtime, threshold=networks.threshold or _YOLO_WORLD_MIN_SCORE, download=False)
+    threshold = _YOLO_WORLD_MIN_SCORE if networks.threshold is None else networks.threshold
+    detector = parts.detector(name, runtime, threshold=threshold, download=False)
     segmenter = parts.segmenter(networks.segmenter or DepthInBox.model, runtime, download=networks.download)
     embedder = parts.embedder(networks.embedder or PAPER[2], runtime, download=networks.download)
     said = f"{len(detector.vocabulary or ())} words of its own"

@@ -87,7 +87,27 @@ def load(kind: Any, path: Path, model_types: Sequence[str], runtime: Runtime) ->
             f"({', '.join(sorted(lacking)[:3])}, ...). {_AGAIN}"
         )
     net = net.to(device).eval()
-    return TorchModel(torch.compile(net) if runtime.compiled and device.type == "cuda" else net, device)
+    if _compiles(runtime, device):
+        _compile_entries(net)
+    return TorchModel(net, device)
+
+
+def _compiles(runtime: Runtime, device: torch.device) -> bool:
+    return runtime.compiled and device.type == "cuda"
+
+
+#: What detectors, segmenters and embedders call of a network; ``forward`` by calling the network itself.
+_ENTRIES = ("forward", "get_image_embeddings", "get_image_features", "get_text_features")
+
+
+def _compile_entries(net: Any) -> None:
+    """Has PyTorch compile each entry of a network when it is first called.
+
+    ``torch.compile(net)`` would compile ``forward`` alone: the other methods stay bound to the network as it was.
+    """
+    for name in _ENTRIES:
+        if hasattr(net, name):
+            setattr(net, name, torch.compile(getattr(net, name)))
 
 
 def tokenizer(path: Path) -> Any:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 
+import msgspec
 import pytest
 
 from services.fusion.workers import Workers
@@ -15,6 +16,7 @@ from surveilnav.bus import Answer, BusSettings, Node, Refused, Unanswered, clock
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.errors import PerceptionError
 from surveilnav.messages import InferReply, InferRequest, WorkerLoad
+from tests.waiting import until
 
 ASKED = InferRequest(stamp_ns=1, source="robot/r", view=0, seq=1)
 
@@ -24,6 +26,7 @@ class FakeWorker:
 
     def __init__(self, bus: BusSettings, name: str, behave: Callable[[], object], *, ready: bool = True) -> None:
         self.name, self.behave, self.ready, self.asked = name, behave, ready, 0
+        self.requests: list[InferRequest] = []
         self.node = Node("perception", name, bus).__enter__()
         self._load = self.node.publisher(contract.PERCEPTION_LOAD, worker=name)
         self.node.serve(contract.PERCEPTION_INFER, self._infer, worker=name)
@@ -39,6 +42,9 @@ class FakeWorker:
             )  # fmt: skip
 
     def _infer(self, request):
+        self.requests.append(request.message)
+        if request.message.cancel:
+            return Answer(reply_of(self.name))
         self.asked += 1
         outcome = self.behave()
         if isinstance(outcome, Exception):
@@ -96,8 +102,8 @@ def workers(bus: BusSettings) -> Iterator[Callable[[int], Workers]]:
         yield wait
 
 
-def ask(workers: Workers, timeout_s: float = 20.0) -> str:
-    return workers.ask(contract.PERCEPTION_INFER, ASKED, timeout_s=timeout_s).message.worker
+def ask(workers: Workers, timeout_s: float = 20.0, request: InferRequest = ASKED) -> str:
+    return workers.ask(contract.PERCEPTION_INFER, request, timeout_s=timeout_s).message.worker
 
 
 def test_a_frozen_worker_delays_nobody_whom_another_can_serve(make_worker, workers) -> None:
@@ -157,3 +163,38 @@ def test_alone_a_frozen_worker_is_waited_for_until_the_time_is_over(make_worker,
 def test_without_workers_it_says_so(workers) -> None:
     with pytest.raises(PerceptionError, match="no worker"):
         ask(workers(0))
+
+
+def test_who_is_asked_later_is_told_how_much_time_is_left(make_worker, workers) -> None:
+    frozen, good = make_worker("a", Future), make_worker("b")
+    ask(workers(2), timeout_s=8.0)
+    (first,), (second,) = [r.deadline_ms for r in frozen.requests], [r.deadline_ms for r in good.requests]
+    assert 7000 < first <= 7200, "a part of the time is for the answer's way"
+    assert second < first - 400, "the first was waited for half a second at least"
+
+
+def test_a_deadline_of_its_own_is_kept(make_worker, workers) -> None:
+    good = make_worker("a")
+    ask(workers(1), request=msgspec.structs.replace(ASKED, deadline_ms=300))
+    assert [r.deadline_ms for r in good.requests] == [300]
+
+
+def test_who_is_too_late_is_told_and_who_answered_is_not(make_worker, workers) -> None:
+    loser: Future = Future()
+    late, good = make_worker("a", lambda: loser), make_worker("b")
+    seen = workers(2)
+    assert ask(seen, request=msgspec.structs.replace(ASKED, asker="f")) == "b"
+    until(lambda: any(r.cancel for r in late.requests))
+    told = late.requests[-1]
+    assert (told.asker, told.source, told.view, told.stamp_ns) == ("f", ASKED.source, ASKED.view, ASKED.stamp_ns)
+    assert not any(r.cancel for r in good.requests)
+    loser.set_exception(Refused("cancelled", "dropped"))
+    until(lambda: not any(t.name == "ask-a" for t in threading.enumerate()))
+    assert seen.best().worker == "b", "that it heard of a cancel doesn't make it any faster"
+
+
+def test_who_has_no_name_cancels_nothing(make_worker, workers) -> None:
+    late, _ = make_worker("a", Future), make_worker("b")
+    ask(workers(2))
+    assert not any(t.name.startswith("cancel") for t in threading.enumerate())
+    assert [r.cancel for r in late.requests] == [False]

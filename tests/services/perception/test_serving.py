@@ -107,6 +107,31 @@ def test_of_many_that_ask_at_once_each_is_answered_or_told_when_to_come_again(ma
         assert sum(t.result() == f"answered {shade}" for shade, t in enumerate(told)) == 4
 
 
+def test_who_is_refused_before_a_worker_could_read_the_request_is_told_when_to_come_again(
+    make_worker, scripted, request_of, until
+):
+    backend = scripted()
+    worker = make_worker(backend)
+    backend.let["embed"].clear()
+
+    def texts(n: int):
+        try:
+            return worker.ask((InferRequest(stamp_ns=1, texts=["t" * n]), b""), PERCEPTION_TEXT)
+        except Refused as error:
+            return error
+
+    with ThreadPoolExecutor(30) as pool:
+        view = pool.submit(worker.ask, request_of(10))
+        until(lambda: bool(backend.batches["embed"]))
+        asked = [pool.submit(texts, n) for n in range(1, 25)]  # one is worked on, 16 wait
+        until(lambda: sum(a.done() for a in asked) == 24 - 17)
+        refused = [a.result() for a in asked if a.done()]
+        backend.let["embed"].set()
+        view.result()
+    assert {error.name for error in refused} == {"busy"}
+    assert all(error.retry_after_ms for error in refused)
+
+
 def test_a_newer_view_takes_the_place_of_one_that_waits(make_worker, scripted, request_of, until):
     backend = scripted()
     worker = make_worker(backend, max_batch=1)
@@ -123,6 +148,35 @@ def test_a_newer_view_takes_the_place_of_one_that_waits(make_worker, scripted, r
         assert new.result().seq == 2
         assert other.result().seq == 1
     assert error.value.name == "superseded"
+
+
+def test_a_view_of_no_use_any_more_is_dropped_if_it_waits(make_worker, scripted, request_of, until):
+    backend = scripted()
+    worker = make_worker(backend, max_batch=1)
+    backend.let["detect"].clear()
+
+    def cancel(stamp_ns, **changes):
+        return InferRequest(stamp_ns=stamp_ns, source="robot/r", view=5, seq=1, cancel=True, **changes), b""
+
+    with ThreadPoolExecutor(4) as pool:
+        submit_in_order(pool, worker, until, [request_of(10)])
+        until(lambda: bool(backend.batches["detect"]))
+        asked = [(20, 7, "fusion"), (30, 7, "somebody else"), (40, 8, "a third")]
+        loser, other, newer = submit_in_order(
+            pool, worker, until, [request_of(shade, view=5, stamp_ns=at, asker=asker) for shade, at, asker in asked]
+        )
+        worker.ask(cancel(7, asker="a third"))  # it has asked again since
+        told = worker.ask(cancel(7, asker="fusion"))
+        assert (told.detections, told.image_embedding) == ([], b"")
+        with pytest.raises(Refused) as error:
+            loser.result()
+        with pytest.raises(Refused, match="name the asker"):
+            worker.ask(cancel(7))
+        assert worker.service.load().queued == 3
+        backend.let["detect"].set()
+        assert (other.result().view, newer.result().view) == (5, 5)
+    assert error.value.name == "cancelled"
+    assert backend.batches["detect"] == [[10], [30], [40]]
 
 
 def test_the_same_picture_is_looked_at_once(make_worker, scripted, request_of):
@@ -215,12 +269,17 @@ def test_who_wants_only_the_embedding_keeps_no_detector_busy(make_worker, script
 
 
 def test_a_worker_is_ready_when_it_answered_a_probe_rightly(make_worker, scripted, request_of):
-    worker = make_worker(scripted(), warm=False)
+    backend = scripted()
+    worker = make_worker(backend, warm=False)
     assert not worker.ask((None, b""), PERCEPTION_LOAD).ready
     with pytest.raises(Refused) as error:
         worker.ask(request_of(10))
     assert error.value.name == "not_ready"
     assert error.value.retry_after_ms
+    with pytest.raises(Refused) as error:  # the backend serves one thread at a time, and that warms it up
+        worker.ask((InferRequest(stamp_ns=1, texts=["abcd"]), b""), PERCEPTION_TEXT)
+    assert error.value.name == "not_ready"
+    assert backend.texts == []
     worker.service.warm_up()
     assert worker.ask((None, b""), PERCEPTION_LOAD).ready
     assert worker.ask(request_of(10)).view == 10

@@ -65,7 +65,8 @@ def test_a_handler_may_answer_later_and_holds_no_thread_meanwhile(make_node):
     assert sorted(told, key=str) == [("busy", 70), ("internal", None), True]
 
 
-def test_a_full_queue_refuses_at_once(make_node):
+@pytest.mark.parametrize(("hint", "told"), [(None, None), (70, 70), (lambda: 80, 80)])
+def test_a_full_queue_refuses_at_once_and_says_when_to_come_again(hint, told, make_node):
     server, client = make_node("planner", "p"), make_node("cli", "c")
     release = threading.Event()
 
@@ -73,15 +74,16 @@ def test_a_full_queue_refuses_at_once(make_node):
         release.wait(10)
         return Answer(MissionAck(stamp_ns=1, mission="m", accepted=True, state="queued"))
 
-    server.serve(MISSION_GOAL, slow, capacity=1)
+    server.serve(MISSION_GOAL, slow, capacity=1, retry_after_ms=hint)
     goal = MissionGoal(stamp_ns=1, mission="m", target="tv")
-    answers = []
+    answers, hints = [], []
 
     def ask():
         try:
             answers.append(client.ask(MISSION_GOAL, goal, mission="m", timeout_s=10).message.accepted)
         except Refused as error:
             answers.append(error.name)
+            hints.append(error.retry_after_ms)
 
     time.sleep(0.2)
     threads = [threading.Thread(target=ask) for _ in range(4)]
@@ -93,6 +95,7 @@ def test_a_full_queue_refuses_at_once(make_node):
     for thread in threads:
         thread.join()
     assert sorted(map(str, answers)) == ["True", "True", "busy", "busy"]
+    assert hints == [told] * 2
 
 
 def test_parameters_survive_spaces_and_semicolons(make_node, status):

@@ -16,6 +16,7 @@ from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.detectors.coco import CocoDetector, load
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.perception.sizes import extents_of
 from surveilnav.perception.vocabulary import COCO
@@ -167,6 +168,6 @@ def test_weak_boxes_tint_the_image_but_are_not_detections() -> None:
 def test_files_that_are_no_network(tmp_path) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / "x.onnx").write_bytes(b"nonsense")
     with pytest.raises(PerceptionError, match=r"x.onnx"):
-        load(tmp_path / "x.onnx", "yolox", 1)
+        load(tmp_path / "x.onnx", "yolox", Runtime())
     with pytest.raises(PerceptionError, match="family"):
-        load(tmp_path / "x.onnx", "yolo-9000", 1)
+        load(tmp_path / "x.onnx", "yolo-9000", Runtime())

@@ -10,10 +10,16 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from surveilnav.errors import PerceptionError
+from surveilnav.geometry import Pinhole
+from surveilnav.perception import presets
+from surveilnav.perception.backend import Work
 from surveilnav.perception.detectors.yolo_world import YoloWorld, letterboxed
+from surveilnav.perception.embedders.class_space import ClassSpace
+from surveilnav.perception.protocols import RgbdView
 
 WORDS = ["fire extinguisher", "samovar"]
 SIDE = 64
+CAMERA = Pinhole.from_hfov(64, 64, 1.2)
 
 
 def export(
@@ -86,7 +92,7 @@ def test_words_may_stand_beside_the_file(tmp_path: Path) -> None:
     path = export(tmp_path / "mine.onnx", dense((32, 32, 16, 8, 0.9, 0.1)), metadata="")
     with pytest.raises(PerceptionError, match=r"mine.txt beside it"):
         YoloWorld(path, "mine@0")
-    path.with_suffix(".txt").write_text("Fire extinguisher\nSamovar\n")
+    path.with_suffix(".txt").write_text("Fire extinguisher\nSamovar\n\n")
     assert YoloWorld(path, "mine@0").detect([np.zeros((64, 64, 3), np.uint8)])[0].labels == ["fire extinguisher"]
 
 
@@ -95,6 +101,7 @@ def test_words_may_stand_beside_the_file(tmp_path: Path) -> None:
     [
         (dense((32, 32, 16, 8, 0.9, 0.1)), "['a']", SIDE, "scores of 1 words"),
         (dense((32, 32, 16, 8, 0.9, 0.1)), "['sofa', 'couch']", SIDE, "each once"),
+        (dense((32, 32, 16, 8, 0.9, 0.1)), "{0: 'samovar', 1: ' ', 2: 'bed'}", SIDE, "an empty one at place 1"),
         (dense((32, 32, 16, 8, 0.9, 0.1)), "import os", SIDE, "doesn't say which words"),
         (dense((32, 32, 16, 8, 0.9, 0.1)), str(WORDS), "height", "fixed sizes"),
         ({"num_dets": np.zeros((1, 1), np.int32), "x": np.zeros(1, np.float32)}, str(WORDS), SIDE, "boxes"),
@@ -107,3 +114,15 @@ def test_files_of_another_kind_are_refused(
         YoloWorld(export(tmp_path / "mine.onnx", outputs, metadata, side), "mine@0").detect(
             [np.zeros((64, 64, 3), np.uint8)]
         )
+
+
+@pytest.mark.parametrize(("threshold", "found"), [(None, 0), (0.0, 2), (0.04, 1)])
+def test_a_threshold_of_nothing_is_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threshold: float | None, found: int
+) -> None:
+    path = export(tmp_path / "mine.onnx", dense((32, 32, 16, 8, 0.05, 0.0), (10, 10, 8, 8, 0.03, 0.0)))
+    monkeypatch.setattr(presets.parts, "embedder", lambda *_, **__: ClassSpace())
+    backend = presets.yolo_world(presets.Networks(detector=str(path), threshold=threshold), "for tests")
+    work = [Work(RgbdView(np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.float32), CAMERA))]
+    backend.stages[0].run(work)
+    assert len(work[0].boxes.xyxy) == found

@@ -42,7 +42,7 @@ class Worker(Resource):
     queued: int
     capacity: int
     latency_ms: Number
-    ready: bool = Field(description="it answered a probe picture rightly")
+    ready: bool = Field(description="its answer to a probe picture was well-formed")
     cached: int = Field(description="views answered from memory")
     models: dict[str, str] = Field(description="ids of its detector, segmenter and embedder")
     stages: dict[str, StageTimes] = Field(description="how long views waited (queue) and took, by stage")

@@ -21,6 +21,7 @@ from surveilnav.perception.detectors.deimv2 import Deimv2
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.detectors.picodet import Picodet
 from surveilnav.perception.detectors.yolox import Yolox
+from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.vocabulary import COCO
 
 
@@ -37,7 +38,7 @@ class Network(Protocol):
 _FAMILIES: dict[str, Any] = {"yolox": Yolox, "deimv2": Deimv2, "picodet": Picodet}
 
 
-def load(path: Path, family: str, threads: int) -> Network:
+def load(path: Path, family: str, runtime: Runtime) -> Network:
     """The network in an ONNX file of that family.
 
     Raises:
@@ -45,7 +46,7 @@ def load(path: Path, family: str, threads: int) -> Network:
     """
     if family not in _FAMILIES:
         raise PerceptionError(f"expected a family of detectors out of {sorted(_FAMILIES)}, got {family!r}")
-    opened = session(path, threads)
+    opened = session(path, runtime)
     try:
         network: Network = _FAMILIES[family](path.stem, opened)
         return network

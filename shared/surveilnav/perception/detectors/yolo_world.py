@@ -2,7 +2,7 @@
 
 Two layouts are read, as the usual exporters write them: one output (1, 4 + W, N) of boxes (centre, size) and word scores in
 the input's pixels; or four outputs ``num_dets``, ``boxes`` (corners), ``scores``, ``labels`` after suppression. The words
-stand in the file's metadata (``names``), else in a text file beside it, a line each.
+stand in the file's metadata (``names``), else in a text file beside it, a line each; none may be empty.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.boxes import Boxes, merged
 from surveilnav.perception.detectors.onnx_file import LOWEST, session
+from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.words import canonical
 
@@ -28,15 +29,15 @@ _SAME_THING_IOU = 0.7  # of its own suppression
 
 
 class YoloWorld:
-    """The detector in one file. ``threads``: of ONNX Runtime; ``threshold``: weaker scores count as none.
+    """The detector in one file. ``threshold``: weaker scores count as none.
 
     Raises:
         PerceptionError: the file is no YOLO-World, or nothing says what its words are.
     """
 
-    def __init__(self, path: Path, model: str, threads: int = 1, *, threshold: float = LOWEST) -> None:
+    def __init__(self, path: Path, model: str, runtime: Runtime | None = None, *, threshold: float = LOWEST) -> None:
         self.model, self._path, self._threshold = model, path, threshold
-        self._session = session(path, threads)
+        self._session = session(path, runtime or Runtime())
         entry = self._session.get_inputs()[0]
         if len(entry.shape) != 4 or not all(isinstance(n, int) for n in entry.shape[1:]) or entry.shape[1] != 3:
             raise PerceptionError(
@@ -101,19 +102,21 @@ def words_of(path: Path, opened: onnxruntime.InferenceSession) -> list[str]:
     """The words that a file was exported with, in its order.
 
     Raises:
-        PerceptionError: neither the file nor a text file beside it says them, or it says one twice.
+        PerceptionError: neither the file nor a text file beside it says them, one is empty, or it says one twice.
     """
     said = opened.get_modelmeta().custom_metadata_map.get("names", "")
     beside = path.with_suffix(".txt")
     try:
-        named = ast.literal_eval(said) if said else beside.read_text(encoding="utf-8").splitlines()
+        named = ast.literal_eval(said) if said else beside.read_text(encoding="utf-8").rstrip().splitlines()
         names = [str(named[i]) for i in range(len(named))] if isinstance(named, dict) else [str(name) for name in named]
     except (OSError, ValueError, SyntaxError, KeyError, TypeError) as error:
         raise PerceptionError(
             f"{path.name} doesn't say which words it was exported with: expected metadata called names, or {beside.name} "
             f"beside it with a word a line ({error})"
         ) from error
-    words = [canonical(name) for name in names if name.strip()]
+    if empty := [place for place, name in enumerate(names) if not name.strip()]:  # left out, all after it would shift
+        raise PerceptionError(f"the words of {path.name} hold an empty one at place {empty[0]}: name each class")
+    words = [canonical(name) for name in names]
     if len(set(words)) != len(words) or not words:
         raise PerceptionError(f"the words of {path.name} must be one or more, each once; they are {words[:20]}")
     return words

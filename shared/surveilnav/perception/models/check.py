@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,13 @@ import msgspec
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.models import digest, lock
 from surveilnav.perception.models.catalogue import Model
+from surveilnav.perception.models.formats import readable, whole
 
 _WEIGHTS = ("*.safetensors", "pytorch_model*.bin", "*.onnx")
 #: A folder with these is MobileSAM, as its own scripts export it.
 _MOBILE_SAM = ("encoder.onnx", "decoder.onnx")
 #: Whose a single file is.
 _FAMILY_OF_SUFFIX = {".onnx": "yolo-world", ".pt": "mobile-sam"}
-_LARGEST_HEADER = 100_000_000  # bytes: of a safetensors file, by its specification
 
 
 def checked(path: Path, model: Model, *, anew: bool = False) -> Path:
@@ -33,6 +32,7 @@ def checked(path: Path, model: Model, *, anew: bool = False) -> Path:
     """
     there(path)
     if not model.is_folder:
+        _expect_suffix(path, model)
         _expect_file(path, model, path.parent, anew)
         return path
     missing = list(missing_files(path, model))
@@ -64,6 +64,7 @@ def checked_own(path: Path) -> Path:
         return checked_folder(path)
     family_of_file(path)
     whole(path)
+    readable(path)
     return path
 
 
@@ -85,6 +86,7 @@ def checked_folder(folder: Path) -> Path:
         raise PerceptionError(f"{folder} has no weights: expected model.safetensors or pytorch_model.bin in it")
     for path in (*sorted(folder.glob("*.json")), *weights):
         whole(path)
+        readable(path)
     return folder
 
 
@@ -125,34 +127,11 @@ def there(path: Path) -> None:
         raise PerceptionError(f"{path} can't be reached ({error.strerror}): mend it, or remove it") from error
 
 
-def whole(path: Path) -> None:
-    """PerceptionError: a file is empty, cut off or no JSON, as far as its format tells."""
-    try:
-        size = path.stat().st_size
-        if size == 0:
-            raise PerceptionError(f"{path} is empty: remove it, and pull or copy it again")
-        if path.suffix == ".json":
-            msgspec.json.decode(path.read_bytes())
-        elif path.suffix == ".safetensors" and size != (should := _size_by_header(path)):
-            raise PerceptionError(
-                f"{path} isn't whole: {size:,} bytes are there, its beginning speaks of {should:,}. "
-                "Remove it, and pull or copy it again."
-            )
-    except msgspec.DecodeError as error:
-        raise PerceptionError(f"{path} is damaged ({error}): remove it, and pull or copy it again") from error
-    except OSError as error:
-        raise PerceptionError(f"{path} can't be read: {error.strerror}") from error
-
-
-def _size_by_header(path: Path) -> int:
-    """How large a safetensors file should be, in bytes, by its header: a length, a table of tensors, their bytes."""
-    with path.open("rb") as file:
-        length = struct.unpack("<Q", file.read(8).ljust(8, b"\xff"))[0]
-        if length > _LARGEST_HEADER:
-            raise PerceptionError(f"{path} is no safetensors file: remove it, and pull or copy it again")
-        table = msgspec.json.decode(file.read(length), type=dict[str, dict[str, Any]])
-    ends = [int(tensor["data_offsets"][1]) for tensor in table.values() if "data_offsets" in tensor]
-    return 8 + int(length) + max(ends, default=0)
+def _expect_suffix(path: Path, model: Model) -> None:
+    """PerceptionError: a custom file is of another kind than the model's."""
+    suffix = Path(model.path).suffix
+    if path.suffix != suffix:
+        raise PerceptionError(f"expected {model.name} as a file {suffix}, and {path} is none: name another")
 
 
 def _expect_file(path: Path, model: Model, root: Path, anew: bool) -> None:
@@ -161,6 +140,7 @@ def _expect_file(path: Path, model: Model, root: Path, anew: bool) -> None:
     whole(path)
     expected = lock.expected(next((file for file in model.files if file.name == path.name), None), lock.of(model, root))
     if expected is None:
+        readable(path)
         return
     try:
         found = digest.sha256(path, anew=anew)

@@ -8,6 +8,7 @@ import msgspec
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.models.catalogue import File, Model
+from surveilnav.stored import locked as held
 from surveilnav.stored import replacing
 
 NAME = "models.lock.json"
@@ -42,8 +43,11 @@ def of(model: Model, folder: Path) -> Locked:
 
 
 def write(model: Model, folder: Path, locked: Locked) -> None:
-    """Puts a model's hashes into the lock of a folder. OSError: as the disk does."""
-    with replacing(folder / NAME) as file:
+    """Puts a model's hashes into the lock of a folder. OSError: as the disk does.
+
+    The file is all models', and several may be pulled at once: nobody reads between another's reading and writing.
+    """
+    with held(folder / f".{NAME}.held"), replacing(folder / NAME) as file:
         file.write(msgspec.json.format(msgspec.json.encode(read(folder) | {model.name: locked}), indent=2))
 
 

@@ -40,8 +40,8 @@ class Network(Protocol):
 class OnnxNetwork:
     """See ``Network``: two files under ONNX Runtime."""
 
-    def __init__(self, path: Path, threads: int) -> None:
-        self._encoder, self._decoder = session(path / "encoder.onnx", threads), session(path / "decoder.onnx", threads)
+    def __init__(self, path: Path, runtime: Runtime) -> None:
+        self._encoder, self._decoder = session(path / "encoder.onnx", runtime), session(path / "decoder.onnx", runtime)
         shape = self._encoder.get_inputs()[0].shape
         wanted = {"image_embeddings", "point_coords", "point_labels", "mask_input", "has_mask_input", "orig_im_size"}
         if len(shape) != 4 or not isinstance(shape[3], int) or {i.name for i in self._decoder.get_inputs()} != wanted:
@@ -73,7 +73,7 @@ def network(path: Path, runtime: Runtime) -> Network:
         raise PerceptionError(
             f"{path} has no {' and no '.join(missing)}: expected both files of MobileSAM's ONNX export, or mobile_sam.pt"
         )
-    return OnnxNetwork(path, runtime.threads)
+    return OnnxNetwork(path, runtime)
 
 
 class MobileSam:

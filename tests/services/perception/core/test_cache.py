@@ -1,13 +1,15 @@
 from __future__ import annotations
 
+import gc
 import math
+import tracemalloc
 
 import msgspec
 import pytest
 
-from services.perception.core.cache import ByteCache, content_key, text_key
+from services.perception.core.cache import AnswerCache, ByteCache, content_key, text_key
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import InferRequest, ModelIds, Part
+from surveilnav.messages import Detection, InferReply, InferRequest, ModelIds, Part
 
 ASKED = InferRequest(
     stamp_ns=1, source="robot/r", view=0, seq=1, camera=Pinhole.from_hfov(64, 48, 1.2), image=Part("jpeg", 3),
@@ -25,17 +27,43 @@ def test_the_bytes_stay_bounded_and_what_was_used_last_stays() -> None:
     assert [cache.get(bytes([i])) for i in range(5)] == [0, None, 2, 3, 4]
     for i in range(1000):
         cache.put(i.to_bytes(4, "big"), i, 700)
-        assert cache.n_bytes <= 4 * 1256
+        assert sum(cache.get(k.to_bytes(4, "big")) is not None for k in range(i + 1)) <= 4 * 1256 // (700 + 256)
 
 
 def test_a_value_put_again_counts_once_and_a_large_one_is_not_kept() -> None:
     cache: ByteCache[str] = ByteCache(2000)
-    for _ in range(5):
+    cache.put(b"older", "v", 100)
+    for _ in range(50):
         cache.put(b"k", "v", 100)
-    assert cache.n_bytes == 356
+    assert cache.get(b"older") == "v", "what is counted twice would have pushed it out"
     cache.put(b"large", "v", 5000)
     assert cache.get(b"large") is None
     assert cache.get(b"k") == "v"
+
+
+def reply_with_masks(n: int) -> InferReply:
+    """Five things whose masks have 2000 runs each; no two of ``n`` are the same."""
+    runs = [300 + (n + i) % 5000 for i in range(2000)]
+    things = [Detection("chair", 0.9, (0.0, 0.0, 9.0, 9.0), bytes(1024), [*runs]) for _ in range(5)]
+    return InferReply(
+        stamp_ns=1, worker="w", backend="b", source="s", view=0, seq=n, detections=things, image_embedding=bytes(1024)
+    )
+
+
+def test_what_answers_take_in_memory_is_what_may_be_kept_of_them() -> None:
+    most = 1 << 20
+    cache = AnswerCache(most)
+    tracemalloc.start()
+    try:
+        for n in range(60):
+            cache.put(bytes([n]), reply_with_masks(n))
+        gc.collect()
+        taken = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert most / 2 < taken < 1.05 * most
+    assert cache.get(bytes([59])) == reply_with_masks(59)
+    assert cache.get(bytes([0])) is None
 
 
 @pytest.mark.parametrize(

@@ -137,3 +137,14 @@ def test_who_comes_again_is_told_the_pace_of_the_last_answers() -> None:
 
     assert 35 <= retry_ms(20) <= 45  # half of four views, 20 ms each
     assert 350 <= retry_ms(200) <= 450
+
+
+def test_what_is_cancelled_goes_from_every_stage_and_makes_room() -> None:
+    q = queues(3)
+    admit(q, job("a"), job("b"), job("c"))
+    (first,), _ = q.take("detect", 1, 0)
+    q.put(first, "embed", 0)
+    assert names(q.cancel(lambda item: item in ("a", "b"))) == [("b", "cancelled"), ("a", "cancelled")]
+    assert q.under_way == 1
+    assert (taken(q), taken(q, stage="embed")) == (["c"], [])
+    assert q.cancel(lambda item: item == "c") == [], "what is worked on goes on"

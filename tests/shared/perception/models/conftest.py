@@ -13,6 +13,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+from onnx import TensorProto, helper
 
 from surveilnav.perception import models
 from surveilnav.perception.models.catalogue import File
@@ -159,6 +160,16 @@ def of_the_hub(machine: Path, served: Served, monkeypatch: pytest.MonkeyPatch) -
 def add(monkeypatch: pytest.MonkeyPatch, **fields: object) -> None:
     model = models.Model(**fields)  # type: ignore[arg-type]
     monkeypatch.setitem(models.CATALOGUE, model.name, model)
+
+
+@pytest.fixture(scope="session")
+def network() -> bytes:
+    """An ONNX file: it says again what it is told."""
+    told = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 4]) for name in ("x", "y")]
+    graph = helper.make_graph([helper.make_node("Identity", ["x"], ["y"])], "again", told[:1], told[1:])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)])
+    model.ir_version = 8
+    return bytes(model.SerializeToString())
 
 
 @pytest.fixture

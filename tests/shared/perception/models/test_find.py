@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import zipfile
 
 import msgspec
 import pytest
@@ -12,6 +14,7 @@ from surveilnav.perception import models
 from surveilnav.perception.models import digest
 
 WEIGHTS = "model__safetensors"
+OLD_TORCH = b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19."  # how torch.save began before 1.6
 
 
 @pytest.fixture
@@ -61,18 +64,55 @@ def test_a_wrong_file_is_refused(given):
         models.find("yolox-nano")
 
 
-def test_a_custom_file_is_named_by_its_setting(machine, tmp_path, monkeypatch):
+def test_a_custom_file_is_named_by_its_setting(machine, tmp_path, monkeypatch, network):
     with pytest.raises(PerceptionError, match="SURVEILNAV_YOLO_WORLD"):
         models.find("yolo-world")
     with pytest.raises(PerceptionError, match="no public address"):
         models.pull("yolo-world")
-    (tmp_path / "mine.onnx").write_bytes(b"a network")
+    (tmp_path / "mine.onnx").write_bytes(network)
     monkeypatch.setenv("SURVEILNAV_YOLO_WORLD", str(tmp_path / "mine.onnx"))
     assert models.find("yolo-world") == tmp_path / "mine.onnx"
     assert models.family("yolo-world") == "yolo-world"
     monkeypatch.setenv("SURVEILNAV_YOLO_WORLD", str(tmp_path / "gone.onnx"))
     with pytest.raises(PerceptionError, match="yolo-world"):
         models.find("yolo-world")
+
+
+def archive():
+    """As PyTorch saves: a zip."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as out:
+        out.writestr("archive/data.pkl", b"tensors" * 100)
+    return file.getvalue()
+
+
+def test_a_custom_file_that_is_no_network_is_refused(machine, tmp_path, monkeypatch, network):
+    for name, data, said in (
+        ("passwd", b"root:x:0:0", r"expected yolo-world as a file .onnx, and .*passwd"),
+        ("words.onnx", b"root:x:0:0", r"words.onnx can't be loaded as an ONNX network"),
+        ("half.onnx", network[:-20], r"half.onnx can't be loaded as an ONNX network"),
+        ("mine.pt", archive(), r"expected yolo-world as a file .onnx"),
+    ):
+        (tmp_path / name).write_bytes(data)
+        monkeypatch.setenv("SURVEILNAV_YOLO_WORLD", str(tmp_path / name))
+        with pytest.raises(PerceptionError, match=said):
+            models.find("yolo-world")
+        assert models.survey("yolo-world").fault
+
+
+@pytest.mark.parametrize(
+    ("data", "is_taken"),
+    [(archive(), True), (OLD_TORCH + b"more", True), (archive()[:-10], False), (b"root:x:0:0", False)],
+)
+def test_weights_of_pytorch_are_told_from_others_and_from_half_of_them(data, is_taken, machine, tmp_path, folder_at):
+    (own := tmp_path / "mine.pt").write_bytes(data)
+    folder = folder_at(tmp_path / "folder", model__safetensors=None, pytorch_model__bin=data)
+    for path in (own, folder):
+        if is_taken:
+            assert models.find(str(path)) == path
+        else:
+            with pytest.raises(PerceptionError, match=r"isn't what PyTorch saves, or isn't whole"):
+                models.find(str(path))
 
 
 # --- folders ------------------------------------------------------------------------------------------------------
@@ -117,32 +157,32 @@ def test_half_a_file_of_weights_is_refused_though_nobody_knows_its_hash(left, ma
         models.find(str(folder))
 
 
-def test_a_file_by_its_path(machine, tmp_path):
+def test_a_file_by_its_path(machine, tmp_path, network):
     (tmp_path / "mine").write_text("")
     with pytest.raises(PerceptionError, match="is neither"):
         models.find(str(tmp_path / "mine"))
     (own := tmp_path / "mine.onnx").write_bytes(b"")
     with pytest.raises(PerceptionError, match="is empty"):
         models.find(str(own))
-    own.write_bytes(b"a network")
+    own.write_bytes(network)
     assert models.find(str(own)) == own
     assert models.family(str(own)) == "yolo-world"
     assert models.model_id(str(own), own).startswith("mine.onnx@")
 
 
-def test_mobile_sam_may_be_two_files_in_a_folder_of_its_name(machine, given):
+def test_mobile_sam_may_be_two_files_in_a_folder_of_its_name(machine, given, network):
     folder = given / "mobile-sam"
     folder.mkdir()
-    (folder / "encoder.onnx").write_bytes(b"sees")
+    (folder / "encoder.onnx").write_bytes(network)
     with pytest.raises(PerceptionError, match=r"config.json"):
         models.find("mobile-sam")
-    (folder / "decoder.onnx").write_bytes(b"cuts")
+    (folder / "decoder.onnx").write_bytes(network)
     assert models.find("mobile-sam") == folder
     assert models.family("mobile-sam") == "mobile-sam"
 
 
 def test_weights_in_another_format_do(given, of_the_hub, folder_at):
-    folder_at(given / "hubbed", model__safetensors=None, pytorch_model__bin=b"weights")
+    folder_at(given / "hubbed", model__safetensors=None, pytorch_model__bin=archive())
     assert models.find("hubbed") == given / "hubbed"
 
 

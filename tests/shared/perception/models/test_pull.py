@@ -6,6 +6,7 @@ import errno
 import json
 import shutil
 import socket
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
-from surveilnav.perception.models import digest, transfer
+from surveilnav.perception.models import digest, lock, transfer
 from surveilnav.perception.models.catalogue import File, Model
 
 DATA = bytes(range(256)) * 20
@@ -31,6 +32,24 @@ def test_who_wants_the_same_at_the_same_time_waits(one_file):
     with ThreadPoolExecutor(4) as pool:
         assert len({str(path) for path in pool.map(models.find, ["fake"] * 4)}) == 1
     assert len(one_file.asked) == 1
+
+
+def test_models_pulled_at_once_keep_each_others_hashes(machine, monkeypatch):
+    read = lock.read
+
+    def read_slowly(folder):
+        seen = read(folder)
+        time.sleep(0.02)
+        return seen
+
+    monkeypatch.setattr(lock, "read", read_slowly)
+    pulled = [
+        Model(name=f"m{i}", kind="detector", family="yolox", licence="none", files=(File("m.onnx"),), url=f"x{i}")
+        for i in range(8)
+    ]
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda model: lock.write(model, machine, lock.Locked(model.source, "", {"m": "0"})), pulled))
+    assert set(read(machine)) == {model.name for model in pulled}
 
 
 def test_progress_is_told(one_file):
