@@ -15,6 +15,7 @@ from services.perception.core.cache import ByteCache, text_key
 from surveilnav.errors import TargetError
 from surveilnav.perception import Backend
 from surveilnav.perception.backend import Work
+from surveilnav.perception.prompts import word_refused
 
 _CACHE_BYTES = 16 << 20
 
@@ -36,7 +37,13 @@ class Embedding:
             asked.vectors = {prompt: vectors[prompt] for prompt in asked.request.prompts if prompt in vectors}
 
     def texts(self, texts: Sequence[str]) -> list[NDArray[np.float32]]:
-        """Unit vectors (D,) of texts, in their order. TargetError: one that the space has no place for."""
+        """Unit vectors (D,) of texts, in their order.
+
+        Raises:
+            TargetError: one that the space has no place for, or that names a target which can't be looked for.
+        """
+        if refused := next(filter(None, (word_refused(self._backend, text) for text in texts)), ""):
+            raise TargetError(refused)
         known, new = self._remembered(texts)
         if new:
             with self._one_at_a_time:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.detectors.grounding_dino import GroundingDino
 from surveilnav.perception.detectors.omdet_turbo import OmDetTurbo
 from surveilnav.perception.detectors.owlv2 import Owlv2
+from surveilnav.perception.protocols import ChecksWords
 from tests.torch import literal
 
 KINDS: dict[str, tuple[Any, str, dict[str, Any]]] = {
@@ -85,9 +87,27 @@ def test_boxes_lie_in_the_picture_the_best_first(detector: Any, pictures: list[n
         assert boxes.scores.dtype == boxes.xyxy.dtype == np.float32
 
 
-def test_a_word_that_names_nothing_is_refused(detector: Any, pictures: list[np.ndarray]) -> None:
-    with pytest.raises(PerceptionError, match="holds letters or digits"):
-        detector.detect(pictures[:1], [["..."]])
+LONG = "very " * 300 + "old couch"
+
+
+def test_a_word_that_cannot_be_looked_for_blinds_nobody(detector: Any, pictures: list[np.ndarray]) -> None:
+    asked = [("...", "couch", LONG, "fire extinguisher"), (LONG,), ("couch", "fire extinguisher")]
+    found = detector.detect(pictures[:3], asked)
+    assert [boxes.words for boxes in found] == asked
+    (alone,) = detector.detect(pictures[:1], [("couch", "fire extinguisher")])
+    assert len(alone)
+    np.testing.assert_allclose(found[0].xyxy, alone.xyxy, atol=1e-3)
+    np.testing.assert_allclose(found[0].scores[:, [1, 3]], alone.scores, atol=1e-4)
+    assert not found[0].scores[:, [0, 2]].any()
+    assert len(found[1]) == 0
+    close(found[2], detector.detect(pictures[2:3], asked[2:])[0])
+
+
+def test_it_says_why_it_cannot_look_for_a_word(detector: Any) -> None:
+    assert isinstance(detector, ChecksWords)
+    assert detector.refuses("fire extinguisher") == ""
+    assert "letters or digits" in detector.refuses("...")
+    assert re.search(r"too long .* expected up to \d+ tokens .*, got \d+\. Say it shorter", detector.refuses(LONG))
 
 
 # --- Grounding DINO -------------------------------------------------------------------------------------------------
@@ -197,6 +217,17 @@ def test_owlv2_pads_below_and_its_boxes_are_shares_of_the_square(
     np.testing.assert_allclose(grey, expected, atol=0.05)
 
 
-def test_owlv2_refuses_what_it_would_cut(folder_of: Callable[..., Path], pictures: list[np.ndarray]) -> None:
-    with pytest.raises(PerceptionError, match="reads 40: shorten it"):
-        Owlv2(folder_of("owlv2"), "tiny").detect(pictures[:1], [["a very long name of some piece of furniture"]])
+def test_owlv2_refuses_what_it_would_cut(folder_of: Callable[..., Path]) -> None:
+    """Its tiny one reads 40 tokens, of which "a photo of a" and the marks take 11; the tokenizer has one for each letter."""
+    detector = Owlv2(folder_of("owlv2"), "tiny")
+    assert detector.refuses("x" * 29) == ""
+    assert "expected up to 29 tokens (about as many short words), got 30" in detector.refuses("x" * 30)
+
+
+def test_grounding_dino_refuses_what_fits_into_no_pass(grounding_dino: GroundingDino) -> None:
+    longest = " ".join(["couch"] * 253)
+    assert grounding_dino.refuses(longest) == ""
+    assert len(grounding_dino.prompts([longest])[0].ids) == 256
+    assert "expected up to 253 tokens" in grounding_dino.refuses(longest + " couch")
+    with pytest.raises(PerceptionError, match="at most 253 tokens"):
+        grounding_dino.prompts([longest + " couch"])

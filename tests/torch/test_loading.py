@@ -67,9 +67,9 @@ def test_a_model_that_lacks_weights_is_not_run_with_random_ones(copied: Path) ->
 def test_another_models_folder_is_refused(folder_of: Callable[..., Path], copied: Path) -> None:
     with pytest.raises(PerceptionError, match=r"expected a model of type grounding-dino or .*holds 'clip'"):
         GroundingDino(folder_of("clip"), "wrong")
-    with pytest.raises(PerceptionError, match=r"expected a model that is a detector of any word, and .* is 'clip'"):
+    with pytest.raises(PerceptionError, match=r"expected a detector of grounding-dino, .* is 'clip'"):
         parts.detector(str(folder_of("clip")), Runtime())
-    with pytest.raises(PerceptionError, match=r"expected a model that is an embedder, and .* is 'grounding-dino'"):
+    with pytest.raises(PerceptionError, match=r"expected an embedder of clip, .* is 'grounding-dino'"):
         parts.embedder(str(copied), Runtime())
     (copied / "config.json").write_text("[]")
     with pytest.raises(PerceptionError, match=r"config.json should be a model's settings"):

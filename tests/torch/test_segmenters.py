@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 import torch
 
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.protocols import RgbdView
-from surveilnav.perception.segmenters.mobile_sam import MobileSam, framed
+from surveilnav.perception.segmenters.mobile_sam import MobileSam, OnnxNetwork, framed
 from surveilnav.perception.segmenters.sam2 import Sam2
 from surveilnav.sensing.views import box_cells
 from tests.torch import literal, tiny
@@ -131,7 +133,39 @@ def test_half_a_mobile_sam_is_refused(folder_of: Callable[..., Path], tmp_path: 
         MobileSam(tmp_path, "cut off")
 
 
-def test_a_checkpoint_without_its_package_says_what_to_install(tmp_path: Path) -> None:
+def test_an_encoder_of_any_size_gets_pictures_of_the_published_one(
+    folder_of: Callable[..., Path], tmp_path: Path
+) -> None:
+    folder = folder_of("mobile_sam_onnx")
+    assert OnnxNetwork(folder, 1).side == 128
+    encoder = onnx.load(folder / "encoder.onnx")
+    for axis, name in ((2, "height"), (3, "width")):
+        encoder.graph.input[0].type.tensor_type.shape.dim[axis].dim_param = name
+    onnx.save(encoder, tmp_path / "encoder.onnx")
+    (tmp_path / "decoder.onnx").write_bytes((folder / "decoder.onnx").read_bytes())
+    assert OnnxNetwork(tmp_path, 1).side == 1024
+
+
+@pytest.mark.parametrize("lacking", ["mobile_sam", "torch"])
+def test_a_checkpoint_without_its_package_says_what_to_install(
+    lacking: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, lacking, None)
+    monkeypatch.delitem(sys.modules, "surveilnav.perception.segmenters.mobile_sam_torch", raising=False)
+    with pytest.raises(
+        PerceptionError,
+        match=r"pip install 'surveilnav\[perception-torch,mobile-sam\]', or .*PERCEPTION__SEGMENTER=sam2.1-tiny",
+    ):
+        MobileSam(tmp_path / "mobile_sam.pt", "torch")
+
+
+def test_what_is_no_checkpoint_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = ModuleType("mobile_sam")
+    package.sam_model_registry = {"vit_t": torch.nn.Identity}
+    exporting = ModuleType("mobile_sam.utils.onnx")
+    exporting.SamOnnxModel = None
+    for module in (package, ModuleType("mobile_sam.utils"), exporting):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
     (tmp_path / "mobile_sam.pt").write_bytes(b"no checkpoint")
-    with pytest.raises(PerceptionError, match=r"mobilesam-mirror timm torchvision|isn't MobileSAM's checkpoint"):
+    with pytest.raises(PerceptionError, match=r"mobile_sam.pt isn't MobileSAM's checkpoint"):
         MobileSam(tmp_path / "mobile_sam.pt", "torch")

@@ -99,7 +99,7 @@ def detector(
     more: dict[str, Any] = {} if threshold is None else {"threshold": threshold}
     if model.family.endswith("grounding-dino"):
         more["words_per_pass"] = words_per_pass
-    made: Detector = _kind(model, name, _DETECTORS, "detector")(model.path, model.id, runtime, **more)
+    made: Detector = _kind(model, name, _DETECTORS, "a detector")(model.path, model.id, runtime, **more)
     return made
 
 
@@ -108,14 +108,14 @@ def segmenter(name: str, runtime: Runtime, *, download: bool = True) -> Segmente
     if name == DepthInBox.model:
         return DepthInBox()
     model = _found(name, download)
-    made: Segmenter = _kind(model, name, _SEGMENTERS, "segmenter")(model.path, model.id, runtime)
+    made: Segmenter = _kind(model, name, _SEGMENTERS, "a segmenter")(model.path, model.id, runtime)
     return made
 
 
 def embedder(name: str, runtime: Runtime, *, download: bool = True) -> Embedder:
     """The embedder that runs this model. PerceptionError: see ``detector``."""
     model = _found(name, download)
-    made: Embedder = _kind(model, name, _EMBEDDERS, "embedder")(model.path, model.id, runtime)
+    made: Embedder = _kind(model, name, _EMBEDDERS, "an embedder")(model.path, model.id, runtime)
     return made
 
 
@@ -129,7 +129,7 @@ def on_gpu(runtime: Runtime) -> bool:
 def _kind(model: _Model, name: str, table: _Table, what: str) -> Any:
     """The class that reads a model."""
     if model.family not in table:
-        raise PerceptionError(f"expected a {what} of {', '.join(table)}, and {name} is {model.family!r}")
+        raise PerceptionError(f"expected {what} of {', '.join(table)}, and {name} is {model.family!r}")
     try:
         return table[model.family]()
     except ImportError as error:

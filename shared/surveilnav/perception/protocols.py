@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,18 @@ class Detector(Protocol):
 
         ``words``: what to look for in each picture; a detector with a vocabulary reports that instead.
         """
+        ...
+
+
+@runtime_checkable
+class ChecksWords(Protocol):
+    """A ``Detector`` that can't look for every word, though no vocabulary says so: its texts have a length.
+
+    It leaves such a word's column zero. A mission is told before it starts.
+    """
+
+    def refuses(self, word: str) -> str:
+        """Why it can't look for a word; empty: it can. Any thread may ask."""
         ...
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.detectors.queries import chosen, corners, in_groups, things
 from surveilnav.perception.detectors.spans import Marks, Prompt, cleaned, prompts, word_scores
+from surveilnav.perception.detectors.word_length import WordLength
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.torch_model import image_processor, load, numbers, tokenizer
 
@@ -57,12 +58,13 @@ class GroundingDino:
         self._model = load(transformers.AutoModelForZeroShotObjectDetection, path, MODEL_TYPES, runtime or Runtime())
         self._most_tokens = int(self._model.net.config.max_text_len)
         self._images, self._tokenizer = image_processor(path), tokenizer(path)
+        self.refuses = WordLength(path, self._most_tokens, "{}.".format).refuses
         start, stop, dot, question = self._tokenizer.convert_tokens_to_ids(["[CLS]", "[SEP]", ".", "?"])
         self._marks = Marks(start, stop, dot, inside=(question,))
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
         """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""
-        return in_groups(images, words, self._detect)
+        return in_groups(images, words, self._detect, self.refuses)
 
     def _detect(self, images: Sequence[NDArray[np.uint8]], words: tuple[str, ...]) -> list[Boxes]:
         pixels = self._images(list(images), return_tensors="np")["pixel_values"]

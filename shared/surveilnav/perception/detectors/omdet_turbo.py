@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.detectors.queries import chosen, corners, in_groups, things
 from surveilnav.perception.detectors.spans import cleaned
+from surveilnav.perception.detectors.word_length import WordLength
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.torch_model import image_processor, load, numbers, tokenizer, tokens
 
 MODEL_TYPES = ("omdet-turbo",)
 
 _SAME_THING_IOU = 0.5  # the paper's
+_MOST_TOKENS = 77  # of a text, in training
 
 
 class OmDetTurbo:
@@ -44,17 +46,18 @@ class OmDetTurbo:
         self.model, self.threshold = model, threshold
         self._model = load(transformers.OmDetTurboForObjectDetection, path, MODEL_TYPES, runtime or Runtime())
         self._images, self._tokenizer = image_processor(path), tokenizer(path)
+        self.refuses = WordLength(path, _MOST_TOKENS).refuses
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
         """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""
-        return in_groups(images, words, self._detect)
+        return in_groups(images, words, self._detect, self.refuses)
 
     def _detect(self, images: Sequence[NDArray[np.uint8]], words: tuple[str, ...]) -> list[Boxes]:
         clean = [cleaned(word) for word in words]
         n = len(images)
         task, classes = (
             tokens(self._tokenizer, [f"Detect {', '.join(clean)}."]),
-            tokens(self._tokenizer, clean, whole=True),
+            tokens(self._tokenizer, clean, most=_MOST_TOKENS, whole=True),
         )
         pixels = self._images(list(images), return_tensors="pt")["pixel_values"]
         inputs = {

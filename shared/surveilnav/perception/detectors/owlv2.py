@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.detectors.queries import chosen, corners, in_groups, things
 from surveilnav.perception.detectors.spans import cleaned
+from surveilnav.perception.detectors.word_length import WordLength
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.torch_model import image_processor, load, numbers, tokenizer, tokens
 
@@ -19,6 +20,8 @@ MODEL_TYPES = ("owlv2",)
 
 #: Neighbouring patches find the same thing.
 _SAME_THING_IOU = 0.5
+
+_text = "a photo of a {}".format
 
 
 class Owlv2:
@@ -41,13 +44,15 @@ class Owlv2:
         self.model, self.threshold = model, threshold
         self._model = load(transformers.Owlv2ForObjectDetection, path, MODEL_TYPES, runtime or Runtime())
         self._images, self._tokenizer = image_processor(path), tokenizer(path)
+        self._most_tokens = int(self._model.net.config.text_config.max_position_embeddings)
+        self.refuses = WordLength(path, self._most_tokens, _text).refuses
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
         """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""
-        return in_groups(images, words, self._detect)
+        return in_groups(images, words, self._detect, self.refuses)
 
     def _detect(self, images: Sequence[NDArray[np.uint8]], words: tuple[str, ...]) -> list[Boxes]:
-        asked = tokens(self._tokenizer, [f"a photo of a {cleaned(word)}" for word in words], whole=True)
+        asked = tokens(self._tokenizer, [_text(cleaned(word)) for word in words], most=self._most_tokens, whole=True)
         inputs = {name: tensor.repeat(len(images), 1).to(self._model.device) for name, tensor in asked.items()}
         pixels = self._images(list(images), return_tensors="pt")["pixel_values"].to(self._model.device)
         with self._model.running():

@@ -15,7 +15,6 @@ no negative component.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
@@ -23,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.perception.boxes import Boxes
+from surveilnav.perception.prompts import named as named
 from surveilnav.perception.protocols import ViewEmbedding
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.words import canonical
 
 DIM = len(COCO) + 1
 _NOTHING = len(COCO)
@@ -35,9 +34,6 @@ _PRESENCE = np.array([0.02, 0.3, 0.9])
 _NEARNESS = 0.35
 #: The evidence of "nothing known" in an image, to be outweighed by what is seen.
 _BASE = 0.3
-_PROMPT = re.compile(
-    r"\s*(?:it\s+)?seems\s+like\s+there\s+is\s+(?:an?\s+|the\s+)?(?P<name>.+?)\s*[.!]?\s*", re.IGNORECASE
-)
 
 
 class ClassSpace:
@@ -101,12 +97,6 @@ def embed_texts(texts: Sequence[str]) -> NDArray[np.float32]:
 def class_named(text: str) -> str:
     """The class that a prompt or a plain name names. Raises TargetError."""
     return COCO.known(named(text))
-
-
-def named(text: str) -> str:
-    """The word, whether COCO's or not, that a prompt or a plain name names."""
-    match = _PROMPT.fullmatch(text)
-    return canonical(match.group("name") if match else text)
 
 
 @lru_cache(maxsize=1)

@@ -1,8 +1,8 @@
 """MobileSAM (Zhang et al. 2023, arXiv 2306.14289): SAM's prompts and masks behind a small encoder.
 
-It runs from a folder with two ONNX files as MobileSAM's own scripts export them, ``encoder.onnx`` (pictures to
-embeddings) and ``decoder.onnx`` (embeddings and points to masks), or from its checkpoint ``mobile_sam.pt``, for which
-the package ``mobile_sam`` must be installed. Both have the same inputs and outputs.
+It runs from its checkpoint ``mobile_sam.pt``, which needs the extra ``mobile-sam``, or from a folder with two ONNX files:
+``encoder.onnx`` (pictures to embeddings) and ``decoder.onnx`` (embeddings and points to masks). MobileSAM's package has
+an export of the decoder; docs/use/models.md has ten lines that write both. Both ways have the same inputs and outputs.
 """
 
 from __future__ import annotations
@@ -20,7 +20,14 @@ from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.box_prompts import Masks, in_box, pixels
 
+_SIDE = 1024  # [pixels] of the published weights
 _CORNERS = np.array([[2, 3]], np.float32)  # SAM's labels of a box's two corners
+
+#: What to do about a checkpoint whose packages aren't here; of its name and the error.
+LACKING = (
+    "{} needs the packages mobile_sam, timm, torch and torchvision ({}): pip install "
+    "'surveilnav[perception-torch,mobile-sam]', or take another segmenter: SURVEILNAV_PERCEPTION__SEGMENTER=sam2.1-tiny"
+)
 
 
 class Network(Protocol):
@@ -44,12 +51,12 @@ class OnnxNetwork:
         self._encoder, self._decoder = session(path / "encoder.onnx", runtime), session(path / "decoder.onnx", runtime)
         shape = self._encoder.get_inputs()[0].shape
         wanted = {"image_embeddings", "point_coords", "point_labels", "mask_input", "has_mask_input", "orig_im_size"}
-        if len(shape) != 4 or not isinstance(shape[3], int) or {i.name for i in self._decoder.get_inputs()} != wanted:
+        if len(shape) != 4 or {i.name for i in self._decoder.get_inputs()} != wanted:
             raise PerceptionError(
-                f"expected in {path} an encoder of (1, 3, side, side) and a decoder of {', '.join(sorted(wanted))}, as "
-                f"MobileSAM exports them; got an encoder of {shape}. Export them anew"
+                f"expected in {path} an encoder of (1, 3, side, side) and a decoder of {', '.join(sorted(wanted))}; got "
+                f"an encoder of {shape}. Export them anew: docs/use/models.md has the lines"
             )
-        self.side = shape[3]
+        self.side = shape[3] if isinstance(shape[3], int) else _SIDE  # a name: the file takes any
 
     def encode(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.asarray(self._encoder.run(None, {self._encoder.get_inputs()[0].name: picture})[0], np.float32)
@@ -65,13 +72,16 @@ def network(path: Path, runtime: Runtime) -> Network:
         PerceptionError: it can't be loaded.
     """
     if path.suffix == ".pt":
-        from surveilnav.perception.segmenters.mobile_sam_torch import TorchNetwork
-
+        try:
+            from surveilnav.perception.segmenters.mobile_sam_torch import TorchNetwork
+        except ImportError as error:
+            raise PerceptionError(LACKING.format(path.name, error)) from error
         return TorchNetwork(path, runtime)
     missing = [name for name in ("encoder.onnx", "decoder.onnx") if not (path / name).is_file()]
     if missing:
         raise PerceptionError(
-            f"{path} has no {' and no '.join(missing)}: expected both files of MobileSAM's ONNX export, or mobile_sam.pt"
+            f"{path} has no {' and no '.join(missing)}: expected both files of MobileSAM's ONNX export "
+            "(docs/use/models.md), or mobile_sam.pt"
         )
     return OnnxNetwork(path, runtime)
 

@@ -1,4 +1,4 @@
-"""MobileSAM's checkpoint, run by the package ``mobile_sam`` (which needs timm and torchvision)."""
+"""MobileSAM's checkpoint, run by the package ``mobile_sam``, of the extra ``mobile-sam``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.segmenters.mobile_sam import LACKING
 from surveilnav.perception.torch_model import TorchModel, device_named, numbers
 
 
@@ -21,10 +22,7 @@ class TorchNetwork:
             from mobile_sam import sam_model_registry
             from mobile_sam.utils.onnx import SamOnnxModel
         except (ImportError, RuntimeError) as error:  # RuntimeError: a torchvision of another torch
-            raise PerceptionError(
-                f"{path.name} needs the packages mobile_sam, timm and torchvision ({error}): pip install "
-                "mobilesam-mirror timm torchvision. Or name a folder with MobileSAM's ONNX files instead"
-            ) from error
+            raise PerceptionError(LACKING.format(path.name, error)) from error
         torch.set_num_threads(runtime.threads)
         device = device_named(runtime.device)
         sam = sam_model_registry["vit_t"]()

@@ -1,0 +1,48 @@
+"""The value map's prompt, the word that it names, and targets that a backend can't look for."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from surveilnav.perception.prompts import named, value_prompt, word_refused
+from surveilnav.perception.vocabulary import Vocabulary
+
+TWO_WORDS = Vocabulary("baked in", ["bookcase", "samovar"])
+
+
+class ShortWords:
+    """A detector that reads five letters."""
+
+    def refuses(self, word):
+        return f"{word!r} is too long" if len(word) > 5 else ""
+
+
+@pytest.mark.parametrize("word", ["couch", "fire extinguisher", "umbrella", "the sims box", "a-frame"])
+def test_a_prompt_names_its_word(word):
+    assert named(value_prompt(named(word))) == named(word)
+
+
+def test_a_target_outside_the_vocabulary_is_refused_with_what_is_near():
+    backend = SimpleNamespace(vocabulary=TWO_WORDS)
+    assert word_refused(backend, value_prompt("samovar")) == ""
+    why = word_refused(backend, value_prompt("book case"))
+    assert "'book case' is not one of the 2 classes" in why
+    assert "nearest to it: bookcase" in why
+
+
+def test_a_target_that_the_detector_refuses_is_refused():
+    backend = SimpleNamespace(vocabulary=None, detector=ShortWords())
+    assert word_refused(backend, value_prompt("couch")) == ""
+    assert word_refused(backend, value_prompt("wardrobe")) == "'wardrobe' is too long"
+
+
+def test_any_word_is_let_through_where_nobody_checks():
+    assert word_refused(SimpleNamespace(vocabulary=None, detector=object()), value_prompt("wardrobe")) == ""
+    assert word_refused(SimpleNamespace(vocabulary=None), value_prompt("wardrobe")) == ""
+
+
+def test_a_plain_text_names_no_target():
+    """Kept objects are compared with it; no detector looks for it."""
+    assert word_refused(SimpleNamespace(vocabulary=TWO_WORDS), "a red couch by the window") == ""
