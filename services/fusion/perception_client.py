@@ -121,12 +121,12 @@ class PerceptionClient:
             PerceptionError: no worker answers.
             Refused: the worker won't, e.g. because it doesn't know the class.
         """
-        key = self._workers.best().models.embedder, text
+        key = self.embedder, text
         with self._lock:
             if key in self._texts:
                 return self._texts[key]
         request = InferRequest(stamp_ns=clock_ns(), texts=[text])
-        reply: TextReply = self._workers.ask(PERCEPTION_TEXT, request, timeout_s=5.0).message
+        reply: TextReply = self._workers.ask(PERCEPTION_TEXT, request, timeout_s=5.0, embedder=self.embedder).message
         if len(reply.embeddings) != 1:
             raise WireError(f"expected one embedding, got {len(reply.embeddings)}")
         embedding = TextEmbedding(unpack_embedding(reply.embeddings[0]), reply.models.embedder)
@@ -177,6 +177,7 @@ class PerceptionClient:
             try:
                 reply, perception = self._ask(frame, words)
                 embedder = perception.embedding_model
+                words = words if set(words) <= set(perception.words) else ()  # a closed set looked
                 break
             except (Refused, WireError) as error:
                 pause_s = _pause_s(error, pause_s)
@@ -199,7 +200,7 @@ class PerceptionClient:
         request = InferRequest(
             stamp_ns=clock_ns(), source=header.source, view=header.view, seq=header.seq, camera=header.camera,
             image=header.image, depth=header.depth, depth_range_m=header.depth_range_m,
-            prompts=list(words), detects=bool(words) or not self._workers.open_vocabulary,
+            prompts=list(words), detects=bool(words) or not self._workers.needs_words,
             deadline_ms=int(900 * timeout_s), asker=self._node.id,
         )  # fmt: skip
         reply: InferReply = self._workers.ask(PERCEPTION_INFER, request, frame.payload, timeout_s=timeout_s).message

@@ -19,7 +19,7 @@ from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.messages import InferRequest, WorkerLoad
 
 #: Refusals of one worker that another needn't share.
-_ITS_OWN = {"busy", "not_ready", "too_late"}
+_ITS_OWN = {"busy", "not_ready", "too_late", "no_prompt"}
 
 _GRACE_S = 1.0  # for the bus to say that the time is over
 _DEADLINE_SHARE = 0.9  # of the time that is left; the rest is for the answer's way
@@ -39,16 +39,18 @@ class Workers:
         self._embedder = ""
         node.alive("perception")  # the first call starts watching
 
-    def best(self) -> WorkerLoad:
-        """The worker that would be asked now. PerceptionError: none is there."""
-        return self._ranked()[0]
-
     @property
     def open_vocabulary(self) -> bool:
         """Whether any of them looks for whatever words it is given; while none is there, what was so before."""
         if loads := self._loads_now():
             self._open = any(load.open_vocabulary for load in loads)
         return self._open
+
+    @property
+    def needs_words(self) -> bool:
+        """Whether none of them finds anything without being given words."""
+        loads = self._loads_now()
+        return bool(loads) and all(load.open_vocabulary for load in loads)
 
     @property
     def embedder(self) -> str:
@@ -58,15 +60,19 @@ class Workers:
             self._embedder = min(models, key=lambda model: (-models[model], model))
         return self._embedder
 
-    def ask(self, stream: Stream, request: InferRequest, payload: bytes = b"", *, timeout_s: float) -> Received[Any]:
+    def ask(
+        self, stream: Stream, request: InferRequest, payload: bytes = b"", *, timeout_s: float, embedder: str = ""
+    ) -> Received[Any]:
         """The first answer of the workers asked: the best one, and, as soon as that is late or refuses for its own sake,
-        the next. Who is asked later is told how little time is left, and who is too late that it needn't look any more.
+        the next. Who is asked later is told how little time is left, and who is too late that it needn't look any more. ``embedder``: workers
+        that run this model are asked alone, if there are any.
 
         Raises:
             PerceptionError: no worker is there.
             Refused, BusError: the last that went wrong, when nobody is left to answer.
         """
-        untried, until_s = self._ranked(), time.monotonic() + timeout_s
+        untried, until_s = self.ranked(), time.monotonic() + timeout_s
+        untried = [load for load in untried if load.models.embedder == embedder] or untried
         told: queue.Queue[_Told] = queue.Queue()
         waited_for: list[str] = []
         while True:
@@ -145,7 +151,8 @@ class Workers:
         with self._lock:
             self._choice.overdue(worker, time.monotonic())
 
-    def _ranked(self) -> list[WorkerLoad]:
+    def ranked(self) -> list[WorkerLoad]:
+        """The workers that may be asked, the best first. PerceptionError: none is there, or ready."""
         loads = self._loads_now()
         with self._lock:
             ranked = self._choice.ranked(loads, time.monotonic())

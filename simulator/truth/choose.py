@@ -7,9 +7,10 @@ from typing import Any
 from simulator.truth.backends import Oracle, Simulated
 from surveilnav.perception import Backend
 from surveilnav.perception import choose as real
-from surveilnav.perception.presets import PRESETS, Networks
+from surveilnav.perception.names import BackendName
+from surveilnav.perception.presets import Networks
 
-BACKENDS: tuple[str, ...] = ("auto", *PRESETS, "oracle", "simulated")
+BACKENDS: tuple[str, ...] = tuple(BackendName)
 
 
 def choose_backend(name: str = "auto", *, seed: int = 0, harder: float = 0.0, **networks: Any) -> Backend:

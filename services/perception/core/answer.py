@@ -36,5 +36,5 @@ def reply_to(
         stamp_ns=stamp_ns, worker=worker, backend=seen.backend, source=request.source, view=request.view, seq=request.seq,
         detections=detections if request.detects else [], image_embedding=image_embedding, latency_ms=latency_ms,
         relevance=relevance(seen.image_embedding, request.prompts, vectors), models=models,
-        words=list(seen.words),
+        words=list(seen.words) if request.detects else [],
     )  # fmt: skip

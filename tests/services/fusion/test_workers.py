@@ -109,7 +109,7 @@ def ask(workers: Workers, timeout_s: float = 20.0, request: InferRequest = ASKED
 def test_a_frozen_worker_delays_nobody_whom_another_can_serve(make_worker, workers) -> None:
     frozen, good = make_worker("a", Future), make_worker("b")
     seen = workers(2)
-    assert seen.best().worker == "a", "the test means the one that is asked first"
+    assert seen.ranked()[0].worker == "a", "the test means the one that is asked first"
     assert ask(seen) == "b"
     assert any(t.name == "ask-a" for t in threading.enumerate()), "the frozen one's time wasn't over when b was asked"
     assert [ask(seen) for _ in range(4)] == ["b"] * 4
@@ -123,7 +123,7 @@ def test_an_answer_that_comes_late_still_counts_and_clears_the_name(make_worker,
     seen = workers(2)
     threading.Timer(1.5, lambda: late.set_result(Answer(reply_of("a")))).start()
     assert ask(seen) == "a"
-    assert seen.best().worker == "a"
+    assert seen.ranked()[0].worker == "a"
 
 
 def reply_of(worker: str) -> InferReply:
@@ -190,7 +190,7 @@ def test_who_is_too_late_is_told_and_who_answered_is_not(make_worker, workers) -
     assert not any(r.cancel for r in good.requests)
     loser.set_exception(Refused("cancelled", "dropped"))
     until(lambda: not any(t.name == "ask-a" for t in threading.enumerate()))
-    assert seen.best().worker == "b", "that it heard of a cancel doesn't make it any faster"
+    assert seen.ranked()[0].worker == "b", "that it heard of a cancel doesn't make it any faster"
 
 
 def test_who_has_no_name_cancels_nothing(make_worker, workers) -> None:
