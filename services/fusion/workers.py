@@ -64,8 +64,9 @@ class Workers:
         self, stream: Stream, request: InferRequest, payload: bytes = b"", *, timeout_s: float, embedder: str = ""
     ) -> Received[Any]:
         """The first answer of the workers asked: the best one, and, as soon as that is late or refuses for its own sake,
-        the next. Who is asked later is told how little time is left, and who is too late that it needn't look any more. ``embedder``: workers
-        that run this model are asked alone, if there are any.
+        the next. Who is asked later is told how little time is left, and who is too late that it needn't look any more.
+
+        ``embedder``: workers that run this model are asked alone, if there are any.
 
         Raises:
             PerceptionError: no worker is there.

@@ -92,7 +92,7 @@ def workers(bus: BusSettings) -> Iterator[Callable[[int], Workers]]:
             until_s = time.monotonic() + 10
             while time.monotonic() < until_s:
                 try:
-                    if len(seen._ranked()) >= n:
+                    if len(seen.ranked()) >= n:
                         return seen
                 except PerceptionError:
                     pass
