@@ -36,7 +36,7 @@ def test_frames_carry_pixels_depth_and_poses_only():
 def test_a_request_to_perception_carries_no_truth():
     assert fields(InferRequest) == {
         "stamp_ns", "source", "view", "seq", "camera", "image", "depth", "depth_range_m", "prompts", "texts", "deadline_ms",
-        "detects", "asker",
+        "detects", "asker", "cancel",
     }  # fmt: skip
     assert fields(InferReply) == {
         "stamp_ns", "worker", "backend", "source", "view", "seq", "detections", "image_embedding", "latency_ms",

@@ -45,7 +45,7 @@ class ByteCache(Generic[V]):
 
 
 class AnswerCache:
-    """The answers used last, up to ``max_bytes``. Kept as they are sent: decoded, a mask takes five times as much."""
+    """The answers used last, up to ``max_bytes``. Kept as they are sent: decoded, a mask takes several times as much."""
 
     def __init__(self, max_bytes: int) -> None:
         self._kept: ByteCache[bytes] = ByteCache(max_bytes)
