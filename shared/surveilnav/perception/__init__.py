@@ -10,7 +10,7 @@ torch_model  what runs under PyTorch is loaded by it; runtime: on which device, 
 vocabulary   the names of a closed set of classes, and what is known of them (``data``)
 models       the networks' files: where they come from, and that they are what they should be
 boxes        boxes with the scores of words; sizes: what depth says of a label
-prompts      the text that the value map compares views with (eq. 2)
+prompts      the text that the value map compares views with (eq. 2), and targets that a backend can't look for
 """
 
 from surveilnav.perception.backend import Backend

@@ -26,7 +26,7 @@ _SAME_THING_IOU = 0.8
 
 
 class GroundingDino:
-    """The detector of this module. ``vocabulary``: None, it knows any word."""
+    """The detector of this module. ``vocabulary``: None, it knows any word but those that it ``refuses`` (``ChecksWords``)."""
 
     vocabulary = None
 

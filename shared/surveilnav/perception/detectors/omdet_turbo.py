@@ -27,7 +27,7 @@ _MOST_TOKENS = 77  # of a text, in training
 
 
 class OmDetTurbo:
-    """The detector of this module. ``vocabulary``: None, it knows any word."""
+    """The detector of this module. ``vocabulary``: None, it knows any word but those that it ``refuses`` (``ChecksWords``)."""
 
     vocabulary = None
 

@@ -25,7 +25,7 @@ _text = "a photo of a {}".format
 
 
 class Owlv2:
-    """The detector of this module. ``vocabulary``: None, it knows any word."""
+    """The detector of this module. ``vocabulary``: None, it knows any word but those that it ``refuses`` (``ChecksWords``)."""
 
     vocabulary = None
 
