@@ -17,6 +17,7 @@ import torch
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.protocols import RgbdView
+from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.mobile_sam import MobileSam, OnnxNetwork, framed
 from surveilnav.perception.segmenters.sam2 import Sam2
 from surveilnav.sensing.views import box_cells
@@ -137,13 +138,13 @@ def test_an_encoder_of_any_size_gets_pictures_of_the_published_one(
     folder_of: Callable[..., Path], tmp_path: Path
 ) -> None:
     folder = folder_of("mobile_sam_onnx")
-    assert OnnxNetwork(folder, 1).side == 128
+    assert OnnxNetwork(folder, Runtime()).side == 128
     encoder = onnx.load(folder / "encoder.onnx")
     for axis, name in ((2, "height"), (3, "width")):
         encoder.graph.input[0].type.tensor_type.shape.dim[axis].dim_param = name
     onnx.save(encoder, tmp_path / "encoder.onnx")
     (tmp_path / "decoder.onnx").write_bytes((folder / "decoder.onnx").read_bytes())
-    assert OnnxNetwork(tmp_path, 1).side == 1024
+    assert OnnxNetwork(tmp_path, Runtime()).side == 1024
 
 
 @pytest.mark.parametrize("lacking", ["mobile_sam", "torch"])
