@@ -6,7 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from surveilnav.perception.pipeline import Pipeline
 from surveilnav.perception.prompts import named, value_prompt, word_refused
+from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.perception.vocabulary import Vocabulary
 
 TWO_WORDS = Vocabulary("baked in", ["bookcase", "samovar"])
@@ -14,6 +16,8 @@ TWO_WORDS = Vocabulary("baked in", ["bookcase", "samovar"])
 
 class ShortWords:
     """A detector that reads five letters."""
+
+    model, vocabulary = "short@1", None
 
     def refuses(self, word):
         return f"{word!r} is too long" if len(word) > 5 else ""
@@ -33,7 +37,8 @@ def test_a_target_outside_the_vocabulary_is_refused_with_what_is_near():
 
 
 def test_a_target_that_the_detector_refuses_is_refused():
-    backend = SimpleNamespace(vocabulary=None, detector=ShortWords())
+    embedder = SimpleNamespace(model="e@1", dim=4)
+    backend = Pipeline("paper", "for tests", ShortWords(), DepthInBox(), embedder, min_score=0.0)
     assert word_refused(backend, value_prompt("couch")) == ""
     assert word_refused(backend, value_prompt("wardrobe")) == "'wardrobe' is too long"
 
