@@ -14,7 +14,7 @@ from surveilnav.perception.models.catalogue import Model
 from surveilnav.perception.models.formats import readable, whole
 
 _WEIGHTS = ("*.safetensors", "pytorch_model*.bin", "*.onnx")
-#: A folder with these is MobileSAM, as its own scripts export it.
+#: A folder with these is MobileSAM (docs/use/models.md).
 _MOBILE_SAM = ("encoder.onnx", "decoder.onnx")
 #: Whose a single file is.
 _FAMILY_OF_SUFFIX = {".onnx": "yolo-world", ".pt": "mobile-sam"}
