@@ -18,12 +18,17 @@ from surveilnav.sensing.packing import pack_array
 
 
 def submit_in_order(pool, worker, until, requests):
-    """Asks one after the other, so that they arrive in this order, and doesn't wait for answers."""
-    before = worker.service.load().queued
+    """Asks one after the other, so that they wait decoded in this order, and doesn't wait for answers."""
+
+    def taken_in():
+        load = worker.service.load()
+        return load.queued, sum(load.times.get("decode", ()))
+
+    queued, decoded = taken_in()
     futures = []
-    for i, asked in enumerate(requests):
+    for i, asked in enumerate(requests, start=1):
         futures.append(pool.submit(worker.ask, asked))
-        until(lambda i=i: worker.service.load().queued == before + i + 1)
+        until(lambda i=i: taken_in() == (queued + i, decoded + i))
     return futures
 
 
