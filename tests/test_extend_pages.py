@@ -24,7 +24,7 @@ from surveilnav.contract import CAMERA_FRAME, ROBOT_COMMAND, ROBOT_OBSERVATION
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import Command
 from surveilnav.sensing.packing import decode_frame
-from tests.waiting import until
+from tests.waiting import patient, until
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(p for p in (ROOT / "docs" / "extend").glob("*.md") if p.stem != "README")
@@ -43,7 +43,7 @@ def code_of(name: str) -> dict[str, Any]:
 
 @pytest.fixture
 def client(make_node):
-    return make_node("test", "t", alive=False)
+    return patient(make_node("test", "t", alive=False))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

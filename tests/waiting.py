@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from surveilnav.bus import Unanswered
+from surveilnav.bus import Node, Unanswered
 
 T = TypeVar("T")
 
@@ -35,3 +35,10 @@ def until_heard(ask: Callable[[], T], timeout_s: float = 10.0) -> T:
     answer = until(lambda: [a] if (a := heard(ask)) is not None else None, "nobody was ever heard", timeout_s)
     assert answer is not None
     return answer[0]
+
+
+def patient(node: Node) -> Node:
+    """The node, whose questions are asked again until the router has heard of who answers."""
+    ask = node.ask
+    node.ask = lambda *query, **options: until_heard(lambda: ask(*query, **options))  # type: ignore[method-assign]
+    return node

@@ -16,7 +16,7 @@ from surveilnav.bus import Node, clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_STATUS, TRAFFIC
 from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionStatus, TrafficReport
-from tests.waiting import until
+from tests.waiting import patient, until
 
 
 @dataclass
@@ -128,6 +128,7 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
             stack = exits.enter_context(Stack(variables, folder / "logs", names, gateway=bool(gateway_port)))
             node = exits.enter_context(Node("test", "e2e", stack.bus, alive=False))
             stack.wait_ready(node, 90)
+            patient(node)
             return System(stack, node, home, gateway_port)
 
         yield start

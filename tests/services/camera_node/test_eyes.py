@@ -24,7 +24,7 @@ from surveilnav.messages import CameraRequest
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, ViewPerception
-from tests.waiting import until
+from tests.waiting import patient, until
 
 QUICK = CameraSettings(perception="oracle", look_period_s=0.01)
 
@@ -110,7 +110,7 @@ def test_while_frames_are_sent_no_look_begins(start):
 def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, make_node, make_camera):
     hold = threading.Event()
     service = CameraService(camera_node, make_camera(), QUICK)
-    client = make_node("test", "t", alive=False)
+    client = patient(make_node("test", "t", alive=False))
     watcher = Watcher(hold=hold)
     start(watcher)
     until(lambda: watcher.looks)  # it looks, and will for a long time

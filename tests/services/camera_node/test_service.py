@@ -14,14 +14,14 @@ from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
 from surveilnav.messages import CameraRequest
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
-from tests.waiting import until
+from tests.waiting import patient, until
 
 PLACE = {"floor": "0", "camera": "c1"}
 
 
 @pytest.fixture
 def client(make_node):
-    return make_node("test", "t", alive=False)
+    return patient(make_node("test", "t", alive=False))
 
 
 def listened(service, view):

@@ -42,7 +42,7 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.views import Detected, ViewPerception
-from tests.waiting import until
+from tests.waiting import patient, until
 
 CAMERA = Pinhole.from_hfov(160, 120, math.radians(79))
 RANGE_M = (0.1, 10.0)
@@ -171,7 +171,7 @@ class Scene:
 
     def __init__(self, make_node, world) -> None:
         self.make_node, self.world = make_node, world
-        self.client = make_node("test", "client", alive=False)
+        self.client = patient(make_node("test", "client", alive=False))
         self.revisions = self.client.table(contract.MAP_REVISION)
         self.robot = Robot(make_node("robot", "r", alive=False), world)
 

@@ -24,6 +24,7 @@ from surveilnav.perception import Backend
 from surveilnav.perception.backend import Stage, Work
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.sensing.views import Detected, ViewPerception
+from tests.waiting import patient
 
 CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
 RANGE_M = (0.5, 5.0)
@@ -88,7 +89,7 @@ def bus() -> Iterator[BusSettings]:
 @pytest.fixture
 def client(bus: BusSettings) -> Iterator[Node]:
     with Node("test", "client", bus, alive=False) as node:
-        yield node
+        yield patient(node)
 
 
 class Worker:

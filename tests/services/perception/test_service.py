@@ -27,7 +27,7 @@ from surveilnav.perception import Backend
 from surveilnav.perception.backend import Stage, Work
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
-from tests.waiting import until, until_heard
+from tests.waiting import patient, until, until_heard
 
 CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
 RANGE_M = (0.5, 5.0)
@@ -70,7 +70,7 @@ def bus() -> Iterator[BusSettings]:
 @pytest.fixture
 def client(bus: BusSettings) -> Iterator[Node]:
     with Node("test", "client", bus, alive=False) as node:
-        yield node
+        yield patient(node)
 
 
 def ask(client: Node, *query: Any, **options: Any) -> Any:

@@ -50,7 +50,7 @@ from surveilnav.messages import (
     WorkerLoad,
 )  # fmt: skip
 from surveilnav.sensing.packing import pack_array
-from tests.waiting import until, until_heard
+from tests.waiting import patient, until, until_heard
 
 ROOM = """
 ####################
@@ -190,7 +190,7 @@ def fakes(make_node, world, thing):
 
 @pytest.fixture
 def client(make_node):
-    return make_node("test", "client", alive=False)
+    return patient(make_node("test", "client", alive=False))
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from surveilnav.messages import Command, RobotStatus, Stair
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
-from tests.waiting import until, until_heard
+from tests.waiting import patient, until, until_heard
 
 STAIR = Stair(floor="0", to_floor="1", at_m=(0.0, 0.0, 0.0), to_m=(1.0, 1.0, 2.7), length_m=3.0)
 
@@ -56,7 +56,7 @@ class Body:
 
 @pytest.fixture
 def client(make_node):
-    return make_node("test", "t", alive=False)
+    return patient(make_node("test", "t", alive=False))
 
 
 @pytest.fixture
