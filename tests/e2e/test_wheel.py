@@ -38,9 +38,22 @@ def test_installed_apart_from_the_checkout_it_plays_a_search(wheel: Path, tmp_pa
     venv = tmp_path / "venv"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(venv)], check=True, timeout=60)
     (site,) = venv.glob("lib/python*/site-packages")
+    pip = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        str(venv / "bin" / "python"),
+        "install",
+        "-q",
+        "--no-deps",
+        "--no-index",
+    ]
+    subprocess.run([*pip, str(wheel)], check=True, capture_output=True, text=True, timeout=120)
     (site / "dependencies.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")  # its own .pth files aren't read
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(site)
+    script = [str(venv / "bin" / "surveilnav"), "models", "list", "--json"]
+    listed = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True)
+    assert "grounding-dino-tiny" in listed.stdout
     play = [str(venv / "bin" / "python"), "-m", "benchmark.canary", "with cameras", "--workers", "1"]
     run = subprocess.run(play, cwd=tmp_path, capture_output=True, text=True, timeout=200)
     assert run.returncode == 0, run.stderr
