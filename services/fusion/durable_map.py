@@ -73,10 +73,6 @@ class DurableMap:
         """Everything that ever happened to an object; None without a store. StoreError: it can't be read."""
         return None if self._journal is None else self._journal.history(floor, object_id)
 
-    def warn(self, what: str, **facts: object) -> None:
-        """Logs what people should know, at a limited rate."""
-        self._node.warn_seldom(what, **facts)
-
     def close(self) -> None:
         """Ends a snapshot that is being written, and closes the file."""
         if self._journal is not None:

@@ -12,7 +12,7 @@ from services.fusion.durable_map import DurableMap
 from services.fusion.perception_client import PerceptionClient, TextEmbedding
 from services.fusion.robot_places import RobotPlaces
 from services.fusion.store import StoreError
-from surveilnav.bus import Answer, Refused, Request, clock_ns
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.messages import DEFAULT_LAYERS, LayerHeader, ObjectList, ObjectRecord
 from surveilnav.messages.maps import LayerName
@@ -27,9 +27,9 @@ class Replies:
     """Called from the threads that serve queries."""
 
     def __init__(
-        self, config: FusionConfig, maps: DurableMap, perception: PerceptionClient, places: RobotPlaces
+        self, node: Node, config: FusionConfig, maps: DurableMap, perception: PerceptionClient, places: RobotPlaces
     ) -> None:
-        self._config, self._maps, self._perception, self._places = config, maps, perception, places
+        self._node, self._config, self._maps, self._perception, self._places = node, config, maps, perception, places
 
     # --- layers ---------------------------------------------------------------------------------------------------
 
@@ -51,8 +51,8 @@ class Replies:
         except KeyError as error:
             raise Refused("unknown_floor", str(error.args[0])) from error
         if left_out:
-            self._maps.warn(
-                f"a value layer leaves out views of floor {floor} that another model embedded", views=left_out
+            self._node.warn_seldom(
+                "a value layer leaves out views that another model embedded", floor=floor, views=left_out
             )
         header = LayerHeader(
             stamp_ns=clock_ns(), floor=floor, layer=cast("LayerName", layer), revision=revision, grid=grid,

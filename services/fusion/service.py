@@ -30,13 +30,12 @@ class FusionService:
         self._views_per_step = settings.camera_views_per_step
         self._maps = DurableMap(node, settings)
         self._sources = Sources(node, settings, config.map, self._maps.contents.robots)
-        self._words = Words(node, settings.prompts)
-        self._perception = PerceptionClient(node, settings, self._maps.holds, self._words.now)
+        self._perception = PerceptionClient(node, settings, self._maps.holds, Words(node, settings.prompts).now)
         self._pictures = KeptPictures(settings.kept_pictures_mb << 20)
         self._looked_for, self._embedder, self._asked_s = frozenset[str](), "", 0.0
         self._places = RobotPlaces()
         self._revisions = Revisions(node, config.map, self._maps, self._perception, self._places, self._sources.cameras)
-        replies = Replies(config, self._maps, self._perception, self._places)
+        replies = Replies(node, config, self._maps, self._perception, self._places)
         # a value layer may wait for perception: the others must not wait with it
         node.serve(MAP_LAYER, replies.layer, workers=3)
         node.serve(OBJECTS, replies.objects)

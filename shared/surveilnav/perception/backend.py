@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.errors import TargetError
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import ModelIds as ModelIds
 from surveilnav.perception.boxes import Boxes
@@ -96,6 +97,16 @@ class Backend(ABC):
             stage.run([work])
         assert work.seen is not None, f"the last stage of {self.name} gives no answer"
         return work.seen
+
+    def refuses(self, word: str) -> str:
+        """Why it can't look for a word; empty: it can."""
+        if self.vocabulary is None:
+            return ""
+        try:
+            self.vocabulary.known(word)
+        except TargetError as error:
+            return str(error)
+        return ""
 
     @abstractmethod
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from surveilnav.messages import ModelIds
 from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.protocols import Detector, Embedder, RgbdView, Segmenter
+from surveilnav.perception.protocols import ChecksWords, Detector, Embedder, RgbdView, Segmenter
 from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
 from surveilnav.sensing.views import Detected, ViewPerception
 
@@ -48,6 +48,11 @@ class Pipeline(Backend):
             Stage("segment", self._segment),
             Stage("embed", self._embed),
         )
+
+    def refuses(self, word: str) -> str:
+        """See ``Backend.refuses``; a detector may have reasons of its own (``ChecksWords``)."""
+        own = self.detector.refuses(word) if isinstance(self.detector, ChecksWords) else ""
+        return super().refuses(word) or own
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return self.embedder.embed_texts(texts)

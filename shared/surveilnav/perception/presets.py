@@ -39,7 +39,7 @@ class Networks:
     Attributes:
         detectors: the networks of ``onnx-coco`` for views of up to 900 pixels.
         large_detectors: the same for larger ones.
-        detector, segmenter, embedder: models or folders of ``paper``; empty: the paper's.
+        detector, segmenter, embedder: models or folders of ``paper`` and ``yolo-world``; empty: the preset's own.
         words_per_pass: how many words Grounding DINO looks for at once; 0: as many as fit into its text.
         threshold: the score that a box of ``detector`` needs; None: what its paper says.
         device, compiled: see ``Runtime``; of networks under PyTorch.

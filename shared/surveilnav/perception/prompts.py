@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import re
 
-from surveilnav.errors import TargetError
 from surveilnav.perception.backend import Backend
-from surveilnav.perception.protocols import ChecksWords
 from surveilnav.words import canonical
 
 _PROMPT = re.compile(
@@ -30,13 +28,4 @@ def word_refused(backend: Backend, text: str) -> str:
 
     A plain text is compared with embeddings alone: no detector has to know it.
     """
-    if not _PROMPT.fullmatch(text):
-        return ""
-    word = named(text)
-    if backend.vocabulary is not None:
-        try:
-            backend.vocabulary.known(word)
-        except TargetError as error:
-            return str(error)
-    detector = getattr(backend, "detector", None)
-    return detector.refuses(word) if isinstance(detector, ChecksWords) else ""
+    return backend.refuses(named(text)) if _PROMPT.fullmatch(text) else ""

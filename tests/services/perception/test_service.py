@@ -7,9 +7,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,7 +18,6 @@ from services.perception.config import PerceptionSettings
 from services.perception.service import PerceptionService
 from simulator.truth.backends import Oracle, Simulated
 from surveilnav.bus import BusSettings, Node, Refused, clock_ns
-from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, Part, Truth
@@ -27,7 +25,7 @@ from surveilnav.perception import Backend
 from surveilnav.perception.backend import Stage, Work
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
-from tests.waiting import patient, until, until_heard
+from tests.waiting import until
 
 CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
 RANGE_M = (0.5, 5.0)
@@ -58,24 +56,6 @@ def serving(node: Node, backend: Backend, settings: PerceptionSettings) -> Perce
     service = PerceptionService(node, backend, settings)
     service.warm_up()
     return service
-
-
-@pytest.fixture(scope="module")
-def bus() -> Iterator[BusSettings]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with open_router(endpoint):
-        yield BusSettings(router=endpoint, building="b")
-
-
-@pytest.fixture
-def client(bus: BusSettings) -> Iterator[Node]:
-    with Node("test", "client", bus, alive=False) as node:
-        yield patient(node)
-
-
-def ask(client: Node, *query: Any, **options: Any) -> Any:
-    """``client.ask``, again until the router has heard of the worker."""
-    return until_heard(lambda: client.ask(*query, **options))
 
 
 def request(seq: int = 1, shade: int = 0, **changes: object) -> tuple[InferRequest, bytes]:
@@ -121,7 +101,7 @@ def test_without_instance_ids_the_request_is_refused_by_name(bus: BusSettings, c
         serving(node, Oracle(), PerceptionSettings(worker="w2", truth_wait_s=0.1))
         asked, payload = request()
         with pytest.raises(Refused, match="instance ids") as error:
-            ask(client, PERCEPTION_INFER, asked, payload=payload, worker="w2", timeout_s=10)
+            client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w2", timeout_s=10)
     assert error.value.name == "no_truth"
 
 
@@ -142,7 +122,7 @@ def test_a_full_queue_refuses_and_a_deadline_is_kept_while_a_stage_is_stuck(bus:
         service = serving(node, backend, PerceptionSettings(worker="w5", capacity=2, max_batch=1))
 
         def infer(message: InferRequest, payload: bytes) -> object:
-            return ask(client, PERCEPTION_INFER, message, payload=payload, worker="w5", timeout_s=20)
+            return client.ask(PERCEPTION_INFER, message, payload=payload, worker="w5", timeout_s=20)
 
         with ThreadPoolExecutor() as pool:
             first = pool.submit(infer, *request(shade=1))
@@ -179,10 +159,10 @@ def test_pictures_that_make_no_sense_are_refused_and_the_worker_goes_on(
         serving(node, backend, PerceptionSettings(worker="w6"))
         bad, payload = request(**changes)
         with pytest.raises(Refused) as error:
-            ask(client, PERCEPTION_INFER, bad, payload=payload, worker="w6", timeout_s=10)
+            client.ask(PERCEPTION_INFER, bad, payload=payload, worker="w6", timeout_s=10)
         assert error.value.name == "bad_message"
         good, payload = request()
-        reply = ask(client, PERCEPTION_INFER, good, payload=payload, worker="w6", timeout_s=10).message
+        reply = client.ask(PERCEPTION_INFER, good, payload=payload, worker="w6", timeout_s=10).message
         assert reply.backend == "patient"
 
 
@@ -190,15 +170,15 @@ def test_texts_and_load(bus: BusSettings, client: Node) -> None:
     with Node("perception", "w7", bus) as node:
         serving(node, Simulated("because"), PerceptionSettings(worker="w7", capacity=3))
         asked = InferRequest(stamp_ns=clock_ns(), texts=["seems like there is a tv", "bed"])
-        reply = ask(client, PERCEPTION_TEXT, asked, worker="w7", timeout_s=10).message
+        reply = client.ask(PERCEPTION_TEXT, asked, worker="w7", timeout_s=10).message
         assert len(reply.embeddings) == 2
         tv, bed = (unpack_embedding(e, Simulated.embedding_dim) for e in reply.embeddings)
         assert tv @ bed < 0.5
         for texts, name in ((["flux capacitor"], "bad_target"), ([], "bad_message"), (["bed"] * 1000, "bad_message")):
             with pytest.raises(Refused) as error:
-                ask(client, PERCEPTION_TEXT, InferRequest(stamp_ns=1, texts=texts), worker="w7", timeout_s=10)
+                client.ask(PERCEPTION_TEXT, InferRequest(stamp_ns=1, texts=texts), worker="w7", timeout_s=10)
             assert error.value.name == name
-        load = ask(client, PERCEPTION_LOAD, worker="w7", timeout_s=10).message
+        load = client.ask(PERCEPTION_LOAD, worker="w7", timeout_s=10).message
         assert (load.backend, load.why, load.queued, load.capacity) == ("simulated", "because", 0, 3)
 
 

@@ -212,11 +212,6 @@ def planner(make_node, begin):
     return lambda settings=QUICK: begin(make_node("planner", "planner"), settings)
 
 
-def ask(client, *query, **options):
-    """``client.ask``, again until the router has heard of the planner."""
-    return until_heard(lambda: client.ask(*query, **options))
-
-
 def offer(client, mission="m1", target="chair", **more):
     goal = MissionGoal(stamp_ns=1, mission=mission, target=target, **more)
     return client.ask(MISSION_GOAL, goal, mission=mission, timeout_s=3).message
@@ -228,10 +223,10 @@ def submit(client, mission="m1", **more):
 
 def end_of(client, mission="m1", timeout_s=20.0):
     def ended():
-        status = ask(client, MISSION_STATUS, mission=mission).message
+        status = client.ask(MISSION_STATUS, mission=mission).message
         return status if status.state in FINISHED_STATES else None
 
-    return until(ended, lambda: ask(client, MISSION_STATUS, mission=mission).message, timeout_s)
+    return until(ended, lambda: client.ask(MISSION_STATUS, mission=mission).message, timeout_s)
 
 
 def test_finds_and_stops(fakes, planner, client):

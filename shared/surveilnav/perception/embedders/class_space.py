@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.prompts import named as named
+from surveilnav.perception.prompts import named
 from surveilnav.perception.protocols import ViewEmbedding
 from surveilnav.perception.vocabulary import COCO
 
