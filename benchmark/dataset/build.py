@@ -22,7 +22,7 @@ from benchmark.dataset.format import (
     SceneRecord,
     ViewPoint,
 )
-from benchmark.dataset.splits import SceneSpec, take
+from benchmark.dataset.splits import EDITION, SceneSpec, take
 from benchmark.play.sight import offered_views
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.world.goals import Goals, Start, find_goals, habitat_starts
@@ -37,6 +37,7 @@ MADE_BY = f"surveilnav {__version__}"
 DENSITIES_M2 = (100, 200)
 
 RULES = {
+    "edition": EDITION,
     "floors": "the building's storeys",
     "cameras": "one per 100 (200) m2 of floor indoors, rounded up, 1.8 m high, bad viewpoints skipped, farthest-point sampling",
     "views": "12 at -30 degrees every 30 degrees of azimuth and one straight down, 1280x1280",
