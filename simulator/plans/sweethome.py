@@ -1,4 +1,4 @@
-"""Sweet Home 3D's Home.xml as plain data, in the world frame: metres, z up, angles counter-clockwise.
+"""Sweet Home 3D's plans as plain data, in the world frame: metres, z up, angles counter-clockwise.
 
 The file has centimetres, y down in the plan, angles clockwise. It may come from anybody: document types and
 entities are refused, every number is checked, and whatever is wrong is named in a ``BuildingError``.
@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
+from simulator.plans.javahome import home_element
+from simulator.plans.javastream import MAGIC
 from surveilnav.errors import BuildingError
 
 Color = tuple[float, float, float]
@@ -170,12 +172,15 @@ class _Watched:
 
 
 def read_home(data: bytes, source: str) -> Home:
-    """The plan of a Home.xml.
+    """The plan of a Home.xml, or of the serialized ``Home`` that versions before 5.3 wrote.
 
     Raises:
         BuildingError: not a home, or a value that can't be; the message names the attribute.
     """
-    root = parse_xml(data, source)
+    if data.startswith(MAGIC):
+        root = home_element(data, source, max_elements=MAX_ELEMENTS, max_depth=MAX_DEPTH)
+    else:
+        root = parse_xml(data, source)
     if root.tag != "home":
         raise BuildingError(
             f"{source}: expected a <home> element as in Sweet Home 3D's Home.xml, got <{root.tag[:40]}>"
