@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 
@@ -139,7 +138,7 @@ class _Writer:
         path = url.fields.get("file") if isinstance(url, JavaObject) else None
         if not isinstance(path, str) or len(path) > _MAX_PATH:
             raise self._wrong(content, "url", path)
-        return unquote(path.partition("!/")[2])
+        return path.partition("!/")[2]
 
     def _rotation(self, piece: JavaObject) -> str:
         """Nine numbers, row by row."""

@@ -21,6 +21,8 @@ MAGIC = b"\xac\xed\x00\x05"
 MAX_BYTES = 64 << 20
 #: Fields, elements of arrays and what objects wrote themselves, all together.
 MAX_VALUES = 2_000_000
+#: Objects, arrays, strings and classes: a plan of 10,000 pieces has about half of them.
+MAX_OBJECTS = 300_000
 #: Walls hang on each other: a plan of 5,000 joined walls is as deep.
 MAX_DEPTH = 20_000
 #: From a class to the first of its ancestors.
@@ -130,6 +132,8 @@ class _Reader:
         return text
 
     def _new_handle(self, value: Any) -> int:
+        if len(self._handles) >= MAX_OBJECTS:
+            self._refuse(f"more than {MAX_OBJECTS} objects")
         self._handles.append(value)
         return len(self._handles) - 1
 
