@@ -150,10 +150,10 @@ class _Appended:
 
     def replace(self, primitive: dict[str, Any], arrays: dict[str, Any]) -> None:
         """Gives a primitive its arrays. Of those that it had, the empty ones are gone: zeros would be read for them."""
-        attributes = dict(arrays["attributes"])
+        attributes: dict[str, int] = dict(arrays["attributes"])
         for name, old in primitive["attributes"].items():
             if "bufferView" not in self._accessors[old]:
-                self._accessors[old] = self._accessors[attributes.get(name, attributes["POSITION"])]
+                self._accessors[old] = self._accessors[attributes[name if name in attributes else "POSITION"]]
             else:
                 attributes.setdefault(name, old)
         self._accessors[primitive["indices"]] = self._accessors[arrays["indices"]]
@@ -163,7 +163,7 @@ class _Appended:
         """The number of a new accessor, like another one, that leads to these values (N, k)."""
         with np.errstate(invalid="ignore"):
             data = np.ascontiguousarray(values, dtype=_DTYPES[like["componentType"]]).tobytes()
-        kept = {key: like[key] for key in ("componentType", "type", "normalized") if key in like}
+        kept: dict[str, Any] = {key: like[key] for key in ("componentType", "type", "normalized") if key in like}
         self._accessors.append({**kept, "bufferView": len(self._views), "count": len(values)})
         self._views.append({"buffer": 0, "byteOffset": self._end, "byteLength": len(data)})
         self._parts.append(data + b"\0" * (-len(data) % 4))
