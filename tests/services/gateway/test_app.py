@@ -181,6 +181,25 @@ def test_a_body_without_a_length_is_refused(client):
     problem(client.post("/api/v1/missions", content=iter([b'{"target": "tv"}'])), 411)
 
 
+@pytest.mark.parametrize("method", ["GET", "POST", "OPTIONS"])
+@pytest.mark.parametrize("path", ["/", "/healthz", "/api/v1/missions", "/nowhere"])
+def test_a_request_for_a_strangers_name_is_refused(client, method, path):
+    told = problem(client.request(method, path, headers={"host": "rebound.example:8080"}), 421)
+    assert named(told) == "foreign_host"
+    assert told["instance"] == path
+    assert "'rebound.example:8080'" in told["detail"]
+    assert "SURVEILNAV_GATEWAY__ALLOWED_HOSTS" in told["detail"]
+
+
+def test_a_host_that_is_none_breaks_nothing(client):
+    assert named(problem(client.get("/healthz", headers={"host": "["}), 421)) == "foreign_host"
+
+
+def test_loopback_by_any_of_its_names_is_answered(client):
+    for host in ("localhost", "localhost:8080", "127.0.0.1", "[::1]:8080"):
+        assert client.get("/healthz", headers={"host": host}).status_code == 200
+
+
 @pytest.mark.parametrize(
     "id", ["m-unknown", "..%2F..%2Fetc", "*", "**", "%00", "a%2Fb", "a" * 65, "%F0%9F%8C%B1", "$*", "a b"]
 )
