@@ -130,6 +130,9 @@ def test_find_and_status_through_the_gateway(running):
     refused = surveilnav("find", "?!")
     assert refused.returncode == 1
     assert "fire extinguisher" in refused.stderr
+    error = json.loads(refused.stdout)["error"]
+    assert (error["type"], error["name"]) == ("GatewayError", "bad_target")
+    assert "fire extinguisher" in error["message"]
     assert "Traceback" not in refused.stderr
     run = surveilnav("find", "tv")
     assert run.returncode == 0, run.stderr
