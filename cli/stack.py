@@ -123,7 +123,7 @@ def environment(
     *, router: str, building: str, seed: int, cameras: int | None, area_per_camera_m2: float, perception: str,
     surveillance: bool, state: Path, robot_start: str = "",
 ) -> dict[str, str]:  # fmt: skip
-    """The settings of a stack as environment variables. ``state``: where maps and missions of this building are kept."""
+    """The settings of a stack as environment variables. ``state``: where maps, missions and the robot's place are kept."""
     settings = {
         "SURVEILNAV_BUS__ROUTER": router,
         "SURVEILNAV_BUS__BUILDING": bus_name(building),
@@ -139,6 +139,7 @@ def environment(
         "SURVEILNAV_FUSION__SURVEILLANCE": str(surveillance).lower(),
         "SURVEILNAV_FUSION__STORE": str(state.resolve() / "fusion.sqlite"),
         "SURVEILNAV_PLANNER__STORE": str(state.resolve() / "planner.sqlite"),
+        "SURVEILNAV_ROBOT__STORE": str(state.resolve() / "robot.state"),
         "SURVEILNAV_ROBOT__START": robot_start,
         # Two cores: every process with a pool of its own would only wait for the others.
         "OMP_NUM_THREADS": "2",
