@@ -101,7 +101,7 @@ def list_objects(url: str, text: str, label: str, floor: str, console: Console, 
 
 def system_status(url: str, console: Console, as_json: bool) -> None:
     """Prints what the gateway knows."""
-    paths = {name: f"/api/v1/{name}" for name in ("robots", "cameras", "perception", "missions")}
+    paths = {name: f"/api/v1/{name}" for name in ("services", "robots", "cameras", "perception", "missions")}
     answer = {name: call(url, "GET", path) for name, path in paths.items()}
     if as_json:
         print(json.dumps(answer))

@@ -467,3 +467,16 @@ def test_a_map_that_grew_keeps_its_place_in_the_world(client, building):
     finally:
         building.grid = Grid(-1.0, -2.0, 0.5, 12, 16)
         building.put_revision()
+
+
+def test_services_that_are_kept_running(client, building):
+    assert client.get("/api/v1/services").json() == {"items": [], "total": 0}
+    up = building.node("cli", "up")
+    states = [m.ServiceState("router", True), m.ServiceState("fusion", False, 2, 1_700_000_000_000_000_000, "SIGKILL")]
+    publisher = up.publisher(contract.SERVICES, supervisor="up")
+    until(lambda: publisher.matched)
+    publisher.put(m.ServiceList(stamp_ns=clock_ns(), supervisor="up", services=states))
+    router, fusion = until(lambda: client.get("/api/v1/services").json()["items"])
+    assert (router["id"], router["running"], router["restarts"], router["restarted"]) == ("router", True, 0, None)
+    assert (fusion["running"], fusion["restarts"], fusion["why"], fusion["stale"]) == (False, 2, "SIGKILL", False)
+    assert fusion["restarted"] == "2023-11-14T22:13:20Z"
