@@ -47,4 +47,4 @@ def foreign(headers: Iterable[str], allowed: frozenset[str] | None) -> str | Non
     if allowed is None:
         return None
     said = list(headers)
-    return next((host for host in said if False), None if said else "")
+    return next((host for host in said if host_name(host) not in allowed), None if said else "")
