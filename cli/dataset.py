@@ -17,7 +17,10 @@ console = Console(stderr=True, highlight=False)
 
 DEFAULT_ROOT = Path("data/surveilnav-v1")
 Root = Annotated[Path, typer.Option(help="The dataset's folder.")]
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
+AsJson = Annotated[
+    bool,
+    typer.Option("--json", help='One JSON object on stdout, {"error": ...} if it fails; everything else on stderr.'),
+]
 
 
 @app.command()
@@ -28,7 +31,8 @@ def build(
     building: Annotated[
         list[str] | None,
         typer.Option(
-            help="For a split of your own: a .sh3d, .glb or .obj file, a folder of HM3D, or a building's name."
+            help="For a split of your own: a name of `surveilnav buildings`, or the path of a .sh3d file, a Home.xml, a .glb, "
+            "an .obj or a folder of HM3D."
         ),
     ] = None,
     episodes: Annotated[

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import signal
 import sys
@@ -17,6 +16,7 @@ from pydantic_settings import SettingsError
 from rich.console import Console
 
 from cli import bench, dataset, models
+from cli.mistakes import as_object, in_words
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception.names import BackendName
 
@@ -39,7 +39,11 @@ class OnOff(StrEnum):
 
 
 Building = Annotated[
-    str, typer.Option(help="An example home (see `surveilnav buildings`) or the path of a .sh3d file.")
+    str,
+    typer.Option(
+        help="A name of `surveilnav buildings` (an example home, office_7, flats_7, parametric_flat, ...), or the path of a "
+        ".sh3d file, a Home.xml, a .glb, an .obj or a folder of HM3D."
+    ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Draws furniture models, textures, start and sensor noise.")]
 Cameras = Annotated[int | None, typer.Option(min=0, max=10_000, help="So many cameras in all (4 if no area is given).")]
@@ -48,7 +52,10 @@ Perception = Annotated[BackendName, typer.Option(help="What looks at the picture
 Text = Annotated[
     str, typer.Argument(help="What looks most like it comes first; a perception with a closed set refuses other words.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
+AsJson = Annotated[
+    bool,
+    typer.Option("--json", help='One JSON object on stdout, {"error": ...} if it fails; everything else on stderr.'),
+]
 Url = Annotated[str, typer.Option(envvar="SURVEILNAV_URL", help="The gateway.")]
 DEFAULT_URL = "http://127.0.0.1:8080"
 
@@ -195,25 +202,12 @@ def main() -> None:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
     except (ValidationError, SettingsError, SurveilNavError, OSError) as error:
-        if (mistake := _mistake(error)) is None:
+        if (words := in_words(error)) is None:
             raise
-        print(mistake, file=sys.stderr)
+        if "--json" in sys.argv[1:]:
+            print(json.dumps(as_object(error, words)))
+        print(words, file=sys.stderr)
         sys.exit(1)
-
-
-def _mistake(error: Exception) -> str | None:
-    """What a user or the machine did wrong, in a line; None: a bug, which wants its traceback."""
-    if isinstance(error, ValidationError):
-        from surveilnav.bus.main import explain
-
-        return explain(error)
-    if not isinstance(error, OSError):
-        return f"error: {error}"
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    if error.filename is None and not full:  # not about a file that the user named
-        return None
-    where = f"{error.filename}: " if error.filename else ""
-    return f"error: {where}{error.strerror}{'; make room and run again' if full else ''}"
 
 
 if __name__ == "__main__":

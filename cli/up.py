@@ -10,8 +10,12 @@ from rich.console import Console
 
 from cli.progress import bar
 from cli.stack import Stack, environment
+from cli.supervisor import Supervisor
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node
+
+#: How often it is looked whether a service has ended.
+_TEND_S = 0.1
 
 
 def run_up(
@@ -32,14 +36,14 @@ def run_up(
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
-    with Stack(variables, logs, names, gateway=True) as stack:
-        with Node("cli", "up", stack.bus, alive=False) as node:
-            stack.wait_ready(node, 120.0)
+    with Stack(variables, logs, names, gateway=True) as stack, Node("cli", "up", stack.bus, alive=False) as node:
+        stack.wait_ready(node, 120.0)  # what ends before all are ready has a reason that no restart mends
         console.print(
             f"ready: http://127.0.0.1:{port}/  (building {plan.building}, {len(names)} cameras; logs in {logs}, "
             f"maps and missions in {state})"
         )
         console.print('try: surveilnav find "tv"    stop: Ctrl-C')
-        while not stopping.wait(1.0):
-            stack.check()
+        supervisor = Supervisor(stack, node, lambda text: console.print(text, markup=False, soft_wrap=True))
+        while not stopping.wait(_TEND_S):
+            supervisor.tend()
     console.print("stopped")

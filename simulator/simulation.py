@@ -46,7 +46,11 @@ class SimulationSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_SIM__", extra="ignore")
 
-    building: str = Field("studio", description="an example home, office_<n>, flats_<n>, or the path of a .sh3d file")
+    building: str = Field(
+        "studio",
+        description="a name of `surveilnav buildings`, or the path of a .sh3d file, a Home.xml, a .glb, an .obj or a folder of "
+        "HM3D",
+    )
     seed: int = Field(0, ge=0, description="draws furniture models, floor textures, starts and sensor noise")
     models: Literal["all", "train", "val"] = Field("all", description="furnish with one half of the models alone")
     area_per_camera_m2: float = Field(100.0, gt=0, description="one camera for so much floor")

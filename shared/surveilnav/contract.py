@@ -167,6 +167,10 @@ TRAFFIC = Stream(
     "traffic", "{building}/traffic/{node}", m.TrafficReport, "every node", "put+query", 1.0, 20_000,
     "data", "bytes offered and delivered per key, bytes on the wire; at most at this rate, seldom without news",
 )  # fmt: skip
+SERVICES = Stream(
+    "services", "{building}/services/{supervisor}", m.ServiceList, "surveilnav up", "put", 1.0, 3_000,
+    "data", "the processes that are kept running, how often each was started again, and why",
+)  # fmt: skip
 TRUTH = Stream(
     "truth", "{building}/truth/{source}/{view}", m.Truth, "simulator nodes", "put", None, 10_000,
     "bulk", "simulation only: instance ids for the backends oracle and simulated", payload=True,

@@ -16,6 +16,7 @@ from simulator.furniture.objfile import EmptyModelError
 from simulator.furniture.parametric import parametric_piece
 from simulator.furniture.placing import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
 from simulator.plans.openings import drops_group, is_door, is_pane, is_stairs, stands_open
+from simulator.plans.outliers import without_outliers
 from simulator.plans.polygons import contains
 from simulator.plans.shell import Shell
 from simulator.plans.stairs import IsFloor, find_transit
@@ -49,7 +50,10 @@ def build_home(
         source: for people.
         models: which half of the furniture models is used.
     """
-    return _Furnisher(home, name, seed, furniture, archive, models).scene(source)
+    home, notes = without_outliers(home)
+    furnisher = _Furnisher(home, name, seed, furniture, archive, models)
+    furnisher.builder.notes.extend(notes)
+    return furnisher.scene(source)
 
 
 class _Furnisher(Shell):

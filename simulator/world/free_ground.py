@@ -101,9 +101,22 @@ def _grid_of(scene: Scene, resolution_m: float) -> Grid:
     if rows > 65536 or cols > 65536 or rows * cols > _MAX_CELLS:
         raise BuildingError(
             f"the building {scene.name!r} is {cols * resolution_m:.0f} x {rows * resolution_m:.0f} m: too large for a "
-            f"grid of {resolution_m} m cells (at most {_MAX_CELLS} cells). Is its unit metres?"
+            f"grid of {resolution_m} m cells (at most {_MAX_CELLS} cells). {_farthest(scene)} Is its unit metres?"
         )
     return Grid(col0 * resolution_m, row0 * resolution_m, resolution_m, rows, cols)
+
+
+def _farthest(scene: Scene) -> str:
+    """Which piece of a building reaches farthest from the middle of all its corners, in a sentence for people."""
+    if not scene.instances:
+        return ""
+    middle = np.median(scene.vertices[:, :2], axis=0)
+    boxes = np.array([(i.p_min[:2], i.p_max[:2]) for i in scene.instances])
+    reach_m = np.hypot(*np.abs(boxes - middle).max(axis=1).T)
+    worst = int(reach_m.argmax())
+    low, high = boxes[worst]
+    name, where = scene.instances[worst].name[:40], f"({low[0]:.0f}, {low[1]:.0f}) to ({high[0]:.0f}, {high[1]:.0f}) m"
+    return f"Farthest from its middle is {name!r}, from {where}: {reach_m[worst]:,.0f} m."
 
 
 def _supported(caster: RayCaster, grid: Grid, z_m: float, max_step_m: float) -> NDArray[np.bool_]:

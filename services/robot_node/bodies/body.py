@@ -57,8 +57,8 @@ class Body(Protocol):
         """Why it can't carry out an action at all, for people; empty if it can."""
         ...
 
-    def begin_mission(self) -> None:
-        """Counts path and steps from here on."""
+    def begin_mission(self, mission: str) -> None:
+        """Counts path and steps from here on; ``state`` names the mission."""
         ...
 
     def act(self, action: str, to_floor: str | None = None) -> None:

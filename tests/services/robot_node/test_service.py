@@ -36,8 +36,8 @@ class Body:
     def refusal(self, action, to_floor=None):
         return "it has no wings" if action == "look_up" else ""
 
-    def begin_mission(self):
-        self.state = dataclasses.replace(self.state, path_m=0.0, last_action=None, stopped=False)
+    def begin_mission(self, mission):
+        self.state = dataclasses.replace(self.state, path_m=0.0, last_action=None, stopped=False, mission=mission)
 
     def act(self, action, to_floor=None):
         s = self.state
@@ -119,7 +119,7 @@ def test_a_new_mission_counts_from_zero_unless_its_command_is_refused(robot, cli
     assert client.ask(ROBOT_STATUS, robot="r1").message.path_m == 0.25
     command("turn_left", 1, mission="m2")
     status = client.ask(ROBOT_STATUS, robot="r1").message
-    assert (status.seq, status.path_m, status.last_action) == (2, 0.0, "turn_left")
+    assert (status.seq, status.path_m, status.last_action, status.mission) == (2, 0.0, "turn_left", "m2")
     command("stop", 2, mission="m2")
     assert client.ask(ROBOT_STATUS, robot="r1").message.state == "stopped"
     assert service.step()
