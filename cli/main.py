@@ -173,6 +173,24 @@ def buildings(as_json: AsJson = False) -> None:
 
 
 @app.command()
+def homes(folder: Annotated[Path, typer.Argument(help="A folder, or one file.")], as_json: AsJson = False) -> None:
+    """Say of every plan and mesh in FOLDER how much of it robots can search. Exit 1 if nothing could be read.
+
+    It takes .sh3d files, Home.xml, .glb, .gltf, .obj and folders of HM3D, however deep they lie.
+    """
+    from cli.homes import as_dict, look_at, show
+    from cli.progress import counting
+
+    with counting(console, "files") as progress:
+        lines = look_at(folder, progress)
+    if as_json:
+        print(json.dumps({"folder": str(folder), "homes": [as_dict(line) for line in lines]}))
+    else:
+        show(lines, console)
+    raise typer.Exit(0 if any(line.survey for line in lines) else 1)
+
+
+@app.command()
 def prepare() -> None:
     """Make once what every node of a simulated building needs: baked light, camera plan, camera views.
 

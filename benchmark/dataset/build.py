@@ -87,6 +87,8 @@ def _goals_of(building: SimulatedBuilding) -> dict[str, Goals]:
     """By our label, in Habitat's order of categories; those that the building lacks are left out."""
     found = {}
     for label in files.CATEGORIES.values():
+        if not building.scene.called(label):
+            continue
         try:
             found[label] = find_goals(building.scene, building.navigation, label, caster=building.caster)
         except TargetError:
