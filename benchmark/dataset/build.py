@@ -70,7 +70,7 @@ def build_scene(root: Path, split: str, spec: SceneSpec, n_episodes: int) -> Sce
             for f in navigation.floors.values()
         ],
         target_models={label: sorted({i.model for i in g.instances}) for label, g in goals.items()},
-        notes=list(scene.notes),
+        notes=list(building.notes),
     )  # fmt: skip
     files.write(folder / "scenes" / f"{spec.scene}.json", record)
     return record

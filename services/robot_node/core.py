@@ -115,13 +115,13 @@ def stairs_of(navigation: NavigationLike) -> list[Stair]:
 
 def status_of(
     state: RobotState, *, robot: str, mission: str = "", kind: StateName = "ready", message: str = "",
-    stairs: Sequence[Stair] = (), stamp_ns: int = 0,
+    stairs: Sequence[Stair] = (), notes: Sequence[str] = (), stamp_ns: int = 0,
 ) -> RobotStatus:  # fmt: skip
     """What the robot says of itself on the bus. ``mission``: the one that it last obeyed."""
     return RobotStatus(
         stamp_ns=stamp_ns, robot=robot, floor=state.floor, seq=state.seq, state=kind, pitch_rad=state.pitch_rad,
-        T_world_base=Pose.from_matrix(base_pose_of(state)), message=message, stairs=list(stairs), mission=mission,
-        collided=state.collided, last_action=state.last_action, path_m=state.path_m,  # type: ignore[arg-type]
+        T_world_base=Pose.from_matrix(base_pose_of(state)), message=message, stairs=list(stairs), notes=list(notes),
+        mission=mission, collided=state.collided, last_action=state.last_action, path_m=state.path_m,  # type: ignore[arg-type]
     )  # fmt: skip
 
 

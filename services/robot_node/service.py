@@ -99,5 +99,5 @@ class RobotService:
         )
         return core.status_of(
             state, robot=self._settings.id, mission=mission, kind=kind, message=self._message,
-            stairs=self._body.stairs, stamp_ns=clock_ns(),
+            stairs=self._body.stairs, notes=self._body.notes, stamp_ns=clock_ns(),
         )  # fmt: skip

@@ -24,6 +24,7 @@ from simulator.world.scene import Floor, Room, Scene
 _PIECE_M2 = 1.0
 #: So many reasons and so many rooms of one are said.
 _MOST_REASONS, _MOST_ROOMS = 6, 3
+_LONGEST_NAME = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +136,8 @@ def _shut_off(scene: Scene, navigation: NavigationMap, floor: Floor, f: FloorNav
         return
     shut = np.isin(beyond, pieces)
     rooms = sorted(
-        {room.name.strip() for room in scene.rooms if room.floor == floor.id and _holds(room, f, shut)} - {""}
+        {room.name.strip()[:_LONGEST_NAME] for room in scene.rooms if room.floor == floor.id and _holds(room, f, shut)}
+        - {""}
     )
     more = len(rooms) - _MOST_ROOMS
     names = ", ".join([*rooms[:_MOST_ROOMS], *([f"{more} more"] if more > 0 else [])])
