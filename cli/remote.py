@@ -112,3 +112,5 @@ def system_status(url: str, console: Console, as_json: bool) -> None:
         for row in items:
             facts = {k: v for k, v in row.items() if isinstance(v, (str, int, float, bool)) and v != ""}
             console.print("  " + "  ".join(f"{k}={v}" for k, v in list(facts.items())[:8]), markup=False)
+            for note in row.get("notes", []):
+                console.print(f"  note: {note}", markup=False)

@@ -143,7 +143,7 @@ def _terminate(processes: list[subprocess.Popen[bytes]]) -> None:
 
 def environment(
     *, router: str, building: str, seed: int, cameras: int | None, area_per_camera_m2: float, perception: str,
-    surveillance: bool, state: Path, robot_start: str = "",
+    surveillance: bool, state: Path, cameras_everywhere: bool = False, robot_start: str = "",
 ) -> dict[str, str]:  # fmt: skip
     """The settings of a stack as environment variables. ``state``: where maps, missions and the robot's place are kept."""
     settings = {
@@ -152,6 +152,7 @@ def environment(
         "SURVEILNAV_SIM__BUILDING": building,
         "SURVEILNAV_SIM__SEED": str(seed),
         "SURVEILNAV_SIM__AREA_PER_CAMERA_M2": str(area_per_camera_m2),
+        "SURVEILNAV_SIM__CAMERAS_EVERYWHERE": str(cameras_everywhere).lower(),
         "SURVEILNAV_PERCEPTION__BACKEND": perception,
         "SURVEILNAV_PERCEPTION__SEED": str(seed),
         # With what a camera looks for its summary; it does so only in buildings of more than one floor, where the

@@ -20,17 +20,23 @@ _TEND_S = 0.1
 
 def run_up(
     console: Console, *, building: str, seed: int, perception: str, surveillance: bool, cameras: int | None,
-    area_per_camera_m2: float, port: int, router: str, logs: Path,
+    area_per_camera_m2: float, cameras_everywhere: bool, port: int, router: str, logs: Path,
 ) -> None:  # fmt: skip
     """Prepares the building, starts everything, and waits."""
-    settings = SimulationSettings(building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2)
+    settings = SimulationSettings(
+        building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
+        cameras_everywhere=cameras_everywhere,
+    )  # fmt: skip
     with bar(console) as progress:
-        plan = SimulatedBuilding(settings, progress).prepare()
+        simulated = SimulatedBuilding(settings, progress)
+        plan = simulated.prepare()
+    for note in simulated.notes:
+        console.print(f"note: {note}", markup=False)
     # Maps and missions of a building, to go on with next time; never those of another one, or of its plan before a change.
     state = logs / "state" / plan.scene_hash[:16]
     variables = environment(
         router=router, building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
-        perception=perception, surveillance=surveillance, state=state,
+        perception=perception, surveillance=surveillance, state=state, cameras_everywhere=cameras_everywhere,
     ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}  # fmt: skip
     names = [camera.name for camera in plan.cameras] if surveillance else []
     stopping = threading.Event()

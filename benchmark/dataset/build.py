@@ -71,7 +71,7 @@ def build_scene(root: Path, split: str, spec: SceneSpec, n_episodes: int) -> Sce
             for f in navigation.floors.values()
         ],
         target_models={label: sorted({i.model for i in g.instances}) for label, g in goals.items()},
-        notes=list(scene.notes),
+        notes=list(building.notes),
     )  # fmt: skip
     files.write(folder / "scenes" / f"{spec.scene}.json", record)
     return record
@@ -88,6 +88,8 @@ def _goals_of(building: SimulatedBuilding) -> dict[str, Goals]:
     """By our label, in Habitat's order of categories; those that the building lacks are left out."""
     found = {}
     for label in files.CATEGORIES.values():
+        if not building.scene.called(label):
+            continue
         try:
             found[label] = find_goals(building.scene, building.navigation, label, caster=building.caster)
         except TargetError:

@@ -116,13 +116,13 @@ def stairs_of(navigation: NavigationLike) -> list[Stair]:
 
 def status_of(
     state: RobotState, *, robot: str, kind: StateName = "ready", message: str = "", stairs: Sequence[Stair] = (),
-    stamp_ns: int = 0,
+    notes: Sequence[str] = (), stamp_ns: int = 0,
 ) -> RobotStatus:  # fmt: skip
     """What the robot says of itself on the bus."""
     return RobotStatus(
         stamp_ns=stamp_ns, robot=robot, floor=state.floor, seq=state.seq, state=kind, pitch_rad=state.pitch_rad,
-        T_world_base=Pose.from_matrix(base_pose_of(state)), message=message, stairs=list(stairs), mission=state.mission,
-        collided=state.collided, last_action=state.last_action, path_m=state.path_m,  # type: ignore[arg-type]
+        T_world_base=Pose.from_matrix(base_pose_of(state)), message=message, stairs=list(stairs), notes=list(notes),
+        mission=state.mission, collided=state.collided, last_action=state.last_action, path_m=state.path_m,  # type: ignore[arg-type]
     )  # fmt: skip
 
 

@@ -94,5 +94,5 @@ class RobotService:
         )
         return core.status_of(
             state, robot=self._settings.id, kind=kind, message=self._message,
-            stairs=self._body.stairs, stamp_ns=clock_ns(),
+            stairs=self._body.stairs, notes=self._body.notes, stamp_ns=clock_ns(),
         )  # fmt: skip

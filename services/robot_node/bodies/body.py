@@ -43,10 +43,11 @@ class Look:
 class Body(Protocol):
     """One robot. Commands and looks come from two threads; commands never overlap.
 
-    ``stairs``: those that it can take, in both directions.
+    ``stairs``: those that it can take, in both directions. ``notes``: what people should know of where it can go.
     """
 
     stairs: Sequence[Stair]
+    notes: Sequence[str]
 
     @property
     def state(self) -> RobotState:

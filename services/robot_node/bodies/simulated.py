@@ -31,6 +31,7 @@ class SimulatedBody:
         self._building, self._state, self._keep = building, state, keep
         self._labels = building.scene.truth_labels
         self.stairs: Sequence[Stair] = core.stairs_of(building.navigation)
+        self.notes: Sequence[str] = [said] if (said := building.reach.sentence) else []
 
     @property
     def state(self) -> core.RobotState:

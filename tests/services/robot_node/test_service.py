@@ -29,6 +29,7 @@ class Body:
     """A robot that walks along x, stops at a wall at x = 0.4 m, and can't fly."""
 
     stairs = (STAIR,)
+    notes = ("robots reach 3 of 4 m²",)
 
     def __init__(self, real=False):
         self.state, self.real = RobotState(0.0, 0.0, 0.0, "0", 0.5), real
@@ -88,6 +89,7 @@ def test_it_says_what_it_did_in_status_and_observation_alike(robot, client, comm
     status = client.ask(ROBOT_STATUS, robot="r1").message
     assert (status.seq, status.last_action, status.collided, status.path_m) == (0, None, False, 0.0)
     assert status.stairs == [STAIR]
+    assert status.notes == ["robots reach 3 of 4 m²"]
     for seq, path_m, collided in ((1, 0.25, False), (2, 0.4, True)):
         reply = command("move_forward", seq - 1)
         assert (reply.accepted, reply.seq) == (True, seq)

@@ -37,6 +37,7 @@ class Navigation:
 class Building:
     navigation = Navigation()
     scene = SimpleNamespace(name="home", truth_labels={5: "bed"}, content_hash="abc")
+    reach = SimpleNamespace(sentence="robots reach 16 of 20 m²")
     settings = SimpleNamespace(seed=3)
 
     def robot_view(self, T_world_camera, camera, depth_range_m, seq):
@@ -49,6 +50,7 @@ class Building:
 
 def test_it_moves_by_the_core_and_sees_where_it_stands():
     body = SimulatedBody(Building(), core.RobotState(1.0, 1.0, 0.2, "0", 0.0))
+    assert body.notes == ["robots reach 16 of 20 m²"]
     assert body.refusal("move_forward") == ""
     assert "no stair leads" in body.refusal("take_stairs", "1")
     body.act("move_forward")
