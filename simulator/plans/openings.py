@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simulator.plans.plan import Opening
 from simulator.plans.sweethome import Piece
+from simulator.plans.words import CLOSED
 
 #: An opening reaches this far to both sides of its piece, so that a wall thicker than the model is cut through.
 _REACH_M = 0.02
@@ -19,22 +20,21 @@ _DOOR_HEIGHT_M = 1.8
 
 _OPENING = re.compile(r"sweethome3d_(opening|hinge|window_pane)|window_pane", re.IGNORECASE)
 _PANE = re.compile(r"window_pane", re.IGNORECASE)
-_CLOSED = re.compile(r"front|entrance|exterior|garage|elevator|hatch|shutter", re.IGNORECASE)
 _DOOR = re.compile(r"door|gate|frame", re.IGNORECASE)
 _WINDOW = re.compile(r"window", re.IGNORECASE)
 
 
 def is_door(piece: Piece) -> bool:
-    """Whether an opening is a door; a French window, which reaches down to the floor, is one too."""
+    """Whether an opening is a door: whatever one can walk through, in any language, and what is called so in English."""
+    if piece.z_m < 0.05 and piece.size_m[2] >= _DOOR_HEIGHT_M:
+        return True
     words = f"{piece.catalog_id} {piece.name}"
-    if _WINDOW.search(words):
-        return piece.z_m < 0.05 and piece.size_m[2] >= _DOOR_HEIGHT_M
-    return bool(_DOOR.search(words))
+    return bool(_DOOR.search(words)) and not _WINDOW.search(words)
 
 
 def stands_open(piece: Piece) -> bool:
     """Whether a robot may pass: doors inside the building are open, those to the street are not."""
-    return is_door(piece) and not _CLOSED.search(f"{piece.catalog_id} {piece.name}")
+    return is_door(piece) and not CLOSED.search(f"{piece.catalog_id} {piece.name}")
 
 
 def drops_group(piece: Piece, group: str) -> bool:
