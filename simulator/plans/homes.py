@@ -15,6 +15,7 @@ from simulator.furniture.models import Model, load_model
 from simulator.furniture.objfile import EmptyModelError
 from simulator.furniture.parametric import parametric_piece
 from simulator.furniture.placing import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
+from simulator.plans.leaves import without_leaf
 from simulator.plans.openings import drops_group, is_door, is_pane, is_stairs, stands_open
 from simulator.plans.polygons import contains
 from simulator.plans.shell import Shell
@@ -115,8 +116,10 @@ class _Furnisher(Shell):
             self._add_own(model, piece, label, level, entry)
 
     def _add_own(self, model: Model, piece: Piece, label: str, level: Level, entry: CatalogModel | None) -> None:
-        """Adds a piece as its own model, in its own colours."""
+        """Adds a piece as its own model, in its own colours; a door that stands open without its leaf."""
         mesh = placed(model, piece, piece.rotation, level.z_m, lambda _, m: self._tint(m, piece))
+        if piece.is_opening and stands_open(piece):
+            mesh = without_leaf(mesh, piece, level.z_m)
         known_as = entry.id if entry else piece.model
         self._add(mesh, piece.name, label, level, model=known_as, room=self._room_at(piece, level))
 
