@@ -1,6 +1,6 @@
 """The leaf of a door: whatever of its model fills the opening, by whatever name.
 
-Sweet Home 3D's own doors name the parts that move (``openings.drops_group``); other libraries and older versions don't.
+Sweet Home 3D's own doors name the parts that move (``openings.is_moving_part``); other libraries and older versions don't.
 So an open door loses what stands in a robot's way: a leaf or two, their panes and handles, a sliding panel. The frame
 around it stays.
 """

@@ -52,6 +52,7 @@ class Shell:
         self.rooms: list[_DrawnRoom] = []
         self.cuts: list[tuple[NDArray[np.float64], float, float]] = []
         self.meshes: list[Mesh] = []
+        self._with_ceilings = {self._level(room.level).id for room in home.rooms if room.ceiling}
         self._paint: dict[Color | None, Material] = {}
         self._pictures: dict[str, Material | None] = {}
 
@@ -101,7 +102,7 @@ class Shell:
             level = self._level(plan.level)
             outline = np.array(plan.outline_m)
             title = plan.name or f"Room {number + 1}"
-            self._know_room(title, outline, level, plan.floor)
+            self._know_room(title, outline, level, plan.floor, plan.ceiling or level.id not in self._with_ceilings)
             if plan.floor:
                 self._build_floor(outline, level, title, self._covering(plan, title, coverings))
             if plan.ceiling:
@@ -111,9 +112,9 @@ class Shell:
                 slab = build_slab(outline, z, paint, self._holes_at(z), up=False)
                 self._add(slab, f"Ceiling of {title}", "ceiling", level, room=title)
 
-    def _know_room(self, title: str, outline: Polygon, level: Level, has_floor: bool) -> None:
+    def _know_room(self, title: str, outline: Polygon, level: Level, has_floor: bool, is_roofed: bool) -> None:
         """Remembers a room for what stands in it; the building's rooms are those that one can walk on."""
-        self.rooms.append(_DrawnRoom(title, level.z_m, outline, has_floor))
+        self.rooms.append(_DrawnRoom(title, level.z_m, outline, has_floor, is_roofed))
         floor = self.builder.floor(self.floor_of_level[level.id])
         if has_floor and abs(level.z_m - floor.z_m) <= SAME_M:
             self.builder.rooms.append(Room(title, floor.id, tuple((float(x), float(y)) for x, y in outline)))
@@ -144,7 +145,7 @@ class Shell:
         where = level.name or floor.name
         for number, part in enumerate(areas, start=1):
             title = f"Unnamed area{f' {number}' if len(areas) > 1 else ''} on {where}"
-            self._know_room(title, part.outline, level, has_floor=True)
+            self._know_room(title, part.outline, level, has_floor=True, is_roofed=True)
             self._build_tiles(part.tiles, level, title, known)
         self._build_tiles(strips, level, f"the gaps between rooms on {where}", known)
 
@@ -160,8 +161,8 @@ class Shell:
         floor = build_slabs(tiles, level.z_m - _BEHIND_M, material, self._holes_at(level.z_m), up=True)
         floor.uvs[...] /= np.array([tile_u, tile_v], np.float32)
         self._add(floor, f"Floor of {title}", "floor", level, room=title)
-        plans = [plan for plan in self.home.rooms if self._level(plan.level).id == level.id]
-        if not plans or any(plan.ceiling for plan in plans):
+        drawn = any(self._level(plan.level).id == level.id for plan in self.home.rooms)
+        if not drawn or level.id in self._with_ceilings:
             z = level.z_m + level.height_m
             ceiling = build_slabs(tiles, z + _BEHIND_M, _CEILING, self._holes_at(z), up=False)
             self._add(ceiling, f"Ceiling of {title}", "ceiling", level, room=title)
@@ -282,6 +283,7 @@ class _DrawnRoom(NamedTuple):
     z_m: float
     outline: Polygon
     has_floor: bool
+    is_roofed: bool  # by its ceiling, or hidden as all of its level are
 
 
 def _without_voids(parts: Sequence[Ground], rooms: Sequence[Polygon], holes: Sequence[Polygon]) -> tuple[Ground, ...]:

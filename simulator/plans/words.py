@@ -19,5 +19,7 @@ def _any_of(words: list[str], *, alone: bool) -> re.Pattern[str]:
 
 #: In the name of a level that is a roof.
 ROOF = _any_of(_WORDS["roof"], alone=True)
-#: In the name or catalogue id of a door that leads out of the home, or that isn't for people.
-CLOSED = _any_of(_WORDS["closed"], alone=False)
+#: In the name or catalogue id of a door that is made to lead out of the home.
+OUTER = _any_of(_WORDS["outer"], alone=False)
+#: In those of a door that stays shut wherever it is: of a garage, a lift.
+SHUT = _any_of(_WORDS["shut"], alone=False)
