@@ -22,6 +22,8 @@ _SIDE_SHARE, _SIDE_M = 0.2, 0.1
 #: What fills an opening does so between these heights above the door's foot [m]: higher than a sill, lower than a transom.
 _LOW_M, _HIGH_M = 0.25, 1.6
 _LINTEL_M = 0.2
+#: A part that takes this share of the width or more holds the frame, too.
+_WHOLE_SHARE = 0.95
 #: Parts of a leaf keep within its outline, this much aside [m]; a jamb's face lies on the edge.
 _SLACK_M, _EDGE_M = 0.01, 0.03
 #: Corners that lie this close are one [m].
@@ -40,7 +42,7 @@ def without_leaf(mesh: Mesh, piece: Piece, z_floor_m: float) -> Mesh:
     fills = _fills_opening(corners, piece)
     if not fills.any():
         return mesh
-    keep = ~_belongs_to_leaf(corners, fills, _parts_of(mesh))
+    keep = ~_belongs_to_leaf(corners, fills, _parts_of(mesh), _WHOLE_SHARE * piece.size_m[0])
     used, renumbered = np.unique(mesh.triangles[keep], return_inverse=True)
     return Mesh(
         mesh.vertices[used], renumbered.reshape(-1, 3).astype(np.int32), mesh.uvs[keep], mesh.material[keep],
@@ -89,13 +91,13 @@ def _parts_of(mesh: Mesh) -> NDArray[np.int32]:
 
 
 def _belongs_to_leaf(
-    corners: NDArray[np.float64], fills: NDArray[np.bool_], part: NDArray[np.int32]
+    corners: NDArray[np.float64], fills: NDArray[np.bool_], part: NDArray[np.int32], frame_m: float
 ) -> NDArray[np.bool_]:
     """(F,) which triangles are leaf.
 
-    A part that fills the opening is leaf as a whole unless it reaches beyond what fills it, as where leaf and frame are
-    one piece: then only what lies within. A smaller part in front of a leaf (a handle, a pane), or below it (a rail), is
-    leaf too.
+    A part that fills the opening is leaf as a whole. But where it is as wide as the frame, ``frame_m`` or more, and
+    reaches beyond the triangles that fill the opening, leaf and frame are one piece: then only what lies within those.
+    A smaller part in front of a leaf (a handle, a pane) or below it (a rail) is leaf too.
     """
     leaf = np.zeros(len(corners), dtype=np.bool_)
     low3, high3 = corners.min(axis=1), corners.max(axis=1)
@@ -104,10 +106,11 @@ def _belongs_to_leaf(
     for number in filling:
         own = part == number
         low, high = low3[own & fills].min(axis=0), high3[own & fills].max(axis=0)
-        boxes.append((low, high))
         within = np.all((low3 >= low - _SLACK_M) & (high3 <= high + _SLACK_M), axis=1)
-        whole = low3[own][:, 0].min() > low[0] - _EDGE_M and high3[own][:, 0].max() < high[0] + _EDGE_M
+        beyond = low3[own][:, 0].min() < low[0] - _EDGE_M or high3[own][:, 0].max() > high[0] + _EDGE_M
+        whole = not beyond or np.ptp(corners[own][..., 0]) < frame_m
         leaf |= own if whole else own & within
+        boxes.append((low3[own].min(axis=0), high3[own].max(axis=0)) if whole else (low, high))
     low, high = np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
     low[2] = 0.0
     for number in np.setdiff1d(part, filling):

@@ -28,6 +28,8 @@ _CEILING = Material("ceiling", (0.95, 0.95, 0.94))
 _SILL = Material("threshold", (0.55, 0.48, 0.40))
 #: Ground that nobody drew lies this much lower than rooms, and its ceiling higher: where both are, the room is seen [m].
 _BEHIND_M = 0.005
+#: Where rooms with a ceiling have this share of the area of those without, ceilings were hidden on purpose.
+_SHOWN = 0.25
 
 #: Limits for plans from strangers.
 MAX_STAIRS = 64
@@ -52,7 +54,7 @@ class Shell:
         self.rooms: list[_DrawnRoom] = []
         self.cuts: list[tuple[NDArray[np.float64], float, float]] = []
         self.meshes: list[Mesh] = []
-        self._with_ceilings = {self._level(room.level).id for room in home.rooms if room.ceiling}
+        self._with_ceilings = _levels_with_ceilings(home.rooms)
         self._paint: dict[Color | None, Material] = {}
         self._pictures: dict[str, Material | None] = {}
 
@@ -102,7 +104,7 @@ class Shell:
             level = self._level(plan.level)
             outline = np.array(plan.outline_m)
             title = plan.name or f"Room {number + 1}"
-            self._know_room(title, outline, level, plan.floor, plan.ceiling or level.id not in self._with_ceilings)
+            self._know_room(title, outline, level, plan.floor, plan.ceiling or plan.level not in self._with_ceilings)
             if plan.floor:
                 self._build_floor(outline, level, title, self._covering(plan, title, coverings))
             if plan.ceiling:
@@ -161,8 +163,8 @@ class Shell:
         floor = build_slabs(tiles, level.z_m - _BEHIND_M, material, self._holes_at(level.z_m), up=True)
         floor.uvs[...] /= np.array([tile_u, tile_v], np.float32)
         self._add(floor, f"Floor of {title}", "floor", level, room=title)
-        drawn = any(self._level(plan.level).id == level.id for plan in self.home.rooms)
-        if not drawn or level.id in self._with_ceilings:
+        plans = {plan.level for plan in self.home.rooms if self._level(plan.level).id == level.id}
+        if not plans or plans & self._with_ceilings:
             z = level.z_m + level.height_m
             ceiling = build_slabs(tiles, z + _BEHIND_M, _CEILING, self._holes_at(z), up=False)
             self._add(ceiling, f"Ceiling of {title}", "ceiling", level, room=title)
@@ -284,6 +286,17 @@ class _DrawnRoom(NamedTuple):
     outline: Polygon
     has_floor: bool
     is_roofed: bool  # by its ceiling, or hidden as all of its level are
+
+
+def _levels_with_ceilings(rooms: Sequence[PlanRoom]) -> set[str]:
+    """Levels, as rooms name them, where a hidden ceiling means a terrace or void. Where nearly all are hidden it says nothing."""
+    area_m2: dict[tuple[str, bool], float] = {}
+    for room in rooms:
+        key = room.level, room.ceiling
+        area_m2[key] = area_m2.get(key, 0.0) + abs(signed_area(np.array(room.outline_m).reshape(-1, 2)))
+    return {
+        level for level, shown in area_m2 if shown and area_m2[level, True] >= _SHOWN * area_m2.get((level, False), 0.0)
+    }
 
 
 def _without_voids(parts: Sequence[Ground], rooms: Sequence[Polygon], holes: Sequence[Polygon]) -> tuple[Ground, ...]:
