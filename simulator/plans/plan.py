@@ -306,8 +306,21 @@ def build_slab(
     polygon: Polygon, z_m: float, material: Material, holes: Sequence[Polygon] = (), *, up: bool, tile_m: float = 1.0
 ) -> Mesh:
     """A floor (``up``) or ceiling: the polygon without its holes, its texture repeating every ``tile_m``."""
+    return build_slabs([polygon], z_m, material, holes, up=up, tile_m=tile_m)
+
+
+def build_slabs(
+    polygons: Sequence[Polygon],
+    z_m: float,
+    material: Material,
+    holes: Sequence[Polygon] = (),
+    *,
+    up: bool,
+    tile_m: float = 1.0,
+) -> Mesh:
+    """Several polygons as one floor or ceiling."""
     mesh = MeshBuilder()
-    for piece in subtract(np.asarray(polygon, dtype=np.float64), holes):
+    for piece in (rest for polygon in polygons for rest in subtract(np.asarray(polygon, dtype=np.float64), holes)):
         ring = piece if up else piece[::-1]
         points = np.column_stack([ring, np.full(len(ring), z_m)])
         fan = np.array([[0, i, i + 1] for i in range(1, len(ring) - 1)], dtype=np.int32)
