@@ -29,6 +29,11 @@ PRIORITY = {
     "data": zenoh.Priority.DATA_HIGH,
     "bulk": zenoh.Priority.DATA_LOW,
 }
+CONGESTION = {
+    "control": zenoh.CongestionControl.BLOCK,
+    "data": zenoh.CongestionControl.BLOCK,
+    "bulk": zenoh.CongestionControl.BLOCK,
+}
 
 
 @dataclass(frozen=True, slots=True)

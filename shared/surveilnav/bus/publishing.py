@@ -8,7 +8,7 @@ from typing import Any, Generic
 
 import zenoh
 
-from surveilnav.bus.connection import PRIORITY, Connection, M, Received, bus_errors, encoding_of
+from surveilnav.bus.connection import CONGESTION, PRIORITY, Connection, M, Received, bus_errors, encoding_of
 from surveilnav.bus.queries import ask_all
 from surveilnav.bus.wire import encode
 from surveilnav.contract import Stream
@@ -25,7 +25,7 @@ class Publisher:
             key,
             encoding=encoding_of(stream.message, mime),
             # Default dropping sends fragments and then abandons the frame: block, and keep only the newest before it.
-            congestion_control=zenoh.CongestionControl.BLOCK,
+            congestion_control=CONGESTION[stream.priority],
             priority=PRIORITY[stream.priority],
             express=stream.priority == "control",
         )

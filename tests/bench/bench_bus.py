@@ -1,0 +1,394 @@
+"""What a congested link does to everybody else, by congestion control. Prints tables.
+
+.venv/bin/python tests/bench/bench_bus.py [--runs 20] [--seconds 10] [--only frozen] [--choices shipped,block]
+
+Router, sender, readers and whoever commands are processes of their own, on one machine, over real Zenoh. The sender
+puts frames of 1.5 MB ten times a second and a state fifty times a second, and answers commands. A choice is what the
+bus's settings would be: ``shipped`` is what they are. Runs of all choices alternate. A slow link is a network namespace
+behind a token bucket: it needs Linux and root, and is left out, with the reason, elsewhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import zenoh
+
+from surveilnav.bus import Answer, BusSettings, Node, clock_ns, connection, logs, router
+from surveilnav.bus.router import free_port
+from surveilnav.bus.settings import router_config
+from surveilnav.contract import CAMERA_FRAME, ROBOT_COMMAND, ROBOT_STATUS
+from surveilnav.errors import SurveilNavError
+from surveilnav.geometry import Pinhole, Pose
+from surveilnav.messages import Command, CommandReply, FrameHeader, Part, RobotStatus
+
+FRAME_BYTES, FRAMES_HZ, STATES_HZ, COMMANDS_HZ = 1_500_000, 10.0, 50.0, 50.0
+#: Where a reader is stopped, and goes on, as shares of a run.
+FREEZE, THAW = 0.2, 0.8
+HERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+CAMERA = Pinhole(640, 480, 388.0, 388.0, 319.5, 239.5)
+IDS = {"floor": "0", "camera": "c", "view": 0}
+
+
+class Choice(NamedTuple):
+    """Settings to compare: the congestion control of bulk data; waits [ms] at the clients and at the router."""
+
+    bulk: str | None = None
+    client: dict[str, int] = {}
+    router: dict[str, int] = {}
+    lease_ms: int = 2000
+
+
+CHOICES = {
+    "shipped": Choice(),
+    "block": Choice("BLOCK"),
+    "block, close 400": Choice("BLOCK", router={"close": 400}),
+    "first": Choice("BLOCK_FIRST"),
+    "first, close 1500": Choice("BLOCK_FIRST", router={"close": 1500}),
+    "first, drop 50, close 400": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50, "close": 400}),
+    "first, drop 50, close 1500": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50, "close": 1500}),
+    "first, drop 50, lease 10 s": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50}, 10_000),
+    "drop": Choice("DROP"),
+    "drop, 20 + 300": Choice("DROP", {"drop": 5000, "fragments": 5000}, {"drop": 20, "fragments": 300}),
+    "drop, 20 + 1000": Choice("DROP", {"drop": 5000, "fragments": 5000}, {"drop": 20, "fragments": 1000}),
+}
+_WAITS = {
+    "drop": ("drop", "wait_before_drop"),
+    "fragments": ("drop", "max_wait_before_drop_fragments"),
+    "close": ("block", "wait_before_close"),
+}
+
+
+def tuned(config: str, waits_ms: dict[str, int], lease_ms: int) -> str:
+    """A Zenoh configuration with other waits and another lease."""
+    made: dict[str, Any] = json.loads(config)
+    sending = made["transport"]["link"]["tx"]
+    sending["lease"] = lease_ms
+    for name, wait_ms in waits_ms.items():
+        group, key = _WAITS[name]
+        queue = sending.setdefault("queue", {}).setdefault("congestion_control", {})
+        queue.setdefault(group, {})[key] = wait_ms * 1000
+    return json.dumps(made)
+
+
+class Tuned(BusSettings):
+    """The bus's settings, but for a choice."""
+
+    choice: str = "shipped"
+
+    def client_config(self) -> str:
+        choice, config = CHOICES[self.choice], super().client_config()
+        return config if choice.bulk is None else tuned(config, choice.client, choice.lease_ms)
+
+
+# --- the roles: each a process, ended by SIGTERM, that prints what it saw as JSON -------------------------------------
+
+
+def route(bus: Tuned) -> None:
+    """The router."""
+    choice, made = CHOICES[bus.choice], router_config
+    if choice.bulk is not None:
+        router.router_config = lambda listen: tuned(made(listen), choice.router, choice.lease_ms)
+    router.main(["--listen", bus.router.replace("127.0.0.1", "0.0.0.0")])
+
+
+def send(bus: Tuned) -> None:
+    """Frames, states, answers to commands; prints the longest put of each, and what was put."""
+    with Node("robot", "r", bus, alive=False) as node:
+        node.serve(ROBOT_COMMAND, lambda _: Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=0)), robot="r")
+        took_s: dict[str, list[float]] = {"frame": [], "state": []}
+        frames, states = node.publisher(CAMERA_FRAME, **IDS), node.publisher(ROBOT_STATUS, robot="r")
+        picture = bytes(FRAME_BYTES)
+
+        def put_frame(seq: int) -> None:
+            header = FrameHeader(
+                stamp_ns=clock_ns(), source="camera/c", view=0, seq=seq, floor="0", T_world_camera=HERE, camera=CAMERA,
+                mounting_offset_m=2.4, depth_range_m=(0.5, 5.0), image=Part("jpeg", FRAME_BYTES), depth=Part("depth-invq-zstd", 0),
+            )  # fmt: skip
+            frames.put(header, picture)
+
+        def put_state(seq: int) -> None:
+            states.put(
+                RobotStatus(stamp_ns=clock_ns(), robot="r", floor="0", seq=seq, state="ready", T_world_base=HERE)
+            )
+
+        def keep_putting(what: str, rate_hz: float, put: Any) -> None:
+            begin_s, seq = time.monotonic(), 0
+            while not node.stopping.is_set():
+                put_s = time.monotonic()
+                put(seq)
+                seq += 1
+                took_s[what].append(time.monotonic() - put_s)
+                node.stopping.wait(max(0.0, begin_s + len(took_s[what]) / rate_hz - time.monotonic()))
+                if time.monotonic() > begin_s + len(took_s[what]) / rate_hz + 1.0:  # late: the newest counts, not all
+                    begin_s = time.monotonic() - len(took_s[what]) / rate_hz
+
+        threads = [
+            threading.Thread(target=keep_putting, args=("frame", FRAMES_HZ, put_frame), daemon=True),
+            threading.Thread(target=keep_putting, args=("state", STATES_HZ, put_state), daemon=True),
+        ]
+        signal.signal(signal.SIGTERM, lambda *_: node.stop())
+        for thread in threads:
+            thread.start()
+        said("ready")
+        node.stopping.wait()
+        for thread in threads:
+            thread.join(6.0)
+        said({what: {"n": len(took), "longest_s": max(took)} for what, took in took_s.items()})
+
+
+def read(bus: Tuned) -> None:
+    """Takes every frame and every state; prints when each came, and the states' numbers."""
+    came_s: list[float] = []
+    seqs: list[int] = []
+    with Node("reader", "x", bus, alive=False) as node:
+        node.subscribe(CAMERA_FRAME, lambda _: came_s.append(time.monotonic()), **IDS)
+        node.subscribe(ROBOT_STATUS, lambda received: seqs.append(received.message.seq), robot="r")
+        signal.signal(signal.SIGTERM, lambda *_: node.stop())
+        said("ready")
+        node.stopping.wait()
+        said({"frames_s": came_s, "states": seqs})
+
+
+def said(what: Any) -> None:
+    print(json.dumps(what), flush=True)
+
+
+ROLES = {"route": route, "send": send, "read": read}
+
+
+# --- a run ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Run:
+    """What one run showed. Times in seconds."""
+
+    silent_s: float
+    put_s: float
+    state_put_s: float
+    offered: int
+    delivered: int
+    slow_delivered: int | None
+    states_lost: int
+    commands_s: list[float] = field(default_factory=list)
+    unanswered: int = 0
+    thawed: int | None = None
+
+
+class Role:
+    """A process that plays a role."""
+
+    def __init__(self, name: str, bus: BusSettings, choice: str, inside: tuple[str, ...] = (), host: str = "") -> None:
+        endpoint = bus.router.replace("127.0.0.1", host) if host else bus.router
+        command = [*inside, sys.executable, __file__, "--role", name, "--choice", choice]
+        env = os.environ | {"SURVEILNAV_BUS__ROUTER": endpoint, "SURVEILNAV_BUS__LOG_LEVEL": "error"}
+        quiet = None if os.environ.get("BENCH_LOUD") else subprocess.DEVNULL
+        self.process = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=quiet, text=True)
+        if name != "route":
+            self.line()
+
+    def line(self) -> Any:
+        assert self.process.stdout is not None
+        return json.loads(self.process.stdout.readline() or "null")
+
+    def end(self) -> Any:
+        """Ends it; what it saw."""
+        self.process.send_signal(signal.SIGCONT)
+        self.process.terminate()
+        seen = self.line()
+        try:
+            self.process.wait(timeout=15)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        return seen
+
+
+def commands(bus: Tuned, until_s: float) -> tuple[list[float], int]:
+    """How long each command took [s], and how many got no answer."""
+    took_s, unanswered, seq = [], 0, 0
+    with Node("planner", "p", bus, alive=False) as node:
+        while time.monotonic() < until_s:
+            begin_s = time.monotonic()
+            seq += 1
+            try:
+                node.ask(ROBOT_COMMAND, command(seq), robot="r", timeout_s=10.0)
+                took_s.append(time.monotonic() - begin_s)
+            except SurveilNavError:
+                unanswered += 1
+            time.sleep(max(0.0, begin_s + 1 / COMMANDS_HZ - time.monotonic()))
+    return took_s, unanswered
+
+
+def command(seq: int) -> Command:
+    return Command(stamp_ns=clock_ns(), action="stop", seq_expected=seq)
+
+
+def play(scenario: str, choice: str, seconds: float, link: Link | None) -> Run:
+    """One run: everybody starts, a reader is frozen or behind a slow link, everybody ends."""
+    bus = Tuned(router=f"tcp/127.0.0.1:{free_port()}", choice=choice)
+    inside, host = (link.inside, link.host) if link else ((), "")
+    roles: list[Role] = []
+
+    def start(name: str, slow: bool = False) -> Role:
+        roles.append(Role(name, bus, choice, inside if slow else (), host if slow else ""))
+        return roles[-1]
+
+    try:
+        start("route")
+        healthy = start("read")
+        other = start("read", slow=scenario == "slow reader") if scenario in ("frozen", "slow reader") else None
+        sender = start("send", slow=scenario == "slow sender")
+        time.sleep(0.5)
+        begin_s = time.monotonic()
+        if scenario == "frozen":
+            assert other is not None
+            for share, number in ((FREEZE, signal.SIGSTOP), (THAW, signal.SIGCONT)):
+                threading.Timer(share * seconds, other.process.send_signal, (number,)).start()
+        took_s, unanswered = commands(bus, begin_s + seconds)
+        end_s = time.monotonic()
+        came, other_came, put = healthy.end(), other.end() if other else None, sender.end()
+    finally:
+        for role in roles:
+            if role.process.poll() is None:
+                role.process.kill() if role.process is not roles[0].process else role.end()
+    return outcome(came, other_came, put, (begin_s, end_s), took_s, unanswered, begin_s + THAW * seconds)
+
+
+def outcome(
+    came: Any, other: Any, put: Any, span_s: tuple[float, float], took_s: list[float], unanswered: int, thaw_s: float
+) -> Run:
+    begin_s, end_s = span_s
+    within = [begin_s, *(s for s in came["frames_s"] if begin_s < s < end_s), end_s]
+    states = came["states"]
+    others = [s for s in other["frames_s"] if begin_s < s < end_s] if other else None
+    return Run(
+        silent_s=max(b - a for a, b in pairwise(within)),
+        put_s=put["frame"]["longest_s"] if put else float("nan"),
+        state_put_s=put["state"]["longest_s"] if put else float("nan"),
+        offered=round((end_s - begin_s) * FRAMES_HZ),
+        delivered=len(within) - 2,
+        slow_delivered=None if others is None else len(others),
+        states_lost=states[-1] - states[0] + 1 - len(set(states)) if states else -1,
+        commands_s=took_s, unanswered=unanswered,
+        thawed=None if others is None else len([s for s in others if s > thaw_s]),
+    )  # fmt: skip
+
+
+# --- a slow link ------------------------------------------------------------------------------------------------------
+
+
+class Link(NamedTuple):
+    """A network namespace behind a slow link: how a command is run inside, and the router's address from there."""
+
+    inside: tuple[str, ...]
+    host: str
+
+
+@contextlib.contextmanager
+def slow_link(rate: str) -> Iterator[Link | None]:
+    """A namespace whose only way out has ``rate`` (``10mbit``) in both directions; None, and the reason printed, where
+    this machine can't have one."""
+    name = f"slow{os.getpid()}"
+    outer, inner, host = f"o{os.getpid()}", f"i{os.getpid()}", f"10.231.{os.getpid() % 250}"
+    shape = f"tbf rate {rate} burst 32kb latency 200ms"
+    try:
+        for line in (
+            f"ip netns add {name}",
+            f"ip link add {outer} type veth peer name {inner} netns {name}",
+            f"ip addr add {host}.1/24 dev {outer}",
+            f"ip link set {outer} up",
+            f"ip -n {name} addr add {host}.2/24 dev {inner}",
+            f"ip -n {name} link set {inner} up",
+            f"ip -n {name} link set lo up",
+            f"tc qdisc add dev {outer} root {shape}",
+            f"tc -n {name} qdisc add dev {inner} root {shape}",
+        ):
+            subprocess.run(line.split(), check=True, capture_output=True, text=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        print(f"slow links are left out: {getattr(error, 'stderr', None) or error}", file=sys.stderr)
+        yield None
+    else:
+        yield Link(("ip", "netns", "exec", name), f"{host}.1")
+    finally:
+        subprocess.run(["ip", "netns", "del", name], capture_output=True)
+        subprocess.run(["ip", "link", "del", outer], capture_output=True)
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+SCENARIOS = ("healthy", "frozen", "slow reader", "slow sender")
+HEAD = (
+    "| choice | runs | silent s, each run's longest: median / most | longest put s: frame / state | frames delivered "
+    "| frames at the other reader (after thawing) | states lost | commands p50 / p99 / most ms | unanswered |\n"
+    "|---|---|---|---|---|---|---|---|---|"
+)
+
+
+def row(choice: str, runs: list[Run]) -> str:
+    """A line of the table, over all runs of a choice."""
+    silent = [run.silent_s for run in runs]
+    took_ms = np.concatenate([run.commands_s for run in runs]) * 1e3
+    p50, p99, most = np.quantile(took_ms, [0.5, 0.99, 1.0])
+    others = [run.slow_delivered for run in runs if run.slow_delivered is not None]
+    other = f"{np.mean(others):.1f} ({np.mean([run.thawed or 0 for run in runs]):.1f})" if others else ""
+    return (
+        f"| {choice} | {len(runs)} | {np.median(silent):.2f} / {max(silent):.2f} "
+        f"| {max(run.put_s for run in runs):.2f} / {max(run.state_put_s for run in runs):.2f} "
+        f"| {np.mean([run.delivered for run in runs]):.1f} of {np.mean([run.offered for run in runs]):.0f} | {other} "
+        f"| {sum(run.states_lost for run in runs)} | {p50:.1f} / {p99:.1f} / {most:.0f} "
+        f"| {sum(run.unanswered for run in runs)} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=20, help="of each choice in each scenario")
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each run")
+    parser.add_argument("--rate", default="10mbit", help="of a slow link, as tc writes it")
+    parser.add_argument("--only", default="", help="scenarios whose name has this in it: healthy, frozen, slow")
+    parser.add_argument("--choices", default="", help="names between semicolons; all if left out")
+    parser.add_argument("--role", choices=ROLES, help=argparse.SUPPRESS)
+    parser.add_argument("--choice", default="shipped", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.role:
+        bulk = CHOICES[arguments.choice].bulk
+        if bulk is not None:
+            connection.CONGESTION["bulk"] = getattr(zenoh.CongestionControl, bulk)
+        logs.configure()
+        ROLES[arguments.role](Tuned(choice=arguments.choice))
+        return
+    compared = arguments.choices.split(";") if arguments.choices else list(CHOICES)
+    for scenario in SCENARIOS:
+        if arguments.only not in scenario:
+            continue
+        slow = slow_link(arguments.rate) if "slow" in scenario else contextlib.nullcontext()
+        with slow as link:
+            if "slow" in scenario and link is None:
+                continue
+            runs: dict[str, list[Run]] = {choice: [] for choice in compared}
+            for _ in range(arguments.runs):
+                for choice in compared:
+                    runs[choice].append(play(scenario, choice, arguments.seconds, link))
+                    print(f"{scenario}: {row(choice, runs[choice][-1:])}", file=sys.stderr, flush=True)
+            print(f"\n### {scenario}\n\n{HEAD}")
+            for choice in compared:
+                print(row(choice, runs[choice]), flush=True)
+
+
+if __name__ == "__main__":
+    main()
