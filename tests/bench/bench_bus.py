@@ -14,12 +14,13 @@ import argparse
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -50,17 +51,23 @@ class Choice(NamedTuple):
     client: dict[str, int] = {}
     router: dict[str, int] = {}
     lease_ms: int = 2000
+    threads: int | None = None
 
 
 CHOICES = {
     "shipped": Choice(),
     "block": Choice("BLOCK"),
     "block, close 400": Choice("BLOCK", router={"close": 400}),
+    "block, 8 threads": Choice("BLOCK", threads=8),
+    "block, close 400, 8 threads": Choice("BLOCK", router={"close": 400}, threads=8),
     "first": Choice("BLOCK_FIRST"),
     "first, close 1500": Choice("BLOCK_FIRST", router={"close": 1500}),
-    "first, drop 50, close 400": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50, "close": 400}),
-    "first, drop 50, close 1500": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50, "close": 1500}),
     "first, drop 50, lease 10 s": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50}, 10_000),
+    "first, drop 1, 8 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 1}, threads=8),
+    "first, drop 50, 4 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50}, threads=4),
+    "first, drop 50, 8 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50}, threads=8),
+    "first, drop 100, 8 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 100}, threads=8),
+    "first, drop 200, 8 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 200}, threads=8),
     "drop": Choice("DROP"),
     "drop, 20 + 300": Choice("DROP", {"drop": 5000, "fragments": 5000}, {"drop": 20, "fragments": 300}),
     "drop, 20 + 1000": Choice("DROP", {"drop": 5000, "fragments": 5000}, {"drop": 20, "fragments": 1000}),
@@ -88,9 +95,12 @@ class Tuned(BusSettings):
     """The bus's settings, but for a choice."""
 
     choice: str = "shipped"
+    receive_buffer: int | None = None
 
     def client_config(self) -> str:
         choice, config = CHOICES[self.choice], super().client_config()
+        if self.receive_buffer:  # loopback would take megabytes before it is full
+            config = re.sub(r"(\?prio=\d-\d)", rf"\1#so_rcvbuf={self.receive_buffer}", config)
         return config if choice.bulk is None else tuned(config, choice.client, choice.lease_ms)
 
 
@@ -100,6 +110,10 @@ class Tuned(BusSettings):
 def route(bus: Tuned) -> None:
     """The router."""
     choice, made = CHOICES[bus.choice], router_config
+    if choice.threads:
+        os.environ["ZENOH_RUNTIME"] = (
+            f"(rx: (worker_threads: {choice.threads}), tx: (worker_threads: {choice.threads}))"
+        )
     if choice.bulk is not None:
         router.router_config = lambda listen: tuned(made(listen), choice.router, choice.lease_ms)
     router.main(["--listen", bus.router.replace("127.0.0.1", "0.0.0.0")])
@@ -192,10 +206,18 @@ class Run:
 class Role:
     """A process that plays a role."""
 
-    def __init__(self, name: str, bus: BusSettings, choice: str, inside: tuple[str, ...] = (), host: str = "") -> None:
+    def __init__(
+        self,
+        name: str,
+        bus: BusSettings,
+        choice: str,
+        inside: tuple[str, ...] = (),
+        host: str = "",
+        env: Mapping[str, str] = {},
+    ) -> None:
         endpoint = bus.router.replace("127.0.0.1", host) if host else bus.router
         command = [*inside, sys.executable, __file__, "--role", name, "--choice", choice]
-        env = os.environ | {"SURVEILNAV_BUS__ROUTER": endpoint, "SURVEILNAV_BUS__LOG_LEVEL": "error"}
+        env = os.environ | {"SURVEILNAV_BUS__ROUTER": endpoint, "SURVEILNAV_BUS__LOG_LEVEL": "error", **env}
         quiet = None if os.environ.get("BENCH_LOUD") else subprocess.DEVNULL
         self.process = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=quiet, text=True)
         if name != "route":
@@ -244,14 +266,15 @@ def play(scenario: str, choice: str, seconds: float, link: Link | None) -> Run:
     inside, host = (link.inside, link.host) if link else ((), "")
     roles: list[Role] = []
 
-    def start(name: str, slow: bool = False) -> Role:
-        roles.append(Role(name, bus, choice, inside if slow else (), host if slow else ""))
+    def start(name: str, slow: bool = False, **env: str) -> Role:
+        roles.append(Role(name, bus, choice, inside if slow else (), host if slow else "", env))
         return roles[-1]
 
     try:
         start("route")
         healthy = start("read")
-        other = start("read", slow=scenario == "slow reader") if scenario in ("frozen", "slow reader") else None
+        buffer = {"SURVEILNAV_BUS__RECEIVE_BUFFER": "262144"} if scenario == "frozen" else {}
+        other = start("read", scenario == "slow reader", **buffer) if scenario in ("frozen", "slow reader") else None
         sender = start("send", slow=scenario == "slow sender")
         time.sleep(0.5)
         begin_s = time.monotonic()
