@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import json
 import os
 import re
@@ -20,9 +21,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,7 +41,8 @@ FRAME_BYTES, FRAMES_HZ, STATES_HZ, COMMANDS_HZ = 1_500_000, 10.0, 50.0, 50.0
 FREEZE, THAW = 0.2, 0.8
 HERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 CAMERA = Pinhole(640, 480, 388.0, 388.0, 319.5, 239.5)
-IDS = {"floor": "0", "camera": "c", "view": 0}
+#: Cameras that send at the same moment, once a second.
+BURST = 12
 
 
 class Choice(NamedTuple):
@@ -84,6 +85,7 @@ def tuned(config: str, waits_ms: dict[str, int], lease_ms: int) -> str:
     made: dict[str, Any] = json.loads(config)
     sending = made["transport"]["link"]["tx"]
     sending["lease"] = lease_ms
+    sending.pop("queue", None)
     for name, wait_ms in waits_ms.items():
         group, key = _WAITS[name]
         queue = sending.setdefault("queue", {}).setdefault("congestion_control", {})
@@ -110,58 +112,90 @@ class Tuned(BusSettings):
 def route(bus: Tuned) -> None:
     """The router."""
     choice, made = CHOICES[bus.choice], router_config
-    if choice.threads:
-        os.environ["ZENOH_RUNTIME"] = (
-            f"(rx: (worker_threads: {choice.threads}), tx: (worker_threads: {choice.threads}))"
-        )
     if choice.bulk is not None:
+        n = choice.threads
+        os.environ["ZENOH_RUNTIME"] = f"(rx: (worker_threads: {n}), tx: (worker_threads: {n}))" if n else "()"
         router.router_config = lambda listen: tuned(made(listen), choice.router, choice.lease_ms)
     router.main(["--listen", bus.router.replace("127.0.0.1", "0.0.0.0")])
 
 
 def send(bus: Tuned) -> None:
-    """Frames, states, answers to commands; prints the longest put of each, and what was put."""
+    """Frames, states, answers to commands; prints the longest put of each, and how many were put."""
     with Node("robot", "r", bus, alive=False) as node:
         node.serve(ROBOT_COMMAND, lambda _: Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=0)), robot="r")
-        took_s: dict[str, list[float]] = {"frame": [], "state": []}
-        frames, states = node.publisher(CAMERA_FRAME, **IDS), node.publisher(ROBOT_STATUS, robot="r")
-        picture = bytes(FRAME_BYTES)
-
-        def put_frame(seq: int) -> None:
-            header = FrameHeader(
-                stamp_ns=clock_ns(), source="camera/c", view=0, seq=seq, floor="0", T_world_camera=HERE, camera=CAMERA,
-                mounting_offset_m=2.4, depth_range_m=(0.5, 5.0), image=Part("jpeg", FRAME_BYTES), depth=Part("depth-invq-zstd", 0),
-            )  # fmt: skip
-            frames.put(header, picture)
+        states = node.publisher(ROBOT_STATUS, robot="r")
 
         def put_state(seq: int) -> None:
             states.put(
                 RobotStatus(stamp_ns=clock_ns(), robot="r", floor="0", seq=seq, state="ready", T_world_base=HERE)
             )
 
-        def keep_putting(what: str, rate_hz: float, put: Any) -> None:
-            begin_s, seq = time.monotonic(), 0
-            while not node.stopping.is_set():
-                put_s = time.monotonic()
-                put(seq)
-                seq += 1
-                took_s[what].append(time.monotonic() - put_s)
-                node.stopping.wait(max(0.0, begin_s + len(took_s[what]) / rate_hz - time.monotonic()))
-                if time.monotonic() > begin_s + len(took_s[what]) / rate_hz + 1.0:  # late: the newest counts, not all
-                    begin_s = time.monotonic() - len(took_s[what]) / rate_hz
+        until_stopped(node, [Pace("frame", FRAMES_HZ, camera(node, "c")), Pace("state", STATES_HZ, put_state)])
 
-        threads = [
-            threading.Thread(target=keep_putting, args=("frame", FRAMES_HZ, put_frame), daemon=True),
-            threading.Thread(target=keep_putting, args=("state", STATES_HZ, put_state), daemon=True),
-        ]
-        signal.signal(signal.SIGTERM, lambda *_: node.stop())
-        for thread in threads:
-            thread.start()
-        said("ready")
-        node.stopping.wait()
-        for thread in threads:
-            thread.join(6.0)
-        said({what: {"n": len(took), "longest_s": max(took)} for what, took in took_s.items()})
+
+def burst(bus: Tuned) -> None:
+    """As many cameras as ``BURST``, each with a session of its own, that put a frame at the same moments."""
+    with contextlib.ExitStack() as stack:
+        nodes = [stack.enter_context(Node("camera_node", f"c{k}", bus, alive=False)) for k in range(BURST)]
+        together = threading.Barrier(BURST)
+        puts = [camera(node, node.id) for node in nodes]
+        paces = [Pace("frame", 1.0, lambda seq, put=put: (together.wait(), put(seq))) for put in puts]
+        node = stack.enter_context(Node("robot", "r", bus, alive=False))
+        node.serve(ROBOT_COMMAND, lambda _: Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=0)), robot="r")
+        until_stopped(node, paces, together)
+
+
+class Pace(NamedTuple):
+    """Something put at a rate; ``put`` gets its number."""
+
+    what: str
+    rate_hz: float
+    put: Callable[[int], Any]
+
+
+def camera(node: Node, name: str) -> Callable[[int], None]:
+    """What puts a camera's frame of that number."""
+    frames, picture = node.publisher(CAMERA_FRAME, floor="0", camera=name, view=0), bytes(FRAME_BYTES)
+
+    def put(seq: int) -> None:
+        header = FrameHeader(
+            stamp_ns=clock_ns(), source=f"camera/{name}", view=0, seq=seq, floor="0", T_world_camera=HERE, camera=CAMERA,
+            mounting_offset_m=2.4, depth_range_m=(0.5, 5.0), image=Part("jpeg", FRAME_BYTES),
+            depth=Part("depth-invq-zstd", 0),
+        )  # fmt: skip
+        frames.put(header, picture)
+
+    return put
+
+
+def until_stopped(node: Node, paces: Sequence[Pace], together: threading.Barrier | None = None) -> None:
+    """Puts at those paces, each on a thread, until SIGTERM. Who is late leaves out what it missed."""
+    took_s: dict[str, list[float]] = {pace.what: [] for pace in paces}
+
+    def keep_putting(pace: Pace) -> None:
+        due_s = time.monotonic()
+        for seq in itertools.count():
+            begin_s = time.monotonic()
+            try:
+                pace.put(seq)
+            except threading.BrokenBarrierError:
+                return
+            took_s[pace.what].append(time.monotonic() - begin_s)
+            due_s = max(due_s + 1 / pace.rate_hz, time.monotonic() - 1.0)
+            if node.stopping.wait(max(0.0, due_s - time.monotonic())):
+                return
+
+    threads = [threading.Thread(target=keep_putting, args=(pace,), daemon=True) for pace in paces]
+    signal.signal(signal.SIGTERM, lambda *_: node.stop())
+    for thread in threads:
+        thread.start()
+    said("ready")
+    node.stopping.wait()
+    if together:
+        together.abort()
+    for thread in threads:
+        thread.join(6.0)
+    said({what: {"n": len(took), "longest_s": max(took)} for what, took in took_s.items()})
 
 
 def read(bus: Tuned) -> None:
@@ -169,7 +203,7 @@ def read(bus: Tuned) -> None:
     came_s: list[float] = []
     seqs: list[int] = []
     with Node("reader", "x", bus, alive=False) as node:
-        node.subscribe(CAMERA_FRAME, lambda _: came_s.append(time.monotonic()), **IDS)
+        node.subscribe(CAMERA_FRAME, lambda _: came_s.append(time.monotonic()), floor="0", view=0)
         node.subscribe(ROBOT_STATUS, lambda received: seqs.append(received.message.seq), robot="r")
         signal.signal(signal.SIGTERM, lambda *_: node.stop())
         said("ready")
@@ -181,7 +215,7 @@ def said(what: Any) -> None:
     print(json.dumps(what), flush=True)
 
 
-ROLES = {"route": route, "send": send, "read": read}
+ROLES = {"route": route, "send": send, "burst": burst, "read": read}
 
 
 # --- a run ------------------------------------------------------------------------------------------------------------
@@ -275,7 +309,7 @@ def play(scenario: str, choice: str, seconds: float, link: Link | None) -> Run:
         healthy = start("read")
         buffer = {"SURVEILNAV_BUS__RECEIVE_BUFFER": "262144"} if scenario == "frozen" else {}
         other = start("read", scenario == "slow reader", **buffer) if scenario in ("frozen", "slow reader") else None
-        sender = start("send", slow=scenario == "slow sender")
+        sender = start("burst" if scenario == "burst" else "send", slow=scenario == "slow sender")
         time.sleep(0.5)
         begin_s = time.monotonic()
         if scenario == "frozen":
@@ -284,7 +318,9 @@ def play(scenario: str, choice: str, seconds: float, link: Link | None) -> Run:
                 threading.Timer(share * seconds, other.process.send_signal, (number,)).start()
         took_s, unanswered = commands(bus, begin_s + seconds)
         end_s = time.monotonic()
-        came, other_came, put = healthy.end(), other.end() if other else None, sender.end()
+        put = sender.end()
+        time.sleep(0.3)
+        came, other_came = healthy.end(), other.end() if other else None
     finally:
         for role in roles:
             if role.process.poll() is None:
@@ -300,13 +336,13 @@ def outcome(
     states = came["states"]
     others = [s for s in other["frames_s"] if begin_s < s < end_s] if other else None
     return Run(
-        silent_s=max(b - a for a, b in pairwise(within)),
+        silent_s=max(b - a for a, b in itertools.pairwise(within)),
         put_s=put["frame"]["longest_s"] if put else float("nan"),
-        state_put_s=put["state"]["longest_s"] if put else float("nan"),
-        offered=round((end_s - begin_s) * FRAMES_HZ),
-        delivered=len(within) - 2,
+        state_put_s=put["state"]["longest_s"] if put and "state" in put else float("nan"),
+        offered=put["frame"]["n"] if put else -1,
+        delivered=len(came["frames_s"]),
         slow_delivered=None if others is None else len(others),
-        states_lost=states[-1] - states[0] + 1 - len(set(states)) if states else -1,
+        states_lost=states[-1] - states[0] + 1 - len(set(states)) if states else 0,
         commands_s=took_s, unanswered=unanswered,
         thawed=None if others is None else len([s for s in others if s > thaw_s]),
     )  # fmt: skip
@@ -354,7 +390,7 @@ def slow_link(rate: str) -> Iterator[Link | None]:
 
 # --- tables -----------------------------------------------------------------------------------------------------------
 
-SCENARIOS = ("healthy", "frozen", "slow reader", "slow sender")
+SCENARIOS = ("healthy", "burst", "frozen", "slow reader", "slow sender")
 HEAD = (
     "| choice | runs | silent s, each run's longest: median / most | longest put s: frame / state | frames delivered "
     "| frames at the other reader (after thawing) | states lost | commands p50 / p99 / most ms | unanswered |\n"
@@ -391,7 +427,7 @@ def main() -> None:
     if arguments.role:
         bulk = CHOICES[arguments.choice].bulk
         if bulk is not None:
-            connection.CONGESTION["bulk"] = getattr(zenoh.CongestionControl, bulk)
+            connection.CONGESTION["leave out"] = getattr(zenoh.CongestionControl, bulk)
         logs.configure()
         ROLES[arguments.role](Tuned(choice=arguments.choice))
         return
