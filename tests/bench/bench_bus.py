@@ -1,11 +1,11 @@
 """What a congested link does to everybody else, by congestion control. Prints tables.
 
-.venv/bin/python tests/bench/bench_bus.py [--runs 20] [--seconds 10] [--only frozen] [--choices shipped,block]
+.venv/bin/python tests/bench/bench_bus.py [--runs 20] [--seconds 10] [--scenarios "healthy;frozen"] [--choices "shipped;block"]
 
 Router, sender, readers and whoever commands are processes of their own, on one machine, over real Zenoh. The sender
 puts frames of 1.5 MB ten times a second and a state fifty times a second, and answers commands. A choice is what the
-bus's settings would be: ``shipped`` is what they are. Runs of all choices alternate. A slow link is a network namespace
-behind a token bucket: it needs Linux and root, and is left out, with the reason, elsewhere.
+bus's settings would be: ``shipped`` is what they are. Runs of all choices and scenarios alternate. A slow link is a
+network namespace behind a token bucket: it needs Linux and root, and is left out, with the reason, elsewhere.
 """
 
 from __future__ import annotations
@@ -55,23 +55,20 @@ class Choice(NamedTuple):
     threads: int | None = None
 
 
+_OWN = {"drop": 5000}
 CHOICES = {
     "shipped": Choice(),
     "block": Choice("BLOCK"),
-    "block, close 400": Choice("BLOCK", router={"close": 400}),
     "block, 8 threads": Choice("BLOCK", threads=8),
-    "block, close 400, 8 threads": Choice("BLOCK", router={"close": 400}, threads=8),
-    "first": Choice("BLOCK_FIRST"),
-    "first, close 1500": Choice("BLOCK_FIRST", router={"close": 1500}),
-    "first, drop 50, lease 10 s": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50}, 10_000),
-    "first, drop 1, 8 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 1}, threads=8),
-    "first, drop 50, 4 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50}, threads=4),
-    "first, drop 50, 8 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50}, threads=8),
-    "first, drop 100, 8 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 100}, threads=8),
-    "first, drop 200, 8 threads": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 200}, threads=8),
+    "block, close 0.4 s, 8 threads": Choice("BLOCK", router={"close": 400}, threads=8),
+    "block first": Choice("BLOCK_FIRST"),
+    "block first, turn 0.1 s": Choice("BLOCK_FIRST", _OWN, {"drop": 100}),
+    "block first, turn 0.1 s, lease 10 s": Choice("BLOCK_FIRST", _OWN, {"drop": 100}, lease_ms=10_000),
+    "block first, turn 1 ms, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 1}, threads=8),
+    "block first, turn 0.2 s, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 200}, threads=8),
     "drop": Choice("DROP"),
-    "drop, 20 + 300": Choice("DROP", {"drop": 5000, "fragments": 5000}, {"drop": 20, "fragments": 300}),
-    "drop, 20 + 1000": Choice("DROP", {"drop": 5000, "fragments": 5000}, {"drop": 20, "fragments": 1000}),
+    "drop, parts 0.3 s": Choice("DROP", _OWN | {"fragments": 5000}, {"drop": 20, "fragments": 300}),
+    "drop, parts 1 s": Choice("DROP", _OWN | {"fragments": 5000}, {"drop": 20, "fragments": 1000}),
 }
 _WAITS = {
     "drop": ("drop", "wait_before_drop"),
@@ -230,11 +227,10 @@ class Run:
     state_put_s: float
     offered: int
     delivered: int
-    slow_delivered: int | None
+    other: int | None
     states_lost: int
     commands_s: list[float] = field(default_factory=list)
     unanswered: int = 0
-    thawed: int | None = None
 
 
 class Role:
@@ -325,26 +321,22 @@ def play(scenario: str, choice: str, seconds: float, link: Link | None) -> Run:
         for role in roles:
             if role.process.poll() is None:
                 role.process.kill() if role.process is not roles[0].process else role.end()
-    return outcome(came, other_came, put, (begin_s, end_s), took_s, unanswered, begin_s + THAW * seconds)
+    return outcome(came, other_came, put, (begin_s, end_s), took_s, unanswered)
 
 
-def outcome(
-    came: Any, other: Any, put: Any, span_s: tuple[float, float], took_s: list[float], unanswered: int, thaw_s: float
-) -> Run:
+def outcome(came: Any, other: Any, put: Any, span_s: tuple[float, float], took_s: list[float], unanswered: int) -> Run:
     begin_s, end_s = span_s
     within = [begin_s, *(s for s in came["frames_s"] if begin_s < s < end_s), end_s]
     states = came["states"]
-    others = [s for s in other["frames_s"] if begin_s < s < end_s] if other else None
     return Run(
         silent_s=max(b - a for a, b in itertools.pairwise(within)),
         put_s=put["frame"]["longest_s"] if put else float("nan"),
         state_put_s=put["state"]["longest_s"] if put and "state" in put else float("nan"),
         offered=put["frame"]["n"] if put else -1,
         delivered=len(came["frames_s"]),
-        slow_delivered=None if others is None else len(others),
+        other=None if other is None else len(other["frames_s"]),
         states_lost=states[-1] - states[0] + 1 - len(set(states)) if states else 0,
         commands_s=took_s, unanswered=unanswered,
-        thawed=None if others is None else len([s for s in others if s > thaw_s]),
     )  # fmt: skip
 
 
@@ -390,10 +382,16 @@ def slow_link(rate: str) -> Iterator[Link | None]:
 
 # --- tables -----------------------------------------------------------------------------------------------------------
 
-SCENARIOS = ("healthy", "burst", "frozen", "slow reader", "slow sender")
+SCENARIOS = {
+    "healthy": "A healthy link",
+    "burst": f"{BURST} cameras at the same moments, a healthy link",
+    "frozen": "One of two readers is frozen",
+    "slow reader": "One of two readers has a slow link",
+    "slow sender": "The sender has a slow link",
+}
 HEAD = (
-    "| choice | runs | silent s, each run's longest: median / most | longest put s: frame / state | frames delivered "
-    "| frames at the other reader (after thawing) | states lost | commands p50 / p99 / most ms | unanswered |\n"
+    "| choice | runs | longest silence s, median / most | longest put s, frame / state | frames, of those put "
+    "| frames at the other reader | states lost | commands ms, p50 / p99 / most | unanswered |\n"
     "|---|---|---|---|---|---|---|---|---|"
 )
 
@@ -403,12 +401,12 @@ def row(choice: str, runs: list[Run]) -> str:
     silent = [run.silent_s for run in runs]
     took_ms = np.concatenate([run.commands_s for run in runs]) * 1e3
     p50, p99, most = np.quantile(took_ms, [0.5, 0.99, 1.0])
-    others = [run.slow_delivered for run in runs if run.slow_delivered is not None]
-    other = f"{np.mean(others):.1f} ({np.mean([run.thawed or 0 for run in runs]):.1f})" if others else ""
+    others = [run.other for run in runs if run.other is not None]
+    other = f"{np.mean(others):.0f}" if others else ""
     return (
         f"| {choice} | {len(runs)} | {np.median(silent):.2f} / {max(silent):.2f} "
         f"| {max(run.put_s for run in runs):.2f} / {max(run.state_put_s for run in runs):.2f} "
-        f"| {np.mean([run.delivered for run in runs]):.1f} of {np.mean([run.offered for run in runs]):.0f} | {other} "
+        f"| {sum(run.delivered for run in runs)} of {sum(run.offered for run in runs)} | {other} "
         f"| {sum(run.states_lost for run in runs)} | {p50:.1f} / {p99:.1f} / {most:.0f} "
         f"| {sum(run.unanswered for run in runs)} |"
     )
@@ -419,7 +417,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=20, help="of each choice in each scenario")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each run")
     parser.add_argument("--rate", default="10mbit", help="of a slow link, as tc writes it")
-    parser.add_argument("--only", default="", help="scenarios whose name has this in it: healthy, frozen, slow")
+    parser.add_argument("--scenarios", default="", help=f"between semicolons: {'; '.join(SCENARIOS)}; all if left out")
     parser.add_argument("--choices", default="", help="names between semicolons; all if left out")
     parser.add_argument("--role", choices=ROLES, help=argparse.SUPPRESS)
     parser.add_argument("--choice", default="shipped", help=argparse.SUPPRESS)
@@ -432,21 +430,18 @@ def main() -> None:
         ROLES[arguments.role](Tuned(choice=arguments.choice))
         return
     compared = arguments.choices.split(";") if arguments.choices else list(CHOICES)
-    for scenario in SCENARIOS:
-        if arguments.only not in scenario:
-            continue
-        slow = slow_link(arguments.rate) if "slow" in scenario else contextlib.nullcontext()
-        with slow as link:
-            if "slow" in scenario and link is None:
-                continue
-            runs: dict[str, list[Run]] = {choice: [] for choice in compared}
-            for _ in range(arguments.runs):
-                for choice in compared:
-                    runs[choice].append(play(scenario, choice, arguments.seconds, link))
-                    print(f"{scenario}: {row(choice, runs[choice][-1:])}", file=sys.stderr, flush=True)
-            print(f"\n### {scenario}\n\n{HEAD}")
-            for choice in compared:
-                print(row(choice, runs[choice]), flush=True)
+    scenarios = arguments.scenarios.split(";") if arguments.scenarios else list(SCENARIOS)
+    with slow_link(arguments.rate) if any("slow" in name for name in scenarios) else contextlib.nullcontext() as link:
+        scenarios = [name for name in scenarios if link or "slow" not in name]
+        runs: dict[tuple[str, str], list[Run]] = {pair: [] for pair in itertools.product(scenarios, compared)}
+        for _ in range(arguments.runs):
+            for (scenario, choice), played in runs.items():
+                played.append(play(scenario, choice, arguments.seconds, link if "slow" in scenario else None))
+                print(f"{scenario}: {row(choice, played[-1:])}", file=sys.stderr, flush=True)
+    for scenario in scenarios:
+        print(f"\n### {SCENARIOS[scenario]}\n\n{HEAD}")
+        for choice in compared:
+            print(row(choice, runs[scenario, choice]), flush=True)
 
 
 if __name__ == "__main__":
