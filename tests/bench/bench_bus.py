@@ -1,27 +1,28 @@
 """What a congested link does to everybody else, by congestion control. Prints tables.
 
-.venv/bin/python tests/bench/bench_bus.py [--runs 20] [--seconds 10] [--only frozen] [--choices shipped,block]
+.venv/bin/python tests/bench/bench_bus.py [--runs 20] [--seconds 10] [--scenarios "healthy;frozen"] [--choices "shipped;block"]
 
 Router, sender, readers and whoever commands are processes of their own, on one machine, over real Zenoh. The sender
 puts frames of 1.5 MB ten times a second and a state fifty times a second, and answers commands. A choice is what the
-bus's settings would be: ``shipped`` is what they are. Runs of all choices alternate. A slow link is a network namespace
-behind a token bucket: it needs Linux and root, and is left out, with the reason, elsewhere.
+bus's settings would be: ``shipped`` is what they are. Runs of all choices and scenarios alternate. A slow link is a
+network namespace behind a token bucket: it needs Linux and root, and is left out, with the reason, elsewhere.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,7 +41,8 @@ FRAME_BYTES, FRAMES_HZ, STATES_HZ, COMMANDS_HZ = 1_500_000, 10.0, 50.0, 50.0
 FREEZE, THAW = 0.2, 0.8
 HERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 CAMERA = Pinhole(640, 480, 388.0, 388.0, 319.5, 239.5)
-IDS = {"floor": "0", "camera": "c", "view": 0}
+#: Cameras that send at the same moment, once a second.
+BURST = 12
 
 
 class Choice(NamedTuple):
@@ -50,20 +52,23 @@ class Choice(NamedTuple):
     client: dict[str, int] = {}
     router: dict[str, int] = {}
     lease_ms: int = 2000
+    threads: int | None = None
 
 
+_OWN = {"drop": 5000}
 CHOICES = {
     "shipped": Choice(),
     "block": Choice("BLOCK"),
-    "block, close 400": Choice("BLOCK", router={"close": 400}),
-    "first": Choice("BLOCK_FIRST"),
-    "first, close 1500": Choice("BLOCK_FIRST", router={"close": 1500}),
-    "first, drop 50, close 400": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50, "close": 400}),
-    "first, drop 50, close 1500": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50, "close": 1500}),
-    "first, drop 50, lease 10 s": Choice("BLOCK_FIRST", {"drop": 5000}, {"drop": 50}, 10_000),
+    "block, 8 threads": Choice("BLOCK", threads=8),
+    "block, close 0.4 s, 8 threads": Choice("BLOCK", router={"close": 400}, threads=8),
+    "block first": Choice("BLOCK_FIRST"),
+    "block first, turn 0.1 s": Choice("BLOCK_FIRST", _OWN, {"drop": 100}),
+    "block first, turn 0.1 s, lease 10 s": Choice("BLOCK_FIRST", _OWN, {"drop": 100}, lease_ms=10_000),
+    "block first, turn 1 ms, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 1}, threads=8),
+    "block first, turn 0.2 s, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 200}, threads=8),
     "drop": Choice("DROP"),
-    "drop, 20 + 300": Choice("DROP", {"drop": 5000, "fragments": 5000}, {"drop": 20, "fragments": 300}),
-    "drop, 20 + 1000": Choice("DROP", {"drop": 5000, "fragments": 5000}, {"drop": 20, "fragments": 1000}),
+    "drop, parts 0.3 s": Choice("DROP", _OWN | {"fragments": 5000}, {"drop": 20, "fragments": 300}),
+    "drop, parts 1 s": Choice("DROP", _OWN | {"fragments": 5000}, {"drop": 20, "fragments": 1000}),
 }
 _WAITS = {
     "drop": ("drop", "wait_before_drop"),
@@ -77,6 +82,7 @@ def tuned(config: str, waits_ms: dict[str, int], lease_ms: int) -> str:
     made: dict[str, Any] = json.loads(config)
     sending = made["transport"]["link"]["tx"]
     sending["lease"] = lease_ms
+    sending.pop("queue", None)
     for name, wait_ms in waits_ms.items():
         group, key = _WAITS[name]
         queue = sending.setdefault("queue", {}).setdefault("congestion_control", {})
@@ -88,9 +94,12 @@ class Tuned(BusSettings):
     """The bus's settings, but for a choice."""
 
     choice: str = "shipped"
+    receive_buffer: int | None = None
 
     def client_config(self) -> str:
         choice, config = CHOICES[self.choice], super().client_config()
+        if self.receive_buffer:  # loopback would take megabytes before it is full
+            config = re.sub(r"(\?prio=\d-\d)", rf"\1#so_rcvbuf={self.receive_buffer}", config)
         return config if choice.bulk is None else tuned(config, choice.client, choice.lease_ms)
 
 
@@ -101,53 +110,89 @@ def route(bus: Tuned) -> None:
     """The router."""
     choice, made = CHOICES[bus.choice], router_config
     if choice.bulk is not None:
+        n = choice.threads
+        os.environ["ZENOH_RUNTIME"] = f"(rx: (worker_threads: {n}), tx: (worker_threads: {n}))" if n else "()"
         router.router_config = lambda listen: tuned(made(listen), choice.router, choice.lease_ms)
     router.main(["--listen", bus.router.replace("127.0.0.1", "0.0.0.0")])
 
 
 def send(bus: Tuned) -> None:
-    """Frames, states, answers to commands; prints the longest put of each, and what was put."""
+    """Frames, states, answers to commands; prints the longest put of each, and how many were put."""
     with Node("robot", "r", bus, alive=False) as node:
         node.serve(ROBOT_COMMAND, lambda _: Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=0)), robot="r")
-        took_s: dict[str, list[float]] = {"frame": [], "state": []}
-        frames, states = node.publisher(CAMERA_FRAME, **IDS), node.publisher(ROBOT_STATUS, robot="r")
-        picture = bytes(FRAME_BYTES)
-
-        def put_frame(seq: int) -> None:
-            header = FrameHeader(
-                stamp_ns=clock_ns(), source="camera/c", view=0, seq=seq, floor="0", T_world_camera=HERE, camera=CAMERA,
-                mounting_offset_m=2.4, depth_range_m=(0.5, 5.0), image=Part("jpeg", FRAME_BYTES), depth=Part("depth-invq-zstd", 0),
-            )  # fmt: skip
-            frames.put(header, picture)
+        states = node.publisher(ROBOT_STATUS, robot="r")
 
         def put_state(seq: int) -> None:
             states.put(
                 RobotStatus(stamp_ns=clock_ns(), robot="r", floor="0", seq=seq, state="ready", T_world_base=HERE)
             )
 
-        def keep_putting(what: str, rate_hz: float, put: Any) -> None:
-            begin_s, seq = time.monotonic(), 0
-            while not node.stopping.is_set():
-                put_s = time.monotonic()
-                put(seq)
-                seq += 1
-                took_s[what].append(time.monotonic() - put_s)
-                node.stopping.wait(max(0.0, begin_s + len(took_s[what]) / rate_hz - time.monotonic()))
-                if time.monotonic() > begin_s + len(took_s[what]) / rate_hz + 1.0:  # late: the newest counts, not all
-                    begin_s = time.monotonic() - len(took_s[what]) / rate_hz
+        until_stopped(node, [Pace("frame", FRAMES_HZ, camera(node, "c")), Pace("state", STATES_HZ, put_state)])
 
-        threads = [
-            threading.Thread(target=keep_putting, args=("frame", FRAMES_HZ, put_frame), daemon=True),
-            threading.Thread(target=keep_putting, args=("state", STATES_HZ, put_state), daemon=True),
-        ]
-        signal.signal(signal.SIGTERM, lambda *_: node.stop())
-        for thread in threads:
-            thread.start()
-        said("ready")
-        node.stopping.wait()
-        for thread in threads:
-            thread.join(6.0)
-        said({what: {"n": len(took), "longest_s": max(took)} for what, took in took_s.items()})
+
+def burst(bus: Tuned) -> None:
+    """As many cameras as ``BURST``, each with a session of its own, that put a frame at the same moments."""
+    with contextlib.ExitStack() as stack:
+        nodes = [stack.enter_context(Node("camera_node", f"c{k}", bus, alive=False)) for k in range(BURST)]
+        together = threading.Barrier(BURST)
+        puts = [camera(node, node.id) for node in nodes]
+        paces = [Pace("frame", 1.0, lambda seq, put=put: (together.wait(), put(seq))) for put in puts]
+        node = stack.enter_context(Node("robot", "r", bus, alive=False))
+        node.serve(ROBOT_COMMAND, lambda _: Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=0)), robot="r")
+        until_stopped(node, paces, together)
+
+
+class Pace(NamedTuple):
+    """Something put at a rate; ``put`` gets its number."""
+
+    what: str
+    rate_hz: float
+    put: Callable[[int], Any]
+
+
+def camera(node: Node, name: str) -> Callable[[int], None]:
+    """What puts a camera's frame of that number."""
+    frames, picture = node.publisher(CAMERA_FRAME, floor="0", camera=name, view=0), bytes(FRAME_BYTES)
+
+    def put(seq: int) -> None:
+        header = FrameHeader(
+            stamp_ns=clock_ns(), source=f"camera/{name}", view=0, seq=seq, floor="0", T_world_camera=HERE, camera=CAMERA,
+            mounting_offset_m=2.4, depth_range_m=(0.5, 5.0), image=Part("jpeg", FRAME_BYTES),
+            depth=Part("depth-invq-zstd", 0),
+        )  # fmt: skip
+        frames.put(header, picture)
+
+    return put
+
+
+def until_stopped(node: Node, paces: Sequence[Pace], together: threading.Barrier | None = None) -> None:
+    """Puts at those paces, each on a thread, until SIGTERM. Who is late leaves out what it missed."""
+    took_s: dict[str, list[float]] = {pace.what: [] for pace in paces}
+
+    def keep_putting(pace: Pace) -> None:
+        due_s = time.monotonic()
+        for seq in itertools.count():
+            begin_s = time.monotonic()
+            try:
+                pace.put(seq)
+            except threading.BrokenBarrierError:
+                return
+            took_s[pace.what].append(time.monotonic() - begin_s)
+            due_s = max(due_s + 1 / pace.rate_hz, time.monotonic() - 1.0)
+            if node.stopping.wait(max(0.0, due_s - time.monotonic())):
+                return
+
+    threads = [threading.Thread(target=keep_putting, args=(pace,), daemon=True) for pace in paces]
+    signal.signal(signal.SIGTERM, lambda *_: node.stop())
+    for thread in threads:
+        thread.start()
+    said("ready")
+    node.stopping.wait()
+    if together:
+        together.abort()
+    for thread in threads:
+        thread.join(6.0)
+    said({what: {"n": len(took), "longest_s": max(took)} for what, took in took_s.items()})
 
 
 def read(bus: Tuned) -> None:
@@ -155,7 +200,7 @@ def read(bus: Tuned) -> None:
     came_s: list[float] = []
     seqs: list[int] = []
     with Node("reader", "x", bus, alive=False) as node:
-        node.subscribe(CAMERA_FRAME, lambda _: came_s.append(time.monotonic()), **IDS)
+        node.subscribe(CAMERA_FRAME, lambda _: came_s.append(time.monotonic()), floor="0", view=0)
         node.subscribe(ROBOT_STATUS, lambda received: seqs.append(received.message.seq), robot="r")
         signal.signal(signal.SIGTERM, lambda *_: node.stop())
         said("ready")
@@ -167,7 +212,7 @@ def said(what: Any) -> None:
     print(json.dumps(what), flush=True)
 
 
-ROLES = {"route": route, "send": send, "read": read}
+ROLES = {"route": route, "send": send, "burst": burst, "read": read}
 
 
 # --- a run ------------------------------------------------------------------------------------------------------------
@@ -182,20 +227,27 @@ class Run:
     state_put_s: float
     offered: int
     delivered: int
-    slow_delivered: int | None
+    other: int | None
     states_lost: int
     commands_s: list[float] = field(default_factory=list)
     unanswered: int = 0
-    thawed: int | None = None
 
 
 class Role:
     """A process that plays a role."""
 
-    def __init__(self, name: str, bus: BusSettings, choice: str, inside: tuple[str, ...] = (), host: str = "") -> None:
+    def __init__(
+        self,
+        name: str,
+        bus: BusSettings,
+        choice: str,
+        inside: tuple[str, ...] = (),
+        host: str = "",
+        env: Mapping[str, str] = {},
+    ) -> None:
         endpoint = bus.router.replace("127.0.0.1", host) if host else bus.router
         command = [*inside, sys.executable, __file__, "--role", name, "--choice", choice]
-        env = os.environ | {"SURVEILNAV_BUS__ROUTER": endpoint, "SURVEILNAV_BUS__LOG_LEVEL": "error"}
+        env = os.environ | {"SURVEILNAV_BUS__ROUTER": endpoint, "SURVEILNAV_BUS__LOG_LEVEL": "error", **env}
         quiet = None if os.environ.get("BENCH_LOUD") else subprocess.DEVNULL
         self.process = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=quiet, text=True)
         if name != "route":
@@ -244,15 +296,16 @@ def play(scenario: str, choice: str, seconds: float, link: Link | None) -> Run:
     inside, host = (link.inside, link.host) if link else ((), "")
     roles: list[Role] = []
 
-    def start(name: str, slow: bool = False) -> Role:
-        roles.append(Role(name, bus, choice, inside if slow else (), host if slow else ""))
+    def start(name: str, slow: bool = False, **env: str) -> Role:
+        roles.append(Role(name, bus, choice, inside if slow else (), host if slow else "", env))
         return roles[-1]
 
     try:
         start("route")
         healthy = start("read")
-        other = start("read", slow=scenario == "slow reader") if scenario in ("frozen", "slow reader") else None
-        sender = start("send", slow=scenario == "slow sender")
+        buffer = {"SURVEILNAV_BUS__RECEIVE_BUFFER": "262144"} if scenario == "frozen" else {}
+        other = start("read", scenario == "slow reader", **buffer) if scenario in ("frozen", "slow reader") else None
+        sender = start("burst" if scenario == "burst" else "send", slow=scenario == "slow sender")
         time.sleep(0.5)
         begin_s = time.monotonic()
         if scenario == "frozen":
@@ -261,31 +314,29 @@ def play(scenario: str, choice: str, seconds: float, link: Link | None) -> Run:
                 threading.Timer(share * seconds, other.process.send_signal, (number,)).start()
         took_s, unanswered = commands(bus, begin_s + seconds)
         end_s = time.monotonic()
-        came, other_came, put = healthy.end(), other.end() if other else None, sender.end()
+        put = sender.end()
+        time.sleep(0.3)
+        came, other_came = healthy.end(), other.end() if other else None
     finally:
         for role in roles:
             if role.process.poll() is None:
                 role.process.kill() if role.process is not roles[0].process else role.end()
-    return outcome(came, other_came, put, (begin_s, end_s), took_s, unanswered, begin_s + THAW * seconds)
+    return outcome(came, other_came, put, (begin_s, end_s), took_s, unanswered)
 
 
-def outcome(
-    came: Any, other: Any, put: Any, span_s: tuple[float, float], took_s: list[float], unanswered: int, thaw_s: float
-) -> Run:
+def outcome(came: Any, other: Any, put: Any, span_s: tuple[float, float], took_s: list[float], unanswered: int) -> Run:
     begin_s, end_s = span_s
     within = [begin_s, *(s for s in came["frames_s"] if begin_s < s < end_s), end_s]
     states = came["states"]
-    others = [s for s in other["frames_s"] if begin_s < s < end_s] if other else None
     return Run(
-        silent_s=max(b - a for a, b in pairwise(within)),
+        silent_s=max(b - a for a, b in itertools.pairwise(within)),
         put_s=put["frame"]["longest_s"] if put else float("nan"),
-        state_put_s=put["state"]["longest_s"] if put else float("nan"),
-        offered=round((end_s - begin_s) * FRAMES_HZ),
-        delivered=len(within) - 2,
-        slow_delivered=None if others is None else len(others),
-        states_lost=states[-1] - states[0] + 1 - len(set(states)) if states else -1,
+        state_put_s=put["state"]["longest_s"] if put and "state" in put else float("nan"),
+        offered=put["frame"]["n"] if put else -1,
+        delivered=len(came["frames_s"]),
+        other=None if other is None else len(other["frames_s"]),
+        states_lost=states[-1] - states[0] + 1 - len(set(states)) if states else 0,
         commands_s=took_s, unanswered=unanswered,
-        thawed=None if others is None else len([s for s in others if s > thaw_s]),
     )  # fmt: skip
 
 
@@ -331,10 +382,16 @@ def slow_link(rate: str) -> Iterator[Link | None]:
 
 # --- tables -----------------------------------------------------------------------------------------------------------
 
-SCENARIOS = ("healthy", "frozen", "slow reader", "slow sender")
+SCENARIOS = {
+    "healthy": "A healthy link",
+    "burst": f"{BURST} cameras at the same moments, a healthy link",
+    "frozen": "One of two readers is frozen",
+    "slow reader": "One of two readers has a slow link",
+    "slow sender": "The sender has a slow link",
+}
 HEAD = (
-    "| choice | runs | silent s, each run's longest: median / most | longest put s: frame / state | frames delivered "
-    "| frames at the other reader (after thawing) | states lost | commands p50 / p99 / most ms | unanswered |\n"
+    "| choice | runs | longest silence s, median / most | longest put s, frame / state | frames, of those put "
+    "| frames at the other reader | states lost | commands ms, p50 / p99 / most | unanswered |\n"
     "|---|---|---|---|---|---|---|---|---|"
 )
 
@@ -344,12 +401,12 @@ def row(choice: str, runs: list[Run]) -> str:
     silent = [run.silent_s for run in runs]
     took_ms = np.concatenate([run.commands_s for run in runs]) * 1e3
     p50, p99, most = np.quantile(took_ms, [0.5, 0.99, 1.0])
-    others = [run.slow_delivered for run in runs if run.slow_delivered is not None]
-    other = f"{np.mean(others):.1f} ({np.mean([run.thawed or 0 for run in runs]):.1f})" if others else ""
+    others = [run.other for run in runs if run.other is not None]
+    other = f"{np.mean(others):.0f}" if others else ""
     return (
         f"| {choice} | {len(runs)} | {np.median(silent):.2f} / {max(silent):.2f} "
         f"| {max(run.put_s for run in runs):.2f} / {max(run.state_put_s for run in runs):.2f} "
-        f"| {np.mean([run.delivered for run in runs]):.1f} of {np.mean([run.offered for run in runs]):.0f} | {other} "
+        f"| {sum(run.delivered for run in runs)} of {sum(run.offered for run in runs)} | {other} "
         f"| {sum(run.states_lost for run in runs)} | {p50:.1f} / {p99:.1f} / {most:.0f} "
         f"| {sum(run.unanswered for run in runs)} |"
     )
@@ -360,7 +417,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=20, help="of each choice in each scenario")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each run")
     parser.add_argument("--rate", default="10mbit", help="of a slow link, as tc writes it")
-    parser.add_argument("--only", default="", help="scenarios whose name has this in it: healthy, frozen, slow")
+    parser.add_argument("--scenarios", default="", help=f"between semicolons: {'; '.join(SCENARIOS)}; all if left out")
     parser.add_argument("--choices", default="", help="names between semicolons; all if left out")
     parser.add_argument("--role", choices=ROLES, help=argparse.SUPPRESS)
     parser.add_argument("--choice", default="shipped", help=argparse.SUPPRESS)
@@ -368,26 +425,23 @@ def main() -> None:
     if arguments.role:
         bulk = CHOICES[arguments.choice].bulk
         if bulk is not None:
-            connection.CONGESTION["bulk"] = getattr(zenoh.CongestionControl, bulk)
+            connection.CONGESTION["leave out"] = getattr(zenoh.CongestionControl, bulk)
         logs.configure()
         ROLES[arguments.role](Tuned(choice=arguments.choice))
         return
     compared = arguments.choices.split(";") if arguments.choices else list(CHOICES)
-    for scenario in SCENARIOS:
-        if arguments.only not in scenario:
-            continue
-        slow = slow_link(arguments.rate) if "slow" in scenario else contextlib.nullcontext()
-        with slow as link:
-            if "slow" in scenario and link is None:
-                continue
-            runs: dict[str, list[Run]] = {choice: [] for choice in compared}
-            for _ in range(arguments.runs):
-                for choice in compared:
-                    runs[choice].append(play(scenario, choice, arguments.seconds, link))
-                    print(f"{scenario}: {row(choice, runs[choice][-1:])}", file=sys.stderr, flush=True)
-            print(f"\n### {scenario}\n\n{HEAD}")
-            for choice in compared:
-                print(row(choice, runs[choice]), flush=True)
+    scenarios = arguments.scenarios.split(";") if arguments.scenarios else list(SCENARIOS)
+    with slow_link(arguments.rate) if any("slow" in name for name in scenarios) else contextlib.nullcontext() as link:
+        scenarios = [name for name in scenarios if link or "slow" not in name]
+        runs: dict[tuple[str, str], list[Run]] = {pair: [] for pair in itertools.product(scenarios, compared)}
+        for _ in range(arguments.runs):
+            for (scenario, choice), played in runs.items():
+                played.append(play(scenario, choice, arguments.seconds, link if "slow" in scenario else None))
+                print(f"{scenario}: {row(choice, played[-1:])}", file=sys.stderr, flush=True)
+    for scenario in scenarios:
+        print(f"\n### {SCENARIOS[scenario]}\n\n{HEAD}")
+        for choice in compared:
+            print(row(choice, runs[scenario, choice]), flush=True)
 
 
 if __name__ == "__main__":
