@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from simulator.plans.polygons import Polygon
+from simulator.plans.polygons import Polygon, signed_area
 from surveilnav.geometry import Grid
 
 CELL_M = 0.05
@@ -72,6 +72,23 @@ def find_ground(
         for number, where in zip(range(1, count + 1), ndimage.find_objects(label), strict=True)
     ]
     return tuple(sorted((part for part in parts if part.area_m2 >= _STRIP_M2), key=lambda part: -part.area_m2))
+
+
+def without_voids(parts: Sequence[Ground], rooms: Sequence[Polygon], holes: Sequence[Polygon]) -> tuple[Ground, ...]:
+    """Without the areas that are open to the storey below.
+
+    Where rooms are drawn for most of an upper storey, what is left out is left out on purpose, but for the landing of a
+    staircase.
+    """
+    areas_m2 = sum(part.area_m2 for part in parts if part.is_area)
+    if sum(abs(signed_area(room)) for room in rooms) < areas_m2:
+        return tuple(parts)
+    return tuple(part for part in parts if not part.is_area or any(_beside(part.outline, hole) for hole in holes))
+
+
+def _beside(a: Polygon, b: Polygon) -> bool:
+    """Whether the boxes of two polygons touch."""
+    return bool(np.all(a.min(axis=0) - 0.1 <= b.max(axis=0)) and np.all(b.min(axis=0) - 0.1 <= a.max(axis=0)))
 
 
 def _grid_around(polygons: Sequence[Polygon]) -> Grid | None:

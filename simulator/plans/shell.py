@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from simulator.archive import Archive, decode_picture
 from simulator.furniture.placing import seeded
 from simulator.plans.assembly import Mesh, SceneBuilder
-from simulator.plans.ground import Ground, find_ground
+from simulator.plans.ground import find_ground, without_voids
 from simulator.plans.openings import is_door, is_stairs, opening_of, stair_cut_outline
-from simulator.plans.plan import Wall, build_skirt, build_slab, build_slabs, build_wall, wall_outline
+from simulator.plans.plan import Wall, build_wall, wall_outline
 from simulator.plans.polygons import Polygon, contains, signed_area
+from simulator.plans.slabs import build_skirt, build_slab, build_slabs
 from simulator.plans.storeys import SAME_M, is_storey, number_storeys
 from simulator.plans.straight_walls import WallPart, joined, near, parts_of
 from simulator.plans.sweethome import Color, Home, Level, Picture, Piece, PlanRoom
@@ -60,10 +61,7 @@ class Shell:
 
     def build_shell(self) -> None:
         """Floors, then rooms, then walls, then the ground that lies between those."""
-        used = {self._level(room.level).id for room in self.home.rooms if len(room.outline_m) >= 3}
-        self.builder.floors, self.floor_of_level = number_storeys(
-            list(self.levels.values()), used | self._furnished_levels()
-        )
+        self.builder.floors, self.floor_of_level = number_storeys(list(self.levels.values()), self._used_levels())
         self.cuts = [self._cut(piece) for piece in self.home.pieces if is_stairs(piece)]
         if len(self.cuts) > MAX_STAIRS:
             raise BuildingError(f"{self.name} has {len(self.cuts)} staircases; at most {MAX_STAIRS}")
@@ -80,11 +78,14 @@ class Shell:
     def _level(self, level_id: str) -> Level:
         return self.levels.get(level_id, self.lowest)
 
-    def _furnished_levels(self) -> set[str]:
-        """Ids of the levels where something stands, or a door is, between walls."""
+    def _used_levels(self) -> set[str]:
+        """Ids of the levels with rooms, or with walls and something between them or above: else walls may be a roof's."""
+        rooms = {self._level(room.level).id for room in self.home.rooms if len(room.outline_m) >= 3}
         walled = {self._level(wall.level).id for wall in self.home.walls}
         furnished = {self._level(p.level).id for p in self.home.pieces if not p.is_opening or is_door(p)}
-        return walled & furnished
+        used = rooms | (walled & furnished)
+        top_m = max((self.levels[level].z_m for level in used), default=0.0)
+        return used | {level for level in walled if self.levels[level].z_m < top_m}
 
     def _cut(self, piece: Piece) -> tuple[NDArray[np.float64], float, float]:
         """Outline, foot and top of a staircase."""
@@ -140,7 +141,7 @@ class Shell:
         holes = self._holes_at(floor.z_m)
         parts = find_ground([outline for outline, _ in own], [*rooms, *holes])
         if not lowest:
-            parts = _without_voids(parts, rooms, holes)
+            parts = without_voids(parts, rooms, holes)
         areas = [part for part in parts if part.is_area]
         strips = [tile for part in parts if not part.is_area for tile in part.tiles]
         known: dict[str, tuple[Material, float, float]] = {}
@@ -297,20 +298,3 @@ def _levels_with_ceilings(rooms: Sequence[PlanRoom]) -> set[str]:
     return {
         level for level, shown in area_m2 if shown and area_m2[level, True] >= _SHOWN * area_m2.get((level, False), 0.0)
     }
-
-
-def _without_voids(parts: Sequence[Ground], rooms: Sequence[Polygon], holes: Sequence[Polygon]) -> tuple[Ground, ...]:
-    """Without the areas that are open to the storey below.
-
-    Where rooms are drawn for most of an upper storey, what is left out is left out on purpose, but for the landing of a
-    staircase.
-    """
-    areas_m2 = sum(part.area_m2 for part in parts if part.is_area)
-    if sum(abs(signed_area(room)) for room in rooms) < areas_m2:
-        return tuple(parts)
-    return tuple(part for part in parts if not part.is_area or any(_beside(part.outline, hole) for hole in holes))
-
-
-def _beside(a: Polygon, b: Polygon) -> bool:
-    """Whether the boxes of two polygons touch."""
-    return bool(np.all(a.min(axis=0) - 0.1 <= b.max(axis=0)) and np.all(b.min(axis=0) - 0.1 <= a.max(axis=0)))

@@ -28,7 +28,7 @@ def number_storeys(levels: Sequence[Level], used: Collection[str]) -> tuple[list
 
     Args:
         levels: of the plan, at least one.
-        used: ids of the levels that have rooms, or walls with something standing between them.
+        used: ids of the levels that have rooms, or walls that aren't just a roof's.
     """
     ordered = sorted(levels, key=lambda level: level.z_m)
     storeys: list[list[Level]] = []
