@@ -153,9 +153,14 @@ def test_triangles_of_all_streams_are_counted(packed: Callable[..., Path], monke
         extension = {**_first(header)["extensions"][draco.EXTENSION], "bufferView": 1}
         header["meshes"][0]["primitives"].append({**_first(header), "extensions": {draco.EXTENSION: extension}})
 
+    path = packed(stream(), twice)
+    calls = []
+    decode = DracoPy.decode
+    monkeypatch.setattr(DracoPy, "decode", lambda data: calls.append(1) or decode(data))
     monkeypatch.setattr(gltf, "MAX_TRIANGLES", 20)
     with pytest.raises(BuildingError, match="more than 20 triangles"):
-        read_glb(packed(stream(), twice))
+        read_glb(path)
+    assert calls == [1]  # refused before the second is unpacked
 
 
 def test_damage_anywhere_in_a_stream_is_met(packed: Callable[..., Path]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from simulator.plans import javastream
+from simulator.plans.javahome import home_element
 from simulator.plans.javastream import MAGIC, JavaObject, read_java
 from simulator.plans.sweethome import Home, read_home
 from surveilnav.errors import BuildingError
@@ -187,7 +188,6 @@ HOSTILE: dict[str, tuple[bytes | Callable[[], bytes], str]] = {
     "a format of its own": (home("L:a", b"\x73" + described("T", flags=4)), "format of its own"),
     "blocks without end": (home("L:a", b"\x73" + described("T", flags=3) + b"\x77\x00" * 99), "end of the file"),
     "deep": (lambda: MAGIC + thing("T", "L:a") + (b"\x73" + reference(0)) * 30_000, "nested deeper"),
-    "many objects": (lambda: home("[:a", array("[LT;", 400_000, thing("T") + (b"\x73" + reference(5)) * 399_999)), "objects"),
     "walls that are text": (home("L:walls", text("walls")), "'walls' of a Home can't be 'walls'"),
     "walls that are a map": (home("L:walls", thing("java.util.HashMap")), "can't be java.util.HashMap"),
     "a wall that is text": (home("L:walls", listing(text("wall"))), "'walls' of a Home can't be 'wall'"),
@@ -226,10 +226,20 @@ def test_what_cannot_be_is_refused_by_name(case: str) -> None:
     assert len(str(caught.value)) < 400
 
 
-def test_a_group_that_holds_itself_many_times_is_counted() -> None:
-    group = thing(f"{MODEL}HomeFurnitureGroup", "L:furniture", reference(4))
-    with pytest.raises(BuildingError, match=r"more than 500000 things|nested deeper"):
-        read_home(home("L:furniture", listing(group, *[reference(7)] * 20)), "test")
+def test_one_room_many_times_over_is_counted() -> None:
+    # Handles: class Home 0, "Lx;" 1, home 2, class ArrayList 3, list 4, class Room 5, "Lx;" 6, room 7, class [[F 8,
+    # points 9, class [F 10, point 11: 600 rooms of 1,000 corners, in 6 kB.
+    point = array("[F", 2, number(1) * 2)
+    room = thing(f"{MODEL}Room", "[:points", array("[[F", 1000, point + reference(11) * 999))
+    data = home("L:rooms", listing(room, *[reference(7)] * 599))
+    with pytest.raises(BuildingError, match="more than 5000 things"):
+        home_element(data, "test", max_elements=5_000, max_depth=64)
+
+
+def test_too_many_objects(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(javastream, "MAX_OBJECTS", 1_000)
+    with pytest.raises(BuildingError, match="more than 1000 objects"):
+        read_home(home("[:a", array("[LT;", 1_500, thing("T") + (b"\x73" + reference(5)) * 1_499)), "test")
 
 
 def test_too_many_bytes(monkeypatch: pytest.MonkeyPatch, old: bytes) -> None:
