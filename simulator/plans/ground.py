@@ -19,8 +19,8 @@ from simulator.plans.polygons import Polygon, signed_area
 from surveilnav.geometry import Grid
 
 CELL_M = 0.05
-#: A storey of more cells than this isn't filled: 200 x 200 m.
-MAX_CELLS = 16_000_000
+#: A storey of more cells than this isn't filled: 100 x 100 m. Of its parts the largest are.
+MAX_CELLS, MAX_PARTS = 4_000_000, 500
 #: Gaps of at most these widths count as closed [m], tried one after the other: drawn carelessly, a passage without a
 #: door, an open front.
 _GAPS_M = (0.2, 1.2, 2.5, 5.0)
@@ -67,11 +67,12 @@ def find_ground(
     covered = inside([*rooms, *walls, *voids], grid)
     bare = _enclosed([*walls, *rooms], grid) & ~covered
     label, count = ndimage.label(bare, np.ones((3, 3)))
-    parts = [
-        _ground_of(label[where] == number, where, grid)
-        for number, where in zip(range(1, count + 1), ndimage.find_objects(label), strict=True)
-    ]
-    return tuple(sorted((part for part in parts if part.area_m2 >= _STRIP_M2), key=lambda part: -part.area_m2))
+    size_m2 = np.bincount(label.ravel(), minlength=count + 1)[1:] * CELL_M**2
+    where = ndimage.find_objects(label)
+    largest = np.argsort(-size_m2, kind="stable")[:MAX_PARTS]
+    return tuple(
+        _ground_of(label[where[i]] == i + 1, where[i], grid) for i in largest.tolist() if size_m2[i] >= _STRIP_M2
+    )
 
 
 def without_voids(parts: Sequence[Ground], rooms: Sequence[Polygon], holes: Sequence[Polygon]) -> tuple[Ground, ...]:

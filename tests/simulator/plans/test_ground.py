@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.plans.ground import CELL_M, find_ground, inside
+from simulator.plans.ground import CELL_M, MAX_PARTS, find_ground, inside
 from simulator.plans.polygons import contains, signed_area
 from surveilnav.geometry import Grid
 
@@ -86,4 +86,10 @@ def test_a_courtyard_open_to_the_street_is_none_of_the_building() -> None:
 def test_a_plan_too_large_or_without_walls_gets_none() -> None:
     assert find_ground([], []) == ()
     assert find_ground([], [box(0, 0, 1, 1)]) == ()
-    assert find_ground(ring(0, 0, 9_000, 9_000), []) == ()
+    assert find_ground(ring(0, 0, 150, 150), []) == ()
+
+
+def test_a_lattice_of_walls_gives_no_more_parts_than_the_limit() -> None:
+    bars = [box(x, 0, x + 0.2, 40) for x in np.arange(0, 40, 0.8)]
+    bars += [box(0, y, 40, y + 0.2) for y in np.arange(0, 40, 0.8)]
+    assert len(find_ground(bars, [])) == MAX_PARTS

@@ -161,10 +161,15 @@ def test_a_false_ceiling_is_no_floor_and_lets_the_stairs_through() -> None:
     levels = level("down", 0) + level("false ceiling", 242, 18) + level("up", 262)
     drawn = "".join(room(0, 0, 800, 400, name) for name in ("down", "false ceiling", "up"))
     thing = "<pieceOfFurniture name='Lamp' level='false ceiling' x='700' y='50' width='20' depth='20' height='10'/>"
-    scene = scene_of(levels + drawn + thing)
+    stairs = (
+        "<pieceOfFurniture name='Stairs' level='down' x='400' y='200' width='90' depth='240' height='362' "
+        "staircaseCutOutShape='M0,0 v1 h1 v-1 z'/>"
+    )
+    scene = scene_of(levels + drawn + thing + stairs)
     assert [(floor.id, floor.name) for floor in scene.floors] == [("0", "down"), ("1", "up")]
     assert next(i.floor for i in scene.instances if i.name == "Lamp") == "0"
     assert [(room.name, room.floor) for room in scene.rooms] == [("Room 1", "0"), ("Room 3", "1")]
+    assert all(area > 20 for area in reached(scene).values())
 
 
 @pytest.fixture
