@@ -71,7 +71,7 @@ class Supervisor:
         life.due_s = None
         life.restarts, life.restarted_ns = life.restarts + 1, clock_ns()
         self._stack.start(name)
-        self._say(f"{name} started again" + (f", for the {life.restarts}. time" if life.restarts > 1 else ""))
+        self._say(f"{name} started again (restart {life.restarts})")
 
     def _services(self) -> ServiceList:
         states = [

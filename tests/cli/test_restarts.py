@@ -80,8 +80,8 @@ def test_what_ends_is_started_again_after_a_wait_and_both_are_said(supervised):
         supervisor.tend()
         assert stack.started == started
     assert [line.partition(";")[0] for line in said] == [
-        "fusion ended (SIGKILL): it starts again in 0.5 s", "fusion started again",
-        "fusion ended (exit code 1): it starts again in 1 s", "fusion started again, for the 2. time",
+        "fusion ended (SIGKILL): it starts again in 0.5 s", "fusion started again (restart 1)",
+        "fusion ended (exit code 1): it starts again in 1 s", "fusion started again (restart 2)",
     ]  # fmt: skip
     assert str(stack.log_of("fusion")) in said[0]
 
