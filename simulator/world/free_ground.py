@@ -19,6 +19,7 @@ from simulator.world.raycast import RayCaster
 from simulator.world.scene import Floor, Scene
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
+from surveilnav.robot_body import clearance_m, fits
 
 _MAX_CELLS = 64_000_000
 #: With less than this share of the free cells under a roof, the building has none.
@@ -84,8 +85,8 @@ def _ground_of(
         obstacle, scene.vertices, scene.triangles, grid.origin_x_m, grid.origin_y_m, grid.resolution_m,
         floor.z_m + max_step_m, floor.z_m + robot_height_m,
     )  # fmt: skip
-    open_cells = np.pad(supported & ~obstacle, 1)
-    free = (ndimage.distance_transform_edt(open_cells) * grid.resolution_m > radius_m)[1:-1, 1:-1]
+    blocked = np.pad(~supported | obstacle, 1, constant_values=True)
+    free = fits(clearance_m(blocked, grid.resolution_m), radius_m)[1:-1, 1:-1]
     indoor = supported & _roofed(caster, grid, floor.z_m + robot_height_m)
     return FloorNavigation(floor.id, floor.z_m, grid, free, components_of(free), supported, indoor, obstacle)
 
