@@ -64,6 +64,7 @@ CHOICES = {
     "block first": Choice("BLOCK_FIRST"),
     "block first, turn 0.1 s": Choice("BLOCK_FIRST", _OWN, {"drop": 100}),
     "block first, turn 0.1 s, lease 10 s": Choice("BLOCK_FIRST", _OWN, {"drop": 100}, lease_ms=10_000),
+    "block first, turn 0.1 s, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 100}, threads=8),
     "block first, turn 1 ms, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 1}, threads=8),
     "block first, turn 0.2 s, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 200}, threads=8),
     "drop": Choice("DROP"),
@@ -82,7 +83,8 @@ def tuned(config: str, waits_ms: dict[str, int], lease_ms: int) -> str:
     made: dict[str, Any] = json.loads(config)
     sending = made["transport"]["link"]["tx"]
     sending["lease"] = lease_ms
-    sending.pop("queue", None)
+    for key in ("queue", "keep_alive"):  # ours
+        sending.pop(key, None)
     for name, wait_ms in waits_ms.items():
         group, key = _WAITS[name]
         queue = sending.setdefault("queue", {}).setdefault("congestion_control", {})

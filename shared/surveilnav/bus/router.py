@@ -21,7 +21,7 @@ from surveilnav.bus.settings import DEFAULT_PORT, router_config
 from surveilnav.errors import BusError, ConfigError, SurveilNavError
 
 #: Closing the link of a reader that doesn't read holds one of Zenoh's threads. It has one to send and two to receive, and
-#: without them everybody loses the router (docs/understand/adr/0005-bulk-data-is-left-out.md).
+#: without them everybody loses the router (docs/understand/adr/0006-bulk-data-is-left-out.md).
 _THREADS = "(rx: (worker_threads: 8), tx: (worker_threads: 8))"
 
 
