@@ -15,11 +15,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib import resources
+from itertools import islice
 
 #: In the table: what names a part of a thing, not a thing ("leg", "pillow").
 PART = "part"
 #: Longer names are cut: nobody names a chair in more words, and a foreign file may hold any name.
 _MAX_NAME_CHARS = 200
+#: So many names tell a home's language.
+_MAX_NAMES = 500
 #: What stands before an ending makes a compound with it ("Doppel-bett"), unless it is shorter than this.
 _MIN_COMPOUND_START = 3
 
@@ -99,7 +102,7 @@ def whole_of(name: str) -> str | None:
 
 def language_of(names: Iterable[str]) -> str:
     """The code of the language that most of some names are written in, such as those of a home's furniture."""
-    names = set(names)
+    names = list(islice(dict.fromkeys(names), _MAX_NAMES))
     known = {language.code: sum(bool(_read(name, language).things) for name in names) for language in _languages()}
     return max(known, key=lambda code: known[code])
 
