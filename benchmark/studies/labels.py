@@ -131,15 +131,15 @@ def page(named: Sequence[Named]) -> str:
     lines = [
         "# What names say about furniture",
         "",
-        "Made by `python -m benchmark.studies.labels`. Every name that Sweet Home 3D's catalogues have, in all their languages, is",
-        "given to `label_of` with the piece's size. What the piece is comes from its catalogue id, checked by hand:",
-        f"[labels_truth.json](../../benchmark/studies/labels_truth.json), {len(truth()['labels'])} classes. Each cell: precision / "
+        "Made by `python -m benchmark.studies.labels`. It gives `label_of` every name in Sweet Home 3D's catalogues, in all their",
+        "languages, with the piece's size. What a piece is follows from its catalogue id, checked by hand for",
+        f"{len(truth()['labels'])} classes: [labels_truth.json](../../benchmark/studies/labels_truth.json). Each cell has precision /",
         "recall in percent.",
         "",
-        "- *before*: the English regular expressions that the word table replaced.",
+        "- *before*: the English regular expressions that the table of words replaced.",
         "- *alone*: the name is all that is known.",
-        "- *in a home*: the other names of the home tell the language. It decides where two languages mean different things by one "
-        'word: Bulgarian and Russian "стол", Dutch and German "Bank".',
+        '- *in a home*: the home\'s other names tell the language. It decides where one word means two things: "стол" in Bulgarian',
+        '  and Russian, "Bank" in Dutch and German.',
         "",
         "The sums leave English out.",
     ]
