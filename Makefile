@@ -9,7 +9,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test canary test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-render bench-homes bench-association bench-calibration docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -60,6 +60,9 @@ bench-models: $(TORCH_READY) ## what full-size networks cost, on random weights;
 
 bench-perception: $(READY) ## what a perception worker serves: throughput, overload, memory, a frozen worker
 	$(BIN)/python tests/bench/bench_perception.py $(ARGS)
+
+bench-bus: $(READY) ## what a frozen reader or a slow link does to everybody else, by congestion control (half an hour or more)
+	$(BIN)/python tests/bench/bench_bus.py $(ARGS)
 
 bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)

@@ -5,19 +5,26 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
+
+if TYPE_CHECKING:
+    from benchmark.dataset.splits import SplitSpec
 
 app = typer.Typer(no_args_is_help=True, help="The collaborative dataset: buildings, cameras, episodes.")
 console = Console(stderr=True, highlight=False)
 
 DEFAULT_ROOT = Path("data/surveilnav-v1")
 Root = Annotated[Path, typer.Option(help="The dataset's folder.")]
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
+AsJson = Annotated[
+    bool,
+    typer.Option("--json", help='One JSON object on stdout, {"error": ...} if it fails; everything else on stderr.'),
+]
 
 
 @app.command()
@@ -28,7 +35,8 @@ def build(
     building: Annotated[
         list[str] | None,
         typer.Option(
-            help="For a split of your own: a .sh3d, .glb or .obj file, a folder of HM3D, or a building's name."
+            help="For a split of your own: a name of `surveilnav buildings`, or the path of a .sh3d file, a Home.xml, a .glb, "
+            "an .obj or a folder of HM3D."
         ),
     ] = None,
     episodes: Annotated[
@@ -62,8 +70,20 @@ def build(
     if as_json:
         print(msgspec.json.encode(manifest).decode())
         return
+    for scene, note in _notes(root, splits):
+        console.print(f"note: {scene}: {note}", markup=False)
     for name, c in manifest.splits.items():
         console.print(f"{name}: {c.scenes} scenes, {c.floors} floors, {c.cameras} cameras, {c.episodes} episodes")
+
+
+def _notes(root: Path, splits: Sequence[SplitSpec]) -> Iterator[tuple[str, str]]:
+    """What people should know of the splits' scenes: of each its name and a note."""
+    from benchmark.dataset.format import SceneRecord, read
+
+    for split in splits:
+        for spec in split.scenes:
+            for note in read(root / split.name / "scenes" / f"{spec.scene}.json", SceneRecord).notes:
+                yield spec.scene, note
 
 
 @app.command()

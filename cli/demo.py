@@ -44,6 +44,7 @@ class DemoOptions:
     surveillance: bool
     cameras: int | None
     area_per_camera_m2: float
+    cameras_everywhere: bool
     max_steps: int
     runs: Path
 
@@ -78,14 +79,14 @@ def _prepare(options: DemoOptions, console: Console) -> tuple[SimulatedBuilding,
     console.print(f"building: [bold]{escape(options.building)}[/] seed {options.seed}")
     settings = SimulationSettings(
         building=options.building, seed=options.seed, area_per_camera_m2=options.area_per_camera_m2,
-        cameras=options.cameras if options.surveillance else 0,
+        cameras=options.cameras if options.surveillance else 0, cameras_everywhere=options.cameras_everywhere,
     )  # fmt: skip
     with bar(console) as progress:
         building = SimulatedBuilding(settings, progress)
         goals = find_goals(building.scene, building.navigation, options.target, caster=building.caster)
         start = sample_start(building.scene, building.navigation, goals, seed=options.seed, caster=building.caster)
         building.prepare()
-    for note in (*building.scene.notes, *start.notes):
+    for note in (*building.notes, *start.notes):
         console.print(f"note: {note}", markup=False)
     console.print(
         f"target: [bold]{goals.label}[/] ({len(goals.instances)} in the building, the nearest {start.shortest_path_m:.1f} m "
@@ -116,7 +117,7 @@ def _variables(options: DemoOptions, start: Start, run_dir: Path) -> dict[str, s
     return environment(
         router=f"tcp/127.0.0.1:{free_port()}", building=options.building, seed=options.seed, cameras=options.cameras,
         area_per_camera_m2=options.area_per_camera_m2, perception=options.perception, surveillance=options.surveillance,
-        state=run_dir / "state",
+        state=run_dir / "state", cameras_everywhere=options.cameras_everywhere,
         robot_start=f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}",
     )  # fmt: skip
 
@@ -202,7 +203,7 @@ def _record(
         cameras=recorder.camera_infos(), invoked=recorder.invoked_cameras(), objects=known,
         deciding_views=deciding_views(node, recorder, known, status),
         traffic=traffic_lines(recorder.traffic()), timeline=[Moment(*entry) for entry in recorder.timeline],
-        notes=[*building.scene.notes, *start.notes],
+        notes=[*building.notes, *start.notes],
     )  # fmt: skip
 
 

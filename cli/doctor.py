@@ -13,6 +13,7 @@ from typing import Any, Literal
 from rich.console import Console
 
 from simulator.furniture.assets import ensure_assets
+from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.sources import EXAMPLE_HOMES
 from surveilnav.config import cache_dir, models_dir, offline
 from surveilnav.errors import SurveilNavError
@@ -33,9 +34,10 @@ class Finding:
         return asdict(self)
 
 
-def examine() -> list[Finding]:
-    """Looks at Python, packages, furniture, models, disk and Docker."""
-    return [_python(), *_packages(), _assets(), _models(), _disk(), _docker()]
+def examine(building: str = "") -> list[Finding]:
+    """Looks at Python, packages, furniture, models, disk, Docker, and a building if one is named."""
+    findings = [_python(), *_packages(), _assets(), _models(), _disk(), _docker()]
+    return [*findings, *([_building(building)] if building else [])]
 
 
 def _python() -> Finding:
@@ -97,6 +99,18 @@ def _docker() -> Finding:
     if shutil.which("docker"):
         return Finding("docker", "ok", "for `docker compose up` (whether an engine runs isn't asked)")
     return Finding("docker", "note", "not installed: only `docker compose up` needs it", "apt-get install docker.io")
+
+
+def _building(name: str) -> Finding:
+    """How much of a building robots can reach."""
+    try:
+        building = SimulatedBuilding(SimulationSettings(building=name))
+        reach = building.reach
+    except SurveilNavError as error:
+        return Finding("building", "missing", str(error), "surveilnav buildings")
+    if reach.sentence:
+        return Finding("building", "note", f"{name}: {reach.sentence}")
+    return Finding("building", "ok", f"{name}: robots reach all of {reach.reached_m2:.0f} m²")
 
 
 def show(findings: list[Finding], console: Console) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import signal
 import sys
@@ -17,6 +16,7 @@ from pydantic_settings import SettingsError
 from rich.console import Console
 
 from cli import bench, dataset, models
+from cli.mistakes import as_object, in_words
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception.names import BackendName
 
@@ -39,25 +39,35 @@ class OnOff(StrEnum):
 
 
 Building = Annotated[
-    str, typer.Option(help="An example home (see `surveilnav buildings`) or the path of a .sh3d file.")
+    str,
+    typer.Option(
+        help="A name of `surveilnav buildings` (an example home, office_7, flats_7, parametric_flat, ...), or the path of a "
+        ".sh3d file, a Home.xml, a .glb, an .obj or a folder of HM3D."
+    ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Draws furniture models, textures, start and sensor noise.")]
 Cameras = Annotated[int | None, typer.Option(min=0, max=10_000, help="So many cameras in all (4 if no area is given).")]
 Area = Annotated[float | None, typer.Option(min=1.0, help="One camera for so many square metres of floor.")]
+Everywhere = Annotated[
+    bool, typer.Option("--cameras-everywhere", help="Cameras also on floors that robots can't get to.")
+]
 Perception = Annotated[BackendName, typer.Option(help="What looks at the pictures; auto takes the best that can run.")]
 Text = Annotated[
     str, typer.Argument(help="What looks most like it comes first; a perception with a closed set refuses other words.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
+AsJson = Annotated[
+    bool,
+    typer.Option("--json", help='One JSON object on stdout, {"error": ...} if it fails; everything else on stderr.'),
+]
 Url = Annotated[str, typer.Option(envvar="SURVEILNAV_URL", help="The gateway.")]
 DEFAULT_URL = "http://127.0.0.1:8080"
 
 
-def _density(cameras: int | None, area_per_camera_m2: float | None) -> dict[str, Any]:
-    """The camera plan's two settings: a number, else an area, else four cameras."""
+def _density(cameras: int | None, area_per_camera_m2: float | None, everywhere: bool) -> dict[str, Any]:
+    """The camera plan's settings: a number, else an area, else four cameras."""
     if cameras is None and area_per_camera_m2 is None:
         cameras = DEFAULT_CAMERAS
-    return {"cameras": cameras, "area_per_camera_m2": area_per_camera_m2 or 100.0}
+    return {"cameras": cameras, "area_per_camera_m2": area_per_camera_m2 or 100.0, "cameras_everywhere": everywhere}
 
 
 @app.command()
@@ -69,6 +79,7 @@ def demo(
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
     cameras: Cameras = None,
     area_per_camera: Area = None,
+    cameras_everywhere: Everywhere = False,
     max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
     runs: Annotated[Path, typer.Option(help="Where run folders go.")] = Path("runs"),
     as_json: AsJson = False,
@@ -78,7 +89,7 @@ def demo(
 
     options = DemoOptions(
         building=building, seed=seed, target=target, perception=perception.value, surveillance=surveillance is OnOff.on,
-        **_density(cameras, area_per_camera), max_steps=max_steps, runs=runs,
+        **_density(cameras, area_per_camera, cameras_everywhere), max_steps=max_steps, runs=runs,
     )  # fmt: skip
     outcome = run_demo(options, console)
     if as_json:
@@ -94,6 +105,7 @@ def up(
     surveillance: Annotated[OnOff, typer.Option(help="Whether cameras take part.")] = OnOff.on,
     cameras: Cameras = None,
     area_per_camera: Area = None,
+    cameras_everywhere: Everywhere = False,
     port: Annotated[int, typer.Option(min=1, max=65535, help="The gateway's port.")] = 8080,
     router: Annotated[str, typer.Option(help="The router's endpoint.")] = "tcp/127.0.0.1:7447",
     logs: Annotated[Path, typer.Option(help="Where the services' logs go.")] = Path("runs/up"),
@@ -103,7 +115,7 @@ def up(
 
     run_up(
         console, building=building, seed=seed, perception=perception.value, surveillance=surveillance is OnOff.on,
-        **_density(cameras, area_per_camera), port=port, router=router, logs=logs,
+        **_density(cameras, area_per_camera, cameras_everywhere), port=port, router=router, logs=logs,
     )  # fmt: skip
 
 
@@ -147,11 +159,14 @@ def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 
 @app.command()
-def doctor(as_json: AsJson = False) -> None:
+def doctor(
+    building: Annotated[str, typer.Option(help="Also say how much of this building robots can reach.")] = "",
+    as_json: AsJson = False,
+) -> None:
     """Say what is missing on this machine, and how to get it."""
     from cli.doctor import examine, show
 
-    findings = examine()
+    findings = examine(building)
     if as_json:
         print(json.dumps([f.as_dict() for f in findings]))
     else:
@@ -170,6 +185,24 @@ def buildings(as_json: AsJson = False) -> None:
     else:
         for row in rows:
             console.print(f"[bold]{row.name}[/]  {row.about}")
+
+
+@app.command()
+def homes(folder: Annotated[Path, typer.Argument(help="A folder, or one file.")], as_json: AsJson = False) -> None:
+    """Say of every plan and mesh in FOLDER how much of it robots can search. Exit 1 if nothing could be read.
+
+    It takes .sh3d files, Home.xml, .glb, .gltf, .obj and folders of HM3D, however deep they lie.
+    """
+    from cli.homes import as_dict, look_at, show
+    from cli.progress import counting
+
+    with counting(console, "files") as progress:
+        lines = look_at(folder, progress)
+    if as_json:
+        print(json.dumps({"folder": str(folder), "homes": [as_dict(line) for line in lines]}))
+    else:
+        show(lines, console)
+    raise typer.Exit(0 if any(line.survey for line in lines) else 1)
 
 
 @app.command()
@@ -195,25 +228,12 @@ def main() -> None:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
     except (ValidationError, SettingsError, SurveilNavError, OSError) as error:
-        if (mistake := _mistake(error)) is None:
+        if (words := in_words(error)) is None:
             raise
-        print(mistake, file=sys.stderr)
+        if "--json" in sys.argv[1:]:
+            print(json.dumps(as_object(error, words)))
+        print(words, file=sys.stderr)
         sys.exit(1)
-
-
-def _mistake(error: Exception) -> str | None:
-    """What a user or the machine did wrong, in a line; None: a bug, which wants its traceback."""
-    if isinstance(error, ValidationError):
-        from surveilnav.bus.main import explain
-
-        return explain(error)
-    if not isinstance(error, OSError):
-        return f"error: {error}"
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    if error.filename is None and not full:  # not about a file that the user named
-        return None
-    where = f"{error.filename}: " if error.filename else ""
-    return f"error: {where}{error.strerror}{'; make room and run again' if full else ''}"
 
 
 if __name__ == "__main__":

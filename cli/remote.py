@@ -11,30 +11,37 @@ import httpx
 from rich.console import Console
 from rich.markup import escape
 
-from surveilnav.errors import SurveilNavError
+from surveilnav.errors import GatewayError
 from surveilnav.messages import FINISHED_STATES
 
 _LOST_S = 20.0
 
 
 def call(url: str, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
-    """One REST call; every failure becomes a SurveilNavError that says what to do."""
+    """One REST call; every failure becomes a GatewayError that says what to do."""
     try:
         response = httpx.request(method, url.rstrip("/") + path, json=body, timeout=30.0)
     except (httpx.HTTPError, httpx.InvalidURL) as error:
-        raise SurveilNavError(
+        raise GatewayError(
+            "no_gateway",
             f"no gateway answers at {url} ({error}). Start one with `surveilnav up` or `docker compose up`, or name its "
-            "address with --url or SURVEILNAV_URL."
+            "address with --url or SURVEILNAV_URL.",
         ) from error
     try:
         answer = response.json()
     except ValueError:
-        raise SurveilNavError(
-            f"{url} isn't a SurveilNav gateway: {path} answered {response.status_code} without JSON"
+        raise GatewayError(
+            "no_gateway", f"{url} isn't a SurveilNav gateway: {path} answered {response.status_code} without JSON"
         ) from None
     if response.is_error:
-        raise SurveilNavError(str(answer.get("detail") or answer.get("title") or response.reason_phrase))
+        raise _refusal(answer if isinstance(answer, dict) else {}, response)
     return answer
+
+
+def _refusal(problem: dict[str, Any], response: httpx.Response) -> GatewayError:
+    """What RFC 9457's members say; other servers' errors by their status."""
+    name = str(problem.get("type", "")).rpartition(":")[2] or str(response.status_code)
+    return GatewayError(name, str(problem.get("detail") or problem.get("title") or response.reason_phrase))
 
 
 def follow_mission(url: str, target: str, robot: str, max_steps: int, console: Console) -> dict[str, Any]:
@@ -67,7 +74,9 @@ def _followed(url: str, id: str, console: Console) -> dict[str, Any]:
             return mission
         heard_s = heard_s if mission.get("stale") else time.monotonic()
         if time.monotonic() - heard_s > _LOST_S:
-            raise SurveilNavError("the planner hasn't been heard of for 20 s: see `surveilnav status` and its log")
+            raise GatewayError(
+                "stale", "the planner hasn't been heard of for 20 s: see `surveilnav status` and its log"
+            )
         time.sleep(0.5)
 
 
@@ -92,7 +101,7 @@ def list_objects(url: str, text: str, label: str, floor: str, console: Console, 
 
 def system_status(url: str, console: Console, as_json: bool) -> None:
     """Prints what the gateway knows."""
-    paths = {name: f"/api/v1/{name}" for name in ("robots", "cameras", "perception", "missions")}
+    paths = {name: f"/api/v1/{name}" for name in ("services", "robots", "cameras", "perception", "missions")}
     answer = {name: call(url, "GET", path) for name, path in paths.items()}
     if as_json:
         print(json.dumps(answer))
@@ -103,3 +112,5 @@ def system_status(url: str, console: Console, as_json: bool) -> None:
         for row in items:
             facts = {k: v for k, v in row.items() if isinstance(v, (str, int, float, bool)) and v != ""}
             console.print("  " + "  ".join(f"{k}={v}" for k, v in list(facts.items())[:8]), markup=False)
+            for note in row.get("notes", []):
+                console.print(f"  note: {note}", markup=False)

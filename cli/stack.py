@@ -16,6 +16,15 @@ from surveilnav.bus import BusSettings, Node
 from surveilnav.errors import SurveilNavError
 
 
+@dataclass(frozen=True, slots=True)
+class _Program:
+    """What a service's process runs: a module with arguments, and what its environment has beside the stack's."""
+
+    module: str
+    arguments: tuple[str, ...] = ()
+    more: dict[str, str] = field(default_factory=dict)
+
+
 @dataclass
 class Stack:
     """Router and services below one settings environment. Use it as a context manager.
@@ -39,14 +48,8 @@ class Stack:
     def __enter__(self) -> Stack:
         self.log_dir.mkdir(parents=True, exist_ok=True)
         try:
-            self._start("router", "surveilnav.bus.router", "--listen", self.environment["SURVEILNAV_BUS__ROUTER"])
-            for name in ("perception", "fusion", "planner"):
-                self.start_service(name)
-            self._start("robot", "services.robot_node")
-            for camera in self.cameras:
-                self._start(f"camera-{camera}", "services.camera_node", SURVEILNAV_CAMERA__ID=camera)
-            if self.gateway:
-                self.start_service("gateway")
+            for name in self._programs():
+                self.start(name)
         except BaseException:
             self.stop()
             raise
@@ -55,17 +58,37 @@ class Stack:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.stop()
 
-    def start_service(self, name: str) -> None:
-        """Starts (again) the service of that name."""
-        self._start(name, f"services.{name}")
+    def _programs(self) -> dict[str, _Program]:
+        """All of the stack by name, in the order of their start."""
+        programs = {
+            "router": _Program("surveilnav.bus.router", ("--listen", self.environment["SURVEILNAV_BUS__ROUTER"]))
+        }
+        programs |= {name: _Program(f"services.{name}") for name in ("perception", "fusion", "planner")}
+        programs["robot"] = _Program("services.robot_node")
+        for camera in self.cameras:
+            programs[f"camera-{camera}"] = _Program("services.camera_node", more={"SURVEILNAV_CAMERA__ID": camera})
+        if self.gateway:
+            programs["gateway"] = _Program("services.gateway")
+        return programs
 
-    def _start(self, name: str, module: str, *arguments: str, **more: str) -> None:
-        log = (self.log_dir / f"{name}.log").open("ab")
-        with log:
+    def start(self, name: str) -> None:
+        """Starts (again) the service of that name."""
+        program = self._programs()[name]
+        with self.log_of(name).open("ab") as log:
             self.processes[name] = subprocess.Popen(
-                [sys.executable, "-m", module, *arguments], env={**os.environ, **self.environment, **more},
+                [sys.executable, "-m", program.module, *program.arguments],
+                env={**os.environ, **self.environment, **program.more},
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
+
+    def log_of(self, name: str) -> Path:
+        """The file that the service of that name logs to."""
+        return self.log_dir / f"{name}.log"
+
+    def log_tail(self, name: str) -> str:
+        """The last lines of a service's log, for people."""
+        lines = self.log_of(name).read_text(errors="replace").strip().splitlines()
+        return "\n  ".join(lines[-8:]) or "(its log is empty)"
 
     def wait_ready(self, node: Node, timeout_s: float, progress: Callable[[str], None] = lambda text: None) -> None:
         """Waits until every service is on the bus.
@@ -95,8 +118,7 @@ class Stack:
         """Raises if a process has ended by itself, with the last lines of its log."""
         for name, process in self.processes.items():
             if (code := process.poll()) is not None:
-                lines = (self.log_dir / f"{name}.log").read_text(errors="replace").strip().splitlines()
-                tail = "\n  ".join(lines[-8:]) or "(its log is empty)"
+                tail = self.log_tail(name)
                 raise SurveilNavError(f"{name} ended with exit code {code}. The end of its log:\n  {tail}")
 
     def stop(self) -> None:
@@ -121,15 +143,16 @@ def _terminate(processes: list[subprocess.Popen[bytes]]) -> None:
 
 def environment(
     *, router: str, building: str, seed: int, cameras: int | None, area_per_camera_m2: float, perception: str,
-    surveillance: bool, state: Path, robot_start: str = "",
+    surveillance: bool, state: Path, cameras_everywhere: bool = False, robot_start: str = "",
 ) -> dict[str, str]:  # fmt: skip
-    """The settings of a stack as environment variables. ``state``: where maps and missions of this building are kept."""
+    """The settings of a stack as environment variables. ``state``: where maps, missions and the robot's place are kept."""
     settings = {
         "SURVEILNAV_BUS__ROUTER": router,
         "SURVEILNAV_BUS__BUILDING": bus_name(building),
         "SURVEILNAV_SIM__BUILDING": building,
         "SURVEILNAV_SIM__SEED": str(seed),
         "SURVEILNAV_SIM__AREA_PER_CAMERA_M2": str(area_per_camera_m2),
+        "SURVEILNAV_SIM__CAMERAS_EVERYWHERE": str(cameras_everywhere).lower(),
         "SURVEILNAV_PERCEPTION__BACKEND": perception,
         "SURVEILNAV_PERCEPTION__SEED": str(seed),
         # With what a camera looks for its summary; it does so only in buildings of more than one floor, where the
@@ -139,6 +162,7 @@ def environment(
         "SURVEILNAV_FUSION__SURVEILLANCE": str(surveillance).lower(),
         "SURVEILNAV_FUSION__STORE": str(state.resolve() / "fusion.sqlite"),
         "SURVEILNAV_PLANNER__STORE": str(state.resolve() / "planner.sqlite"),
+        "SURVEILNAV_ROBOT__STORE": str(state.resolve() / "robot.state"),
         "SURVEILNAV_ROBOT__START": robot_start,
         # Two cores: every process with a pool of its own would only wait for the others.
         "OMP_NUM_THREADS": "2",

@@ -10,36 +10,46 @@ from rich.console import Console
 
 from cli.progress import bar
 from cli.stack import Stack, environment
+from cli.supervisor import Supervisor
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node
+
+#: How often it is looked whether a service has ended.
+_TEND_S = 0.1
 
 
 def run_up(
     console: Console, *, building: str, seed: int, perception: str, surveillance: bool, cameras: int | None,
-    area_per_camera_m2: float, port: int, router: str, logs: Path,
+    area_per_camera_m2: float, cameras_everywhere: bool, port: int, router: str, logs: Path,
 ) -> None:  # fmt: skip
     """Prepares the building, starts everything, and waits."""
-    settings = SimulationSettings(building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2)
+    settings = SimulationSettings(
+        building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
+        cameras_everywhere=cameras_everywhere,
+    )  # fmt: skip
     with bar(console) as progress:
-        plan = SimulatedBuilding(settings, progress).prepare()
+        simulated = SimulatedBuilding(settings, progress)
+        plan = simulated.prepare()
+    for note in simulated.notes:
+        console.print(f"note: {note}", markup=False)
     # Maps and missions of a building, to go on with next time; never those of another one, or of its plan before a change.
     state = logs / "state" / plan.scene_hash[:16]
     variables = environment(
         router=router, building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
-        perception=perception, surveillance=surveillance, state=state,
+        perception=perception, surveillance=surveillance, state=state, cameras_everywhere=cameras_everywhere,
     ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}  # fmt: skip
     names = [camera.name for camera in plan.cameras] if surveillance else []
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
-    with Stack(variables, logs, names, gateway=True) as stack:
-        with Node("cli", "up", stack.bus, alive=False) as node:
-            stack.wait_ready(node, 120.0)
+    with Stack(variables, logs, names, gateway=True) as stack, Node("cli", "up", stack.bus, alive=False) as node:
+        stack.wait_ready(node, 120.0)  # what ends before all are ready has a reason that no restart mends
         console.print(
             f"ready: http://127.0.0.1:{port}/  (building {plan.building}, {len(names)} cameras; logs in {logs}, "
             f"maps and missions in {state})"
         )
         console.print('try: surveilnav find "tv"    stop: Ctrl-C')
-        while not stopping.wait(1.0):
-            stack.check()
+        supervisor = Supervisor(stack, node, lambda text: console.print(text, markup=False, soft_wrap=True))
+        while not stopping.wait(_TEND_S):
+            supervisor.tend()
     console.print("stopped")

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from simulator.world.cameras import PlacedCamera
     from simulator.world.navigation import NavigationMap
     from simulator.world.raycast import RayCaster
+    from simulator.world.reach import Reach
     from simulator.world.scene import Scene
 
 Progress = Callable[[float, str], None]
@@ -46,11 +47,16 @@ class SimulationSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_SIM__", extra="ignore")
 
-    building: str = Field("studio", description="an example home, office_<n>, flats_<n>, or the path of a .sh3d file")
+    building: str = Field(
+        "studio",
+        description="a name of `surveilnav buildings`, or the path of a .sh3d file, a Home.xml, a .glb, an .obj or a folder of "
+        "HM3D",
+    )
     seed: int = Field(0, ge=0, description="draws furniture models, floor textures, starts and sensor noise")
     models: Literal["all", "train", "val"] = Field("all", description="furnish with one half of the models alone")
     area_per_camera_m2: float = Field(100.0, gt=0, description="one camera for so much floor")
     cameras: int | None = Field(None, ge=0, le=10_000, description="this many cameras in all instead")
+    cameras_everywhere: bool = Field(False, description="cameras also on floors that robots can't get to")
     depth_noise: bool = Field(True, description="noise on depth; without it bandwidth figures lie")
     lighting: str = Field(
         "baked", pattern="baked|flat|shadowed", description="light from a cache, none, or shadow rays for every view"
@@ -87,6 +93,18 @@ class SimulatedBuilding:
         return NavigationMap.load_or_build(self.scene, self._cache_dir)
 
     @cached_property
+    def reach(self) -> Reach:
+        """How much of it robots can reach, and what they can't."""
+        from simulator.world.reach import reach_of
+
+        return reach_of(self.scene, self.navigation)
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What people should know of the building before they search it: what robots can't reach first."""
+        return tuple(note for note in (self.reach.sentence, *self.scene.notes) if note)
+
+    @cached_property
     def renderer(self) -> Renderer:
         from simulator.render.renderer import Renderer
 
@@ -112,7 +130,7 @@ class SimulatedBuilding:
         """Named by everything that the plan depends on; a home of the user's own by its content."""
         source = Path(self.settings.building)
         content = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else ""
-        facts = self.settings.model_dump(include={"building", "seed", "models", "area_per_camera_m2", "cameras"})
+        facts = self.settings.model_dump(exclude={"depth_noise", "lighting"})
         key = json.dumps([__version__, facts, content], sort_keys=True)
         return self._cache_dir / "plans" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.plan"
 
@@ -125,7 +143,7 @@ class SimulatedBuilding:
 
         placed: tuple[PlacedCamera, ...] = placement.place_cameras(
             self.scene, self.navigation, area_per_camera_m2=area_per_camera_m2, count=count, seed=self.settings.seed,
-            caster=self.caster,
+            caster=self.caster, everywhere=self.settings.cameras_everywhere,
         )  # fmt: skip
         return CameraPlan(
             self.scene.name, self.scene.content_hash, list(self.navigation.floors), placement.MOUNTING_M,

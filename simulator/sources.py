@@ -170,12 +170,12 @@ def _open_file(path: Path, seed: int, cache: Path, models: Models) -> Scene:
 
 
 def _plan_in(archive: Archive, path: Path) -> bytes:
-    """The Home.xml of a .sh3d file."""
-    plan = archive.read("Home.xml")
+    """The plan of a .sh3d file: its Home.xml, or the serialized Home that versions before 5.3 wrote alone."""
+    plan = archive.read("Home.xml") or archive.read("Home")
     if plan is None:
-        old = archive.fingerprint("Home") != ""
-        hint = "open it in Sweet Home 3D 5.3 or newer and save it again" if old else "is it a Sweet Home 3D file?"
-        raise BuildingError(f"{path} has no Home.xml inside: {hint}")
+        raise BuildingError(
+            f"{path} has neither a Home.xml nor a Home (before version 5.3) inside: is it a Sweet Home 3D file?"
+        )
     return plan
 
 

@@ -180,7 +180,7 @@ def test_no_settings_class_is_missing_from_the_page():
 
 def test_the_rest_page_has_every_address_once_with_a_call():
     page = (ROOT / "docs/use/rest.md").read_text(encoding="utf-8")
-    paths = create_app(MagicMock()).openapi()["paths"]
+    paths = create_app(MagicMock(), None).openapi()["paths"]
     there = sorted((method.upper(), path) for path, methods in paths.items() for method in methods)
     assert sorted(re.findall(r"^\| `([A-Z]+) (/\S+)` \|", page, re.MULTILINE)) == there
     calls = [

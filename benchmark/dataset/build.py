@@ -22,7 +22,7 @@ from benchmark.dataset.format import (
     SceneRecord,
     ViewPoint,
 )
-from benchmark.dataset.splits import SceneSpec, take
+from benchmark.dataset.splits import EDITION, SceneSpec, take
 from benchmark.play.sight import offered_views
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.world.goals import Goals, Start, find_goals, habitat_starts
@@ -37,6 +37,7 @@ MADE_BY = f"surveilnav {__version__}"
 DENSITIES_M2 = (100, 200)
 
 RULES = {
+    "edition": EDITION,
     "floors": "the building's storeys",
     "cameras": "one per 100 (200) m2 of floor indoors, rounded up, 1.8 m high, bad viewpoints skipped, farthest-point sampling",
     "views": "12 at -30 degrees every 30 degrees of azimuth and one straight down, 1280x1280",
@@ -70,7 +71,7 @@ def build_scene(root: Path, split: str, spec: SceneSpec, n_episodes: int) -> Sce
             for f in navigation.floors.values()
         ],
         target_models={label: sorted({i.model for i in g.instances}) for label, g in goals.items()},
-        notes=list(scene.notes),
+        notes=list(building.notes),
     )  # fmt: skip
     files.write(folder / "scenes" / f"{spec.scene}.json", record)
     return record
@@ -87,6 +88,8 @@ def _goals_of(building: SimulatedBuilding) -> dict[str, Goals]:
     """By our label, in Habitat's order of categories; those that the building lacks are left out."""
     found = {}
     for label in files.CATEGORIES.values():
+        if not building.scene.called(label):
+            continue
         try:
             found[label] = find_goals(building.scene, building.navigation, label, caster=building.caster)
         except TargetError:

@@ -112,7 +112,7 @@ class Episode:
         tau_z_m = (fusion or FusionConfig()).map.tau_z_m
         self._surveillance, self._invocation = surveillance, _Invocation(sight, tau_z_m, delay_steps)
         self._navigation = sight.building.navigation
-        self._state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
+        self._state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad, mission=_MISSION)
         self._stairs = tuple(robot.stairs_of(self._navigation))
         self._reports = surveillance and summaries and len(self._navigation.floors) > 1
         self._reported = sight.by_floor() if self._reports else _NO_SUMMARIES
@@ -158,7 +158,7 @@ class Episode:
 
     def decide(self, maps: MapView) -> Decision:
         """The searcher's waypoint and action."""
-        status = robot.status_of(self._state, robot=ROBOT, mission=_MISSION, stairs=self._stairs)
+        status = robot.status_of(self._state, robot=ROBOT, stairs=self._stairs)
         return self._searcher.act(maps, RobotView.from_status(status, _MISSION, self._stairs), self._reported)
 
     def act(self, decision: Decision) -> None:

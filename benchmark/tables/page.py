@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Any
 
+from benchmark.dataset.splits import EDITION, is_real_home
 from benchmark.play.episode import REASONS
 from benchmark.runner.basis import Basis
 from benchmark.runner.row import EpisodeRecord
@@ -30,8 +31,9 @@ class Line:
 
 
 def page(
-    table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[str, str], Sequence[str]], basis: Basis
-) -> str:
+    table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[str, str], Sequence[str]], basis: Basis,
+    edition: str = EDITION,
+) -> str:  # fmt: skip
     """A table's page.
 
     Args:
@@ -39,12 +41,13 @@ def page(
         total: episodes of the split.
         models: by scene and category, the furniture models of its goals.
         basis: what they were played on.
+        edition: the dataset's.
     """
     apart = " and ".join(f"{m:g} m" for m in WITHIN_M)
     text = [
         f"# {table.title}", "",
         f"Made by `surveilnav bench table {table.name}`, program `{basis.program[:12]}`, dataset "
-        f"`{basis.dataset[:12]}`. {table.about}", "",
+        f"{edition} `{basis.dataset[:12]}`. {table.about}", "",
         f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. SR at {apart}: if a stop so "
         "far from a viewpoint counted. SoftSPL: the share of the way to the goal that was gone counts instead of success. "
         "Means in percent with 95 % bootstrap intervals: whole scenes are drawn, with all their searches; the luck of "
@@ -61,6 +64,7 @@ def page(
         text += ["", f"![]({table.name}.png)"]
         if table.factors:
             text += ["", "## By factor", "", *_factors(table, lines)]
+        text += ["", "## Real homes and generated buildings", "", *_by_origin(lines)]
         text += ["", "## Why searches failed", "", *_reasons(lines)]
         text += ["", "## By category", "", "SR / SPL (searches).", "", *_by(lines, lambda r: r.category)]
         text += [
@@ -134,6 +138,22 @@ def _factors(table: Table, lines: Sequence[Line]) -> list[str]:
                 if found := paired(pairs):
                     difference = _signed(found.sr), _signed(found.spl)
             cells = [f"{factor}: {level}", str(len(own)), str(s.sr), str(s.spl), *difference]
+            text.append("| " + " | ".join(cells) + " |")
+    return text
+
+
+def _by_origin(lines: Sequence[Line]) -> list[str]:
+    """Homes that people drew apart from buildings of our generator: SR, SPL and the difference to the first line."""
+    text = ["| | buildings | searches | SR | SPL | SR difference | SPL difference |", "|" + "---|" * 7]
+    for real, name in ((True, "real homes"), (False, "generated")):
+        for line in lines:
+            some = [r for r in line.records if is_real_home(r.scene) == real]
+            if not some:
+                continue
+            s, difference = summarise(some), ("", "")
+            if line is not lines[0] and (found := paired(pairs_of(some, lines[0].records))) is not None:
+                difference = _signed(found.sr), _signed(found.spl)
+            cells = [line.arm.label, name, str(s.episodes), str(s.sr), str(s.spl), *difference]
             text.append("| " + " | ".join(cells) + " |")
     return text
 

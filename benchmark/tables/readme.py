@@ -17,7 +17,7 @@ from benchmark.tables.arms import TABLES, Arm
 from benchmark.tables.page import Line
 from surveilnav.errors import ConfigError
 
-PUBLISHED = Path("docs/results/bench/records")
+PUBLISHED = Path("docs/results/bench/v1/records")
 #: Okabe and Ito's colours, which people with any colour vision can tell apart.
 _OURS, _OUR_VERIFICATION, _OWN_RULE = "#0072B2", "#56B4E9", "#999999"
 #: By the arm of the table ``main``: what the README calls it, and its colour.

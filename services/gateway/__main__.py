@@ -38,7 +38,7 @@ def serve(settings: GatewaySettings, bus: BusSettings) -> None:
     with listen(settings.host, settings.port) as sock, Node("gateway", settings.node_id, bus) as node:
         host, port = sock.getsockname()[:2]
         server = uvicorn.Server(
-            uvicorn.Config(create_app(Gateway(node)), log_config=None, access_log=False, lifespan="off")
+            uvicorn.Config(create_app(Gateway(node), settings.names), log_config=None, access_log=False, lifespan="off")
         )
         # uvicorn raises the signal again after it has shut down; the session must still be closed then.
         for number in (signal.SIGTERM, signal.SIGINT):

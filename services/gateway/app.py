@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from fastapi import FastAPI
 
-from services.gateway import problem_answers
-from services.gateway.body_limit import BodyLimit
+from services.gateway import problem_answers, refusals
 from services.gateway.routes import maps, missions, page, sources, system
 from services.gateway.service import Gateway
 from surveilnav import __version__
 
 
-def create_app(gateway: Gateway) -> FastAPI:
-    """The application around ``gateway``; serves until its owner closes the node."""
+def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAPI:
+    """The application around ``gateway``, which answers under those names (None: under any).
+
+    It serves until its owner closes the node.
+    """
     # FastAPI's own documentation pages load their scripts from elsewhere: none.
     app = FastAPI(
         title="SurveilNav",
@@ -22,7 +24,7 @@ def create_app(gateway: Gateway) -> FastAPI:
         redoc_url=None,
         responses=problem_answers.RESPONSES,
     )
-    app.add_middleware(BodyLimit)
+    app.add_middleware(refusals.Refusals, problem=refusals.check(allowed_hosts))
     problem_answers.answer_failures(app)
     app.include_router(missions.router(gateway.missions))
     app.include_router(sources.router(gateway.sources))

@@ -37,7 +37,7 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
 def answer(request: Request, problem: Problem, headers: dict[str, str] | None = None) -> Response:
     """The HTTP answer that says ``problem``."""
     # ASCII JSON: what a client sent may hold lone surrogates, which no UTF-8 can carry.
-    body = json.dumps(problem.body(request.url.path), ensure_ascii=True, default=str)
+    body = json.dumps(problem.body(request.scope["path"]), ensure_ascii=True, default=str)
     return Response(body, problem.status, headers=headers, media_type=problems.MEDIA_TYPE)
 
 
@@ -59,10 +59,10 @@ def answer_failures(app: FastAPI) -> None:
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> Response:
         name = {404: "no_such_address", 405: "method_not_allowed"}.get(error.status_code, "http")
-        detail = f"{error.detail}: {request.method} {request.url.path[:200]}; /openapi.json lists what is there"
+        detail = f"{error.detail}: {request.method} {request.scope['path'][:200]}; /openapi.json lists what is there"
         return answer(request, Problem(error.status_code, name, detail), dict(error.headers or {}))
 
     @app.exception_handler(Exception)
     async def _bug(request: Request, error: Exception) -> Response:
-        structlog.get_logger().error("request failed", path=request.url.path, error=repr(error))
+        structlog.get_logger().error("request failed", path=request.scope["path"], error=repr(error))
         return answer(request, Problem(500, "internal", "the gateway failed; its log says more"))

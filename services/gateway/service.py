@@ -6,7 +6,7 @@ Calls block for as long as the contract says that an answer may take: run them o
 
 from __future__ import annotations
 
-from services.gateway.core.resources import NEEDED, Readiness, Traffic
+from services.gateway.core.resources import NEEDED, Readiness, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
 from services.gateway.maps import Maps
 from services.gateway.missions import Missions
@@ -30,6 +30,15 @@ class Gateway:
         rows = {f"{r.message.kind}/{r.message.node}": r for r in self._state.traffic.rows()}
         heard = {name: (row.received_ns, self._state.traffic.old(row)) for name, row in rows.items()}
         return Traffic.from_sums(sum_traffic(r.message for r in rows.values()), heard)
+
+    def services(self) -> list[Service]:
+        """Processes that are kept running, as `surveilnav up` tells."""
+        told = self._state.services
+        return [
+            Service.from_state(state, row.received_ns, told.old(row))
+            for row in told.newest("supervisor").values()
+            for state in row.message.services
+        ]
 
     def readiness(self) -> Readiness:
         """Whether a mission could run now, and what is missing."""

@@ -71,6 +71,7 @@ class BuildingState:
         self.robots = LastKnown(node, contract.ROBOT_STATUS)
         self.loads = LastKnown(node, contract.PERCEPTION_LOAD)
         self.revisions = LastKnown(node, contract.MAP_REVISION)
+        self.services = LastKnown(node, contract.SERVICES)
         self.traffic = LastKnown(node, contract.TRAFFIC)
         for kind in _KINDS:
             node.alive(kind)  # the first call starts watching

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from services.robot_node.bodies.simulated import SimulatedBody, start_state
+from services.robot_node.bodies.simulated import simulated_body
 from services.robot_node.config import RobotSettings
 from services.robot_node.service import RobotService
 from simulator.simulation import SimulatedBuilding, SimulationSettings
@@ -16,7 +16,7 @@ def main() -> None:
     """One simulated robot, until SIGTERM."""
     settings = RobotSettings()
     building = SimulatedBuilding(SimulationSettings())
-    body = SimulatedBody(building, start_state(building, settings))
+    body = simulated_body(building, settings)
     _ = building.renderer  # loaded before anybody waits for a picture
     with Node("robot", settings.id) as node:
         node.run(RobotService(node, body, settings).step)

@@ -79,7 +79,7 @@ class RobotState:
     ``x_m``, ``y_m``, ``z_m``: its base on the floor, in the world; ``yaw_rad`` anticlockwise from +x, in (-pi, pi];
     ``pitch_rad`` of the camera, up positive; ``seq`` grows by one with every action; ``steps`` likewise, but a stair
     counts as many as moves of its length; ``path_m``: sum of displacements since the mission began; ``collided``: the
-    last move was cut short; ``stopped``: the last action was stop.
+    last move was cut short; ``stopped``: the last action was stop; ``mission``: the one that it last obeyed.
     """
 
     x_m: float
@@ -94,6 +94,7 @@ class RobotState:
     collided: bool = False
     stopped: bool = False
     last_action: str | None = None
+    mission: str = ""
 
     @property
     def p_world(self) -> tuple[float, float, float]:
@@ -114,20 +115,20 @@ def stairs_of(navigation: NavigationLike) -> list[Stair]:
 
 
 def status_of(
-    state: RobotState, *, robot: str, mission: str = "", kind: StateName = "ready", message: str = "",
-    stairs: Sequence[Stair] = (), stamp_ns: int = 0,
+    state: RobotState, *, robot: str, kind: StateName = "ready", message: str = "", stairs: Sequence[Stair] = (),
+    notes: Sequence[str] = (), stamp_ns: int = 0,
 ) -> RobotStatus:  # fmt: skip
-    """What the robot says of itself on the bus. ``mission``: the one that it last obeyed."""
+    """What the robot says of itself on the bus."""
     return RobotStatus(
         stamp_ns=stamp_ns, robot=robot, floor=state.floor, seq=state.seq, state=kind, pitch_rad=state.pitch_rad,
-        T_world_base=Pose.from_matrix(base_pose_of(state)), message=message, stairs=list(stairs), mission=mission,
-        collided=state.collided, last_action=state.last_action, path_m=state.path_m,  # type: ignore[arg-type]
+        T_world_base=Pose.from_matrix(base_pose_of(state)), message=message, stairs=list(stairs), notes=list(notes),
+        mission=state.mission, collided=state.collided, last_action=state.last_action, path_m=state.path_m,  # type: ignore[arg-type]
     )  # fmt: skip
 
 
-def begin_mission(state: RobotState) -> RobotState:
+def begin_mission(state: RobotState, mission: str) -> RobotState:
     """The same place with path and steps at zero and nothing done; ``seq`` goes on."""
-    return replace(state, path_m=0.0, steps=0, collided=False, stopped=False, last_action=None)
+    return replace(state, path_m=0.0, steps=0, collided=False, stopped=False, last_action=None, mission=mission)
 
 
 def refusal(state: RobotState, action: str, navigation: NavigationLike, to_floor: str | None = None) -> str:

@@ -24,8 +24,6 @@ class RobotService:
     def __init__(self, node: Node, body: Body, settings: RobotSettings) -> None:
         self._node, self._body, self._settings = node, body, settings
         self._lock = threading.Lock()
-        self._telling = threading.Lock()  # a mission and its way begin together
-        self._mission = ""
         self._unpublished = True
         self._repeats = 0
         self._deadline_s: float | None = None
@@ -47,10 +45,8 @@ class RobotService:
                 return Answer(CommandReply(stamp_ns=clock_ns(), accepted=False, seq=seq, error=why))
             if reason := body.refusal(command.action, command.to_floor):
                 raise Refused("bad_command", reason)
-            if command.mission != self._mission:
-                with self._telling:
-                    body.begin_mission()
-                    self._mission = command.mission
+            if command.mission != body.state.mission:
+                body.begin_mission(command.mission)
             body.act(command.action, command.to_floor)
             self._unpublished, self._repeats, self._message = True, 0, ""
             self._deadline_s = None if body.state.stopped else time.monotonic() + command.deadline_ms / 1000
@@ -92,12 +88,11 @@ class RobotService:
         self._observation.put(seen, latest.payload)
 
     def _status_message(self) -> RobotStatus:
-        with self._telling:
-            state, mission = self._body.state, self._mission
+        state = self._body.state  # once: a mission and its way begin together
         kind: core.StateName = (
             "stopped" if state.stopped or self._message else "moving" if self._deadline_s else "ready"
         )
         return core.status_of(
-            state, robot=self._settings.id, mission=mission, kind=kind, message=self._message,
-            stairs=self._body.stairs, stamp_ns=clock_ns(),
+            state, robot=self._settings.id, kind=kind, message=self._message,
+            stairs=self._body.stairs, notes=self._body.notes, stamp_ns=clock_ns(),
         )  # fmt: skip

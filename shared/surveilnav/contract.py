@@ -18,6 +18,11 @@ ROOT = f"surveilnav/{VERSION}"
 LIVELINESS = "@surveilnav/" + str(VERSION) + "/{building}/{kind}/{id}"
 
 Priority = Literal["control", "data", "bulk"]
+#: What becomes of a message for which a link has no room: it waits, or it is left out.
+WhenFull = Literal["wait", "leave out"]
+#: Bulk data may be left out: it is put again, or asked for again, until it was processed or a newer one came. Nothing
+#: else may, and so nothing of what was acknowledged.
+WHEN_FULL: dict[Priority, WhenFull] = {"control": "wait", "data": "wait", "bulk": "leave out"}
 _FIELD = re.compile(r"\{(\w+)\}")
 #: What can stand in a key, and so be the id of anything; ``ID_PATTERN`` is the same for a whole string.
 ID = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
@@ -76,6 +81,11 @@ class Stream:
         pattern = re.escape(ROOT + "/") + re.sub(r"\\\{(\w+)\\\}", rf"(?P<\1>{ID})", re.escape(self.key))
         match = re.fullmatch(pattern, key)
         return match.groupdict() if match else None
+
+    @property
+    def when_full(self) -> WhenFull:
+        """What becomes of a message for which a link has no room."""
+        return WHEN_FULL[self.priority]
 
     @property
     def schema(self) -> str:
@@ -167,6 +177,10 @@ TRAFFIC = Stream(
     "traffic", "{building}/traffic/{node}", m.TrafficReport, "every node", "put+query", 1.0, 20_000,
     "data", "bytes offered and delivered per key, bytes on the wire; at most at this rate, seldom without news",
 )  # fmt: skip
+SERVICES = Stream(
+    "services", "{building}/services/{supervisor}", m.ServiceList, "surveilnav up", "put", 1.0, 3_000,
+    "data", "the processes that are kept running, how often each was started again, and why",
+)  # fmt: skip
 TRUTH = Stream(
     "truth", "{building}/truth/{source}/{view}", m.Truth, "simulator nodes", "put", None, 10_000,
     "bulk", "simulation only: instance ids for the backends oracle and simulated", payload=True,
@@ -183,8 +197,8 @@ def markdown() -> str:
         "Generated from `shared/surveilnav/contract.py` by `make docs`; don't edit.",
         f"Every key lies below `{ROOT}/`. Liveliness tokens: `{LIVELINESS}`.",
         "",
-        "| stream | key | kind | owner | message (request) | rate | stale after | priority | carries |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| stream | key | kind | owner | message (request) | rate | stale after | priority | link full | carries |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for s in STREAMS:
         request = f" ({s.request.__name__})" if s.request else ""
@@ -192,7 +206,7 @@ def markdown() -> str:
         raw = "; raw payload, message as attachment" if s.payload else ""
         lines.append(
             f"| {s.name} | `{s.key}` | {s.kind} | {s.owner} | {s.message.__name__}{request} | {rate} "
-            f"| {s.max_age_ms / 1000:g} s | {s.priority} | {s.carries}{raw} |"
+            f"| {s.max_age_ms / 1000:g} s | {s.priority} | {s.when_full} | {s.carries}{raw} |"
         )
     return "\n".join(lines) + "\n"
 

@@ -8,7 +8,8 @@
     ├── PerceptionError             a perception backend can't run or answer
     ├── WireError                   bytes that are no message of the contract
     ├── BusError                    the router can't be reached, or a port is taken
-    └── MissionError                a mission can't be accepted; carries a name from the contract
+    ├── MissionError                a mission can't be accepted; carries a name from the contract
+    └── GatewayError                the gateway doesn't answer, or refuses; carries its problem's name
 
 Each message says what was expected, what arrived, and what to do.
 """
@@ -50,6 +51,14 @@ class BusError(SurveilNavError):
 
 class MissionError(SurveilNavError):
     """A mission can't be accepted. ``name`` is one of the contract's failure names."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
+class GatewayError(SurveilNavError):
+    """The gateway doesn't answer, or refuses. ``name`` ends the type of its problem."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)

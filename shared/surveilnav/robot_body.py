@@ -7,6 +7,10 @@ from __future__ import annotations
 
 import math
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 #: Its footprint is a disc of this radius.
 RADIUS_M = 0.18
 #: Its camera's height above the floor.
@@ -17,3 +21,22 @@ TURN_RAD = math.radians(30.0)
 LOOK_RAD = math.radians(30.0)
 #: How near (on the floor) to the end of a stair it must be to take it.
 STAIR_REACH_M = 0.5
+
+
+def clearance_m(blocked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.float32]:
+    """(rows, cols) distance from each cell's middle to that of the nearest blocked cell [m]: exact, without an edge.
+
+    ``blocked``: (rows, cols), cells that something reaches into.
+    """
+    free = np.ascontiguousarray(~np.asarray(blocked, dtype=np.bool_)).view(np.uint8)
+    away: NDArray[np.float32] = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return away * np.float32(resolution_m)
+
+
+def fits(clearance: NDArray[np.float32], radius_m: float = RADIUS_M, spare_m: float = 0.0) -> NDArray[np.bool_]:
+    """Where the robot's centre may be, by ``clearance_m``: THE rule, for the planner and for the judge.
+
+    A corridor along the grid must have seven open cells of 5 cm. ``spare_m``: how much thicker obstacles may be in the map
+    than they are; a map made of views spills over by a cell.
+    """
+    return np.asarray(clearance + np.float32(spare_m) > radius_m)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from simulator.meshes.flights import find_stairs
 from simulator.meshes.floors import find_floors, outlines
 from simulator.meshes.gltf import MAX_TRIANGLES, Glb, read_glb
 from simulator.meshes.names import label_of_extra, label_of_node
+from simulator.meshes.things import ANY_SIZE_M, Piece, box_of, whole_things
 from simulator.meshes.walkable import find_spots
 from simulator.meshes.wavefront import read_obj_building
 from simulator.plans.assembly import Mesh, SceneBuilder
@@ -24,20 +24,7 @@ from surveilnav.errors import BuildingError
 
 #: glTF's frame (y up) in ours (z up).
 T_WORLD_YUP = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
-#: Large enough for every rule about sizes, where a size isn't known yet.
-_ANY_SIZE_M = (1.0, 1.0, 1.0)
 _SMALLEST_M, _LARGEST_M, _HIGHEST_M = 1.5, 1000.0, 300.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Piece:
-    """A thing in the world. ``label`` None: the name decides."""
-
-    name: str
-    label: str | None
-    meshes: tuple[Mesh, ...]
-    room: str = ""
-    model: str = ""
 
 
 def open_mesh(path: Path, *, up: str = "y", scale: float = 1.0) -> Scene:
@@ -65,7 +52,7 @@ def open_mesh(path: Path, *, up: str = "y", scale: float = 1.0) -> Scene:
     else:
         glb = read_glb(path)
         pieces, notes = _pieces(glb, T), glb.notes
-    return building_of(pieces, scene_name(path.stem), f"mesh {path.name}", notes)
+    return building_of(whole_things(pieces), scene_name(path.stem), f"mesh {path.name}", notes)
 
 
 def scene_name(stem: str) -> str:
@@ -76,7 +63,7 @@ def scene_name(stem: str) -> str:
 def _pieces(glb: Glb, T_world_file: NDArray[np.float64]) -> list[Piece]:
     """One piece per mesh node; a part without a class of its own joins the nearest node above that has one."""
     stated = {n: _stated_label(glb.extras[n]) for mesh in glb.meshes for n in mesh.way}
-    classed = {n for n in stated if stated[n] or (stated[n] is None and label_of_node(glb.names[n], _ANY_SIZE_M))}
+    classed = {n for n in stated if stated[n] or (stated[n] is None and label_of_node(glb.names[n], ANY_SIZE_M))}
     grouped: dict[int, list[Mesh]] = {}
     for node in glb.meshes:
         own = node.way[-1]
@@ -151,7 +138,7 @@ def _assembled(
     builder._max_triangles = MAX_TRIANGLES
     for piece in pieces:
         mesh = _joined(piece.meshes)
-        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        low, high = box_of([mesh])
         size = (float(high[0] - low[0]), float(high[1] - low[1]), float(high[2] - low[2]))
         label = piece.label if piece.label is not None else label_of_node(piece.name, size)
         floor = _floor_of(floors, float(low[2]), float(high[2]))

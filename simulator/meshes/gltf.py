@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.meshes import draco
 from simulator.meshes.materials import materials_of, painted, uv_map_of
 from simulator.plans.assembly import Mesh, MeshBuilder
 from simulator.world.scene import Material
@@ -34,15 +35,14 @@ _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _KNOWN = {
     "KHR_materials_unlit", "KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual",
     "KHR_materials_specular", "KHR_materials_ior", "KHR_materials_transmission", "KHR_materials_emissive_strength",
-    "EXT_texture_webp",
+    "EXT_texture_webp", draco.EXTENSION,
 }  # fmt: skip
 _NODE: tuple[str, ...] = ("children", "matrix", "translation", "rotation", "scale", "mesh")
 _PRIMITIVE: tuple[str, ...] = ("indices", "mode")
 _ADVICE = {
     "KHR_texture_basisu": "its pictures are KTX2 (Basis), which isn't read: take the plain GLB (HM3D: the *-glb-v0.2 tars)",
-    "KHR_draco_mesh_compression": "it is compressed by Draco: export it again without compression",
-    "EXT_meshopt_compression": "it is compressed by meshopt: export it again without compression",
-    "KHR_mesh_quantization": "its vertices are quantised: export it again without quantisation",
+    "EXT_meshopt_compression": f"it is compressed by meshopt: {draco.ADVICE}",
+    "KHR_mesh_quantization": f"its vertices are quantised: {draco.ADVICE}",
 }
 
 _Surface = tuple[Material, "NDArray[np.float64] | None"]
@@ -79,6 +79,8 @@ def read_glb(path: Path, *, max_texture_px: int | None = None) -> Glb:
     header, blob = _chunks(path)
     try:
         _refuse_unreadable(path, header)
+        header, blob = draco.decompressed(path, header, blob, MAX_TRIANGLES)
+        _check_arrays(path, header)
         materials, notes = materials_of(header, blob, max_texture_px)
         loaded = _load(path, header, blob, len(materials))
         names = tuple(str(node.get("name") or "") for node in header.get("nodes", []))
@@ -143,6 +145,10 @@ def _refuse_unreadable(path: Path, header: dict[str, Any]) -> None:
     for buffer in header.get("buffers", []):
         if "uri" in buffer:
             raise BuildingError(f"{path} has its geometry in other files: export it as one GLB")
+
+
+def _check_arrays(path: Path, header: dict[str, Any]) -> None:
+    """Arrays that aren't read, or larger than any building's."""
     if any("sparse" in accessor for accessor in header.get("accessors", [])):
         raise BuildingError(f"{path} uses sparse accessors, which aren't read: export it without")
     for accessor in header.get("accessors", []):
@@ -162,7 +168,7 @@ def _load(path: Path, header: dict[str, Any], blob: bytes, materials: int) -> di
         return {**{key: node[key] for key in _NODE if key in node}, "name": str(number)}
 
     def primitive(p: dict[str, Any]) -> dict[str, Any]:
-        attributes = {k: v for k, v in p["attributes"].items() if k in ("POSITION", "TEXCOORD_0", "COLOR_0")}
+        attributes = {k: v for k, v in p["attributes"].items() if k in draco.ATTRIBUTES}
         return {
             **{key: p[key] for key in _PRIMITIVE if key in p},
             "attributes": attributes,

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from open3d.t.geometry import RaycastingScene
 from scipy.spatial import cKDTree
 
-from simulator.meshes.buildings import Piece, building_of, scene_name
+from simulator.meshes.buildings import building_of, scene_name
 from simulator.meshes.gltf import read_glb
 from simulator.meshes.layout import stem_of
 from simulator.meshes.names import label_of_hm3d
+from simulator.meshes.things import Piece
 from simulator.plans.assembly import Mesh
 from simulator.world.scene import Scene
 from surveilnav.errors import BuildingError

@@ -135,6 +135,10 @@ class SceneBuilder:
     _max_triangles: int = 5_000_000
     _triangles: int = 0
 
+    def floor(self, floor_id: str) -> Floor:
+        """The floor of that id."""
+        return next(floor for floor in self.floors if floor.id == floor_id)
+
     def add(self, mesh: Mesh, name: str, label: str, floor: str, *, model: str = "", room: str = "") -> int:
         """Adds a piece whose mesh is in the world; returns the id of its instance, 0 for an empty mesh."""
         if len(mesh.triangles) == 0:

@@ -16,7 +16,9 @@ from simulator.furniture.nouns import language_of
 from simulator.furniture.objfile import EmptyModelError
 from simulator.furniture.parametric import parametric_piece
 from simulator.furniture.placing import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
-from simulator.plans.openings import drops_group, is_door, is_pane, is_stairs, stands_open
+from simulator.plans.leaves import without_leaf
+from simulator.plans.openings import beside, is_door, is_moving_part, is_pane, is_stairs, stands_open
+from simulator.plans.outliers import without_outliers
 from simulator.plans.polygons import contains
 from simulator.plans.shell import Shell
 from simulator.plans.stairs import IsFloor, find_transit
@@ -50,7 +52,10 @@ def build_home(
         source: for people.
         models: which half of the furniture models is used.
     """
-    return _Furnisher(home, name, seed, furniture, archive, models).scene(source)
+    home, notes = without_outliers(home)
+    furnisher = _Furnisher(home, name, seed, furniture, archive, models)
+    furnisher.builder.notes.extend(notes)
+    return furnisher.scene(source)
 
 
 class _Furnisher(Shell):
@@ -115,9 +120,20 @@ class _Furnisher(Shell):
         else:
             self._add_own(model, piece, label, level, entry)
 
-    def _add_own(self, model: Model, piece: Piece, label: str, level: Level, entry: CatalogModel | None) -> None:
-        """Adds a piece as its own model, in its own colours."""
+    def _add_own(
+        self,
+        model: Model,
+        piece: Piece,
+        label: str,
+        level: Level,
+        entry: CatalogModel | None,
+        *,
+        is_open: bool = False,
+    ) -> None:
+        """Adds a piece as its own model, in its own colours; a door that stands open without its leaf."""
         mesh = placed(model, piece, piece.rotation, level.z_m, lambda _, m: self._tint(m, piece))
+        if is_open:
+            mesh = without_leaf(mesh, piece, level.z_m)
         known_as = entry.id if entry else piece.model
         self._add(mesh, piece.name, label, level, model=known_as, room=self._room_at(piece, level))
 
@@ -167,10 +183,16 @@ class _Furnisher(Shell):
             if self.furniture is not None:
                 self._missing.append(piece.name or piece.catalog_id)
             return  # The hole in the wall is enough.
-        key = (id(model), stands_open(piece))
+        is_open = stands_open(piece, indoors=self._is_indoors(piece, level))
+        key = (id(model), is_open)
         if key not in self._opened:
-            self._opened[key] = _glazed(model.without_groups(lambda group: drops_group(piece, group)))
-        self._add_own(self._opened[key], piece, label, level, entry)
+            self._opened[key] = _glazed(model.without_groups(is_moving_part) if is_open else model)
+        self._add_own(self._opened[key], piece, label, level, entry, is_open=is_open)
+
+    def _is_indoors(self, piece: Piece, level: Level) -> bool:
+        """Whether there is a room with a ceiling on both sides of an opening."""
+        rooms = [room.outline for room in self._rooms_at(level.z_m) if room.has_floor and room.is_roofed]
+        return all(any(contains(room, p) for room in rooms for p in side) for side in beside(piece))
 
     def _model_of(self, piece: Piece, entry: CatalogModel | None) -> Model | None:
         """The piece's own model: from its file, else from the libraries; None where it can't be had.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simulator.plans.plan import Opening
 from simulator.plans.sweethome import Piece
+from simulator.plans.words import OUTER, SHUT
 
 #: An opening reaches this far to both sides of its piece, so that a wall thicker than the model is cut through.
 _REACH_M = 0.02
@@ -19,27 +20,41 @@ _DOOR_HEIGHT_M = 1.8
 
 _OPENING = re.compile(r"sweethome3d_(opening|hinge|window_pane)|window_pane", re.IGNORECASE)
 _PANE = re.compile(r"window_pane", re.IGNORECASE)
-_CLOSED = re.compile(r"front|entrance|exterior|garage|elevator|hatch|shutter", re.IGNORECASE)
 _DOOR = re.compile(r"door|gate|frame", re.IGNORECASE)
 _WINDOW = re.compile(r"window", re.IGNORECASE)
 
 
 def is_door(piece: Piece) -> bool:
-    """Whether an opening is a door; a French window, which reaches down to the floor, is one too."""
+    """Whether an opening is a door: whatever one can walk through, in any language, and what is called so in English."""
+    if piece.z_m < 0.05 and piece.size_m[2] >= _DOOR_HEIGHT_M:
+        return True
     words = f"{piece.catalog_id} {piece.name}"
-    if _WINDOW.search(words):
-        return piece.z_m < 0.05 and piece.size_m[2] >= _DOOR_HEIGHT_M
-    return bool(_DOOR.search(words))
+    return bool(_DOOR.search(words)) and not _WINDOW.search(words)
 
 
-def stands_open(piece: Piece) -> bool:
-    """Whether a robot may pass: doors inside the building are open, those to the street are not."""
-    return is_door(piece) and not _CLOSED.search(f"{piece.catalog_id} {piece.name}")
+def stands_open(piece: Piece, *, indoors: bool = False) -> bool:
+    """Whether a robot may pass: doors inside the building are open, those to the street are not.
+
+    Args:
+        piece: a door or window.
+        indoors: there are rooms with a ceiling on both sides of it, so that a front door leads to no street.
+    """
+    words = f"{piece.catalog_id} {piece.name}"
+    return is_door(piece) and not SHUT.search(words) and (indoors or not OUTER.search(words))
 
 
-def drops_group(piece: Piece, group: str) -> bool:
-    """Whether a group of a door's or window's model is left away: the leaf, handle and panes of an open door."""
-    return stands_open(piece) and bool(_OPENING.search(group))
+def beside(piece: Piece) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places (n, 2) [m] on the one side of a door and on the other, the nearest first."""
+    c, s = math.cos(piece.yaw_rad), math.sin(piece.yaw_rad)
+    away = np.array([0.3, 0.5, 0.7]) + max(0.0, piece.size_m[1] / 2 - 0.2)
+    offset = away[:, None] * np.array([-s, c])
+    centre = np.array([piece.x_m, piece.y_m])
+    return centre + offset, centre - offset
+
+
+def is_moving_part(group: str) -> bool:
+    """Whether a group of a door's or window's model is a leaf, a handle or a pane."""
+    return bool(_OPENING.search(group))
 
 
 def is_pane(group: str) -> bool:

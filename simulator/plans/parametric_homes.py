@@ -12,7 +12,8 @@ import numpy as np
 
 from simulator.furniture.parametric import SIZES_M, parametric_piece, stair_flight
 from simulator.plans.assembly import SceneBuilder
-from simulator.plans.plan import Opening, Point, Wall, build_skirt, build_slab, build_wall, wall_outline
+from simulator.plans.plan import Opening, Point, Wall, build_wall, wall_outline
+from simulator.plans.slabs import build_skirt, build_slab
 from simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
 from simulator.world.scene import Floor, Material, Room, Scene, Stair
 

@@ -1,4 +1,4 @@
-"""From a plan to a building's shell: walls with openings cut out, floors and ceilings.
+"""From a plan to a building's shell: walls with openings cut out.
 
 Everything here is in the world frame: metres, z up.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.plans.assembly import Mesh, MeshBuilder
-from simulator.plans.polygons import Polygon, intersect_convex, signed_area, subtract
+from simulator.plans.polygons import Polygon, intersect_convex, signed_area
 from simulator.world.scene import Material
 
 #: An opening cuts a wall when they are parallel to within this angle; else it only touches the wall's end.
@@ -290,26 +290,3 @@ def _difference(ours: Sequence[Span], theirs: Sequence[Span]) -> list[Span]:
         for z0, z1 in ours
         for rest in _solid(z0, z1, [(max(a, z0), min(b, z1)) for a, b in theirs if a < z1 and b > z0])
     ]
-
-
-def build_skirt(hole: Polygon, z_low_m: float, z_high_m: float, material: Material) -> Mesh:
-    """The sides of a hole in a slab, seen from both sides."""
-    mesh = MeshBuilder()
-    for a, b in zip(hole, np.roll(hole, -1, axis=0), strict=True):
-        quad = [(*a, z_low_m), (*b, z_low_m), (*b, z_high_m), (*a, z_high_m)]
-        mesh.quad(quad, material)
-        mesh.quad(quad[::-1], material)
-    return mesh.mesh()
-
-
-def build_slab(
-    polygon: Polygon, z_m: float, material: Material, holes: Sequence[Polygon] = (), *, up: bool, tile_m: float = 1.0
-) -> Mesh:
-    """A floor (``up``) or ceiling: the polygon without its holes, its texture repeating every ``tile_m``."""
-    mesh = MeshBuilder()
-    for piece in subtract(np.asarray(polygon, dtype=np.float64), holes):
-        ring = piece if up else piece[::-1]
-        points = np.column_stack([ring, np.full(len(ring), z_m)])
-        fan = np.array([[0, i, i + 1] for i in range(1, len(ring) - 1)], dtype=np.int32)
-        mesh.triangles(points, fan, material, ring / tile_m)
-    return mesh.mesh()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,18 +12,25 @@ from numpy.typing import NDArray
 from simulator.archive import Archive, decode_picture
 from simulator.furniture.placing import seeded
 from simulator.plans.assembly import Mesh, SceneBuilder
-from simulator.plans.openings import is_stairs, opening_of, stair_cut_outline
-from simulator.plans.plan import Opening, Wall, build_skirt, build_slab, build_wall, wall_outline
-from simulator.plans.polygons import contains
-from simulator.plans.sweethome import Color, Home, Level, Picture, Piece, PlanRoom, PlanWall
+from simulator.plans.ground import find_ground, without_voids
+from simulator.plans.openings import is_door, is_stairs, opening_of, stair_cut_outline
+from simulator.plans.plan import Wall, build_wall, wall_outline
+from simulator.plans.polygons import Polygon, contains, signed_area
+from simulator.plans.slabs import build_skirt, build_slab, build_slabs
+from simulator.plans.storeys import SAME_M, is_storey, number_storeys
+from simulator.plans.straight_walls import WallPart, joined, near, parts_of
+from simulator.plans.sweethome import Color, Home, Level, Picture, Piece, PlanRoom
 from simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
 from simulator.world.scene import Floor, Material, Room
 from surveilnav.errors import BuildingError
 
-#: An arc wall becomes straight pieces that span at most this angle.
-_ARC_STEP_RAD = math.pi / 16
-
 _EDGE = Material("edge", (0.85, 0.84, 0.82))
+_CEILING = Material("ceiling", (0.95, 0.95, 0.94))
+_SILL = Material("threshold", (0.55, 0.48, 0.40))
+#: Ground that nobody drew lies this much lower than rooms, and its ceiling higher: where both are, the room is seen [m].
+_BEHIND_M = 0.005
+#: Where rooms with a ceiling have this share of the area of those without, ceilings were hidden on purpose.
+_SHOWN = 0.25
 
 #: Limits for plans from strangers.
 MAX_STAIRS = 64
@@ -46,20 +52,25 @@ class Shell:
             self.levels = {"": Level("", "Ground floor", 0.0, home.wall_height_m, 0.12)}
         self.lowest = min(self.levels.values(), key=lambda level: level.z_m)
         self.floor_of_level: dict[str, str] = {}
-        self.rooms: dict[str, list[tuple[Room, NDArray[np.float64]]]] = {}
+        self.rooms: list[_DrawnRoom] = []
         self.cuts: list[tuple[NDArray[np.float64], float, float]] = []
         self.meshes: list[Mesh] = []
+        self._with_ceilings = _levels_with_ceilings(home.rooms)
         self._paint: dict[Color | None, Material] = {}
         self._pictures: dict[str, Material | None] = {}
 
     def build_shell(self) -> None:
-        """Floors, then rooms, then walls."""
-        self._number_floors()
+        """Floors, then rooms, then walls, then the ground that lies between those."""
+        self.builder.floors, self.floor_of_level = number_storeys(list(self.levels.values()), self._used_levels())
         self.cuts = [self._cut(piece) for piece in self.home.pieces if is_stairs(piece)]
         if len(self.cuts) > MAX_STAIRS:
             raise BuildingError(f"{self.name} has {len(self.cuts)} staircases; at most {MAX_STAIRS}")
         self._build_rooms()
-        self._build_walls()
+        walls, names = self._straight_walls()
+        outlines = [wall_outline(walls, index) for index in range(len(walls))]
+        self._build_walls(walls, names, outlines)
+        for floor in self.builder.floors:
+            self._build_ground(floor, outlines, [self._level(level) for _, level in names])
 
     def _rng(self, what: str) -> np.random.Generator:
         return seeded(f"{self.seed}|{self.name}|{what}")
@@ -67,30 +78,14 @@ class Shell:
     def _level(self, level_id: str) -> Level:
         return self.levels.get(level_id, self.lowest)
 
-    # -- floors ---------------------------------------------------------------------------------------------------
-
-    def _number_floors(self) -> None:
-        """Levels with rooms become floors: "0" on the ground, "1" above, "B1" below; roofs are part of those."""
-        with_rooms = {self._level(room.level).id for room in self.home.rooms if len(room.outline_m) >= 3}
-        ordered = sorted(self.levels.values(), key=lambda level: level.z_m)
-        floors: list[list[Level]] = []
-        for level in ordered:
-            if level.id not in with_rooms or re.search(r"\broof\b", level.name, re.IGNORECASE):
-                continue
-            if floors and level.z_m - floors[-1][0].z_m < 0.1:
-                floors[-1].append(level)
-            else:
-                floors.append([level])
-        if not floors:
-            floors = [[ordered[0]]]
-        ground = next((i for i, group in enumerate(floors) if group[0].z_m > -0.3), len(floors) - 1)
-        for i, group in enumerate(floors):
-            floor_id = str(i - ground) if i >= ground else f"B{ground - i}"
-            first = group[0]
-            self.builder.floors.append(Floor(floor_id, first.name or floor_id, first.z_m, first.height_m))
-        for level in ordered:
-            below = [f for f in self.builder.floors if f.z_m <= level.z_m + 0.1]
-            self.floor_of_level[level.id] = (below[-1] if below else self.builder.floors[0]).id
+    def _used_levels(self) -> set[str]:
+        """Ids of the levels with rooms, or with walls and something between them or above: else walls may be a roof's."""
+        rooms = {self._level(room.level).id for room in self.home.rooms if len(room.outline_m) >= 3}
+        walled = {self._level(wall.level).id for wall in self.home.walls}
+        furnished = {self._level(p.level).id for p in self.home.pieces if not p.is_opening or is_door(p)}
+        used = rooms | (walled & furnished)
+        top_m = max((self.levels[level].z_m for level in used), default=0.0)
+        return used | {level for level in walled if self.levels[level].z_m < top_m}
 
     def _cut(self, piece: Piece) -> tuple[NDArray[np.float64], float, float]:
         """Outline, foot and top of a staircase."""
@@ -100,29 +95,80 @@ class Shell:
     def _holes_at(self, z_m: float) -> list[NDArray[np.float64]]:
         return [outline for outline, low, high in self.cuts if low + 0.5 < z_m < high]
 
-    # -- shell ----------------------------------------------------------------------------------------------------
+    # -- rooms and ground -----------------------------------------------------------------------------------------
 
     def _build_rooms(self) -> None:
-        white = Material("ceiling", (0.95, 0.95, 0.94))
         coverings: dict[str, tuple[Material, float, float]] = {}
         for number, plan in enumerate(self.home.rooms):
             if len(plan.outline_m) < 3:
                 continue
             level = self._level(plan.level)
-            floor = self.floor_of_level[level.id]
             outline = np.array(plan.outline_m)
             title = plan.name or f"Room {number + 1}"
-            room = Room(title, floor, plan.outline_m)
-            self.rooms.setdefault(level.id, []).append((room, outline))
+            self._know_room(title, outline, level, plan.floor, plan.ceiling or plan.level not in self._with_ceilings)
             if plan.floor:
-                self.builder.rooms.append(room)
                 self._build_floor(outline, level, title, self._covering(plan, title, coverings))
             if plan.ceiling:
                 z = level.z_m + level.height_m
                 color = plan.ceiling_color
-                paint = Material("ceiling", color) if color is not None and min(color) > 0.5 else white
+                paint = Material("ceiling", color) if color is not None and min(color) > 0.5 else _CEILING
                 slab = build_slab(outline, z, paint, self._holes_at(z), up=False)
                 self._add(slab, f"Ceiling of {title}", "ceiling", level, room=title)
+
+    def _know_room(self, title: str, outline: Polygon, level: Level, has_floor: bool, is_roofed: bool) -> None:
+        """Remembers a room for what stands in it; the building's rooms are those that one can walk on."""
+        self.rooms.append(_DrawnRoom(title, level.z_m, outline, has_floor, is_roofed))
+        floor = self.builder.floor(self.floor_of_level[level.id])
+        if has_floor and abs(level.z_m - floor.z_m) <= SAME_M:
+            self.builder.rooms.append(Room(title, floor.id, tuple((float(x), float(y)) for x, y in outline)))
+
+    def _rooms_at(self, z_m: float) -> list[_DrawnRoom]:
+        return [room for room in self.rooms if abs(room.z_m - z_m) <= SAME_M]
+
+    def _build_ground(self, floor: Floor, walls: Sequence[Polygon], levels: Sequence[Level]) -> None:
+        """Floor and ceiling where the storey's walls enclose what no room covers."""
+        own = [
+            (outline, level)
+            for outline, level in zip(walls, levels, strict=True)
+            if abs(level.z_m - floor.z_m) <= SAME_M and is_storey(level)
+        ]
+        if not own:
+            return
+        level = own[0][1]
+        lowest = floor is self.builder.floors[0]
+        # Above the lowest storey a room without a floor is open to below, as are staircases.
+        rooms = [room.outline for room in self._rooms_at(floor.z_m) if room.has_floor or not lowest]
+        holes = self._holes_at(floor.z_m)
+        parts = find_ground([outline for outline, _ in own], [*rooms, *holes])
+        if not lowest:
+            parts = without_voids(parts, rooms, holes)
+        areas = [part for part in parts if part.is_area]
+        strips = [tile for part in parts if not part.is_area for tile in part.tiles]
+        known: dict[str, tuple[Material, float, float]] = {}
+        where = level.name or floor.name
+        for number, part in enumerate(areas, start=1):
+            title = f"Unnamed area{f' {number}' if len(areas) > 1 else ''} on {where}"
+            self._know_room(title, part.outline, level, has_floor=True, is_roofed=True)
+            self._build_tiles(part.tiles, level, title, known)
+        self._build_tiles(strips, level, f"the gaps between rooms on {where}", known)
+
+    def _build_tiles(
+        self,
+        tiles: Sequence[Polygon],
+        level: Level,
+        title: str,
+        known: dict[str, tuple[Material, float, float]],
+    ) -> None:
+        """Floor and ceiling of tiles; no ceiling where the plan hides those of all the level's rooms."""
+        material, tile_u, tile_v = self._covering(None, title, known)
+        floor = build_slabs(tiles, level.z_m - _BEHIND_M, material, self._holes_at(level.z_m), up=True)
+        floor.uvs[...] /= np.array([tile_u, tile_v], np.float32)
+        self._add(floor, f"Floor of {title}", "floor", level, room=title)
+        plans = {plan.level for plan in self.home.rooms if self._level(plan.level).id == level.id}
+        if not plans or plans & self._with_ceilings:
+            z = level.z_m + level.height_m
+            ceiling = build_slabs(tiles, z + _BEHIND_M, _CEILING, self._holes_at(z), up=False)
+            self._add(ceiling, f"Ceiling of {title}", "ceiling", level, room=title)
 
     def _build_floor(
         self, outline: NDArray[np.float64], level: Level, title: str, covering: tuple[Material, float, float]
@@ -139,10 +185,10 @@ class Shell:
                 self._add(edge, f"Edge of {title}", "floor", level, room=title)
 
     def _covering(
-        self, plan: PlanRoom, title: str, known: dict[str, tuple[Material, float, float]]
+        self, plan: PlanRoom | None, title: str, known: dict[str, tuple[Material, float, float]]
     ) -> tuple[Material, float, float]:
         """The room's own texture, else one by its name and the seed: rooms of one kind share it."""
-        if plan.floor_picture is not None:
+        if plan is not None and plan.floor_picture is not None:
             own = self._picture_material(plan.floor_picture)
             if own is not None:
                 return own, plan.floor_picture.width_m, plan.floor_picture.height_m
@@ -153,26 +199,29 @@ class Shell:
             known[key] = (floor_material(kind, self._rng(f"covering|{key}")), TILE_M[kind], TILE_M[kind])
         return known[key]
 
-    def _build_walls(self) -> None:
-        walls, names = self._straight_walls()
+    # -- walls ----------------------------------------------------------------------------------------------------
+
+    def _build_walls(
+        self, walls: Sequence[Wall], names: Sequence[tuple[str, str]], outlines: Sequence[Polygon]
+    ) -> None:
         # A tall window may reach through a wall of the level above: openings count by height, not by level.
         openings = [opening_of(piece, self._level(piece.level).z_m) for piece in self.home.pieces if piece.is_opening]
-        for index, (wall, (title, level_id)) in enumerate(zip(walls, names, strict=True)):
+        for wall, (title, level_id), outline in zip(walls, names, outlines, strict=True):
             level = self._level(level_id)
-            mesh, thresholds = build_wall(wall, wall_outline(walls, index), _near(wall, openings))
+            mesh, thresholds = build_wall(wall, outline, near(wall, openings))
             self._scale_pictures(mesh)
             self._add(mesh, title, "wall", level)
-            for _, quad in thresholds:
-                if not any(contains(outline, quad.mean(axis=0)) for _, outline in self.rooms.get(level.id, [])):
-                    sill = build_slab(quad, level.z_m, Material("threshold", (0.55, 0.48, 0.40)), up=True)
-                    self._add(sill, f"Threshold of {title}", "floor", level)
+            if thresholds:
+                floors = [room.outline for room in self._rooms_at(level.z_m) if room.has_floor]
+            for _, quad in thresholds:  # whatever of it no room covers
+                self._add(build_slab(quad, level.z_m, _SILL, floors, up=True), f"Threshold of {title}", "floor", level)
 
     def _straight_walls(self) -> tuple[list[Wall], list[tuple[str, str]]]:
         """All walls, arcs cut into straight ones; with (title, level) of each."""
-        parts: list[_Part] = []
+        parts: list[WallPart] = []
         by_id: dict[str, list[int]] = {}
         for plan in self.home.walls:
-            straight = self._parts_of(plan)
+            straight = parts_of(plan, self._level(plan.level).height_m)
             by_id.setdefault(plan.id, []).extend(range(len(parts), len(parts) + len(straight)))
             parts += straight
             if len(parts) > MAX_STRAIGHT_WALLS:
@@ -187,21 +236,12 @@ class Shell:
                     part.start, part.end, plan.thickness_m, part.height_m, part.end_height_m,
                     self._level(plan.level).z_m, self._wall_paint(plan.left, plan.left_picture),
                     self._wall_paint(plan.right, plan.right_picture),
-                    _joined(parts, joinable.get(plan.at_start, []), part.start) if index == own[0] else index - 1,
-                    _joined(parts, joinable.get(plan.at_end, []), part.end) if index == own[-1] else index + 1,
+                    joined(parts, joinable.get(plan.at_start, []), part.start) if index == own[0] else index - 1,
+                    joined(parts, joinable.get(plan.at_end, []), part.end) if index == own[-1] else index + 1,
                 )
             )  # fmt: skip
             names.append((f"Wall {plan.id or len(walls)}", plan.level))
         return walls, names
-
-    def _parts_of(self, plan: PlanWall) -> list[_Part]:
-        """The straight walls that a wall of the plan consists of, start to end."""
-        height = plan.height_m if plan.height_m is not None else self._level(plan.level).height_m
-        end_height = plan.end_height_m if plan.end_height_m is not None else height
-        points = _arc_points(plan) if plan.arc_rad else [plan.start_m, plan.end_m]
-        count = len(points) - 1
-        heights = [height + (end_height - height) * i / count for i in range(count + 1)]
-        return [_Part(plan, points[i], points[i + 1], heights[i], heights[i + 1]) for i in range(count)]
 
     def _wall_paint(self, color: Color | None, picture: Picture | None) -> Material:
         if picture is not None:
@@ -232,61 +272,29 @@ class Shell:
 
     def _room_at(self, piece: Piece, level: Level) -> str:
         p = np.array([piece.x_m, piece.y_m])
-        return next((room.name for room, outline in self.rooms.get(level.id, []) if contains(outline, p)), "")
+        return next((room.name for room in self._rooms_at(level.z_m) if contains(room.outline, p)), "")
 
     def _add(self, mesh: Mesh, name: str, label: str, level: Level, *, model: str = "", room: str = "") -> None:
         if self.builder.add(mesh, name, label, self.floor_of_level[level.id], model=model, room=room):
             self.meshes.append(mesh)
 
 
-class _Part(NamedTuple):
-    """A straight part of a wall of the plan."""
+class _DrawnRoom(NamedTuple):
+    """A room as it is drawn, or an area that nobody drew."""
 
-    plan: PlanWall
-    start: tuple[float, float]
-    end: tuple[float, float]
-    height_m: float
-    end_height_m: float
-
-
-def _joined(parts: Sequence[_Part], candidates: Sequence[int], here: tuple[float, float]) -> int | None:
-    """The candidate with an end nearest to ``here``, or None where there is no candidate."""
-    if not candidates:
-        return None
-    return min(candidates, key=lambda k: min(math.dist(here, parts[k].start), math.dist(here, parts[k].end)))
+    name: str
+    z_m: float
+    outline: Polygon
+    has_floor: bool
+    is_roofed: bool  # by its ceiling, or hidden as all of its level are
 
 
-def _near(wall: Wall, openings: Sequence[Opening]) -> list[Opening]:
-    """The openings that may touch a wall at all (a quick test)."""
-    if not openings:
-        return []
-    a, along = np.array(wall.start_m), np.array(wall.end_m) - np.array(wall.start_m)
-    p = np.array([o.centre_m for o in openings])
-    t = np.clip((p - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-    reach = np.array([o.width_m / 2 + o.depth_m for o in openings]) + wall.thickness_m
-    near = np.linalg.norm(a + t[:, None] * along - p, axis=1) < reach
-    return [openings[int(i)] for i in np.flatnonzero(near)]
-
-
-def _arc_points(wall: PlanWall) -> list[tuple[float, float]]:
-    """Points along an arc wall's centre line (``Wall.computeArcCircleCenter`` in Sweet Home 3D), start to end."""
-    # In the plan's own frame: y down, the arc's angle clockwise.
-    (xs, ys), (xe, ye), extent = (wall.start_m[0], -wall.start_m[1]), (wall.end_m[0], -wall.end_m[1]), -wall.arc_rad
-    chord = math.dist((xs, ys), (xe, ye))
-    if chord < 1e-6 or abs(extent) < 1e-3:
-        return [wall.start_m, wall.end_m]
-    to_center = -(math.pi + extent) / 2 if abs(extent) > math.pi else (math.pi - extent) / 2
-    distance = -math.tan(to_center) * chord / 2
-    normal = math.atan2(xs - xe, ye - ys)
-    cx, cy = (xs + xe) / 2 + distance * math.cos(normal), (ys + ye) / 2 + distance * math.sin(normal)
-    radius, first = math.hypot(xs - cx, ys - cy), math.atan2(ys - cy, xs - cx)
-
-    def miss(turn_rad: float) -> float:
-        return math.dist((cx + radius * math.cos(first + turn_rad), cy + radius * math.sin(first + turn_rad)), (xe, ye))
-
-    turn_rad = min((extent, -extent), key=miss)
-    count = max(4, math.ceil(abs(turn_rad) / _ARC_STEP_RAD))
-    angles = [first + turn_rad * i / count for i in range(count + 1)]
-    points = [(cx + radius * math.cos(a), -(cy + radius * math.sin(a))) for a in angles]
-    points[0], points[-1] = wall.start_m, wall.end_m
-    return points
+def _levels_with_ceilings(rooms: Sequence[PlanRoom]) -> set[str]:
+    """Levels, as rooms name them, where a hidden ceiling means a terrace or void. Where nearly all are hidden it says nothing."""
+    area_m2: dict[tuple[str, bool], float] = {}
+    for room in rooms:
+        key = room.level, room.ceiling
+        area_m2[key] = area_m2.get(key, 0.0) + abs(signed_area(np.array(room.outline_m).reshape(-1, 2)))
+    return {
+        level for level, shown in area_m2 if shown and area_m2[level, True] >= _SHOWN * area_m2.get((level, False), 0.0)
+    }

@@ -1,4 +1,4 @@
-"""Sweet Home 3D's Home.xml as plain data, in the world frame: metres, z up, angles counter-clockwise.
+"""Sweet Home 3D's plans as plain data, in the world frame: metres, z up, angles counter-clockwise.
 
 The file has centimetres, y down in the plan, angles clockwise. It may come from anybody: document types and
 entities are refused, every number is checked, and whatever is wrong is named in a ``BuildingError``.
@@ -10,8 +10,11 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from urllib.parse import unquote
 from xml.parsers import expat
 
+from simulator.plans.javahome import home_element
+from simulator.plans.javastream import MAGIC
 from surveilnav.errors import BuildingError
 
 Color = tuple[float, float, float]
@@ -170,12 +173,15 @@ class _Watched:
 
 
 def read_home(data: bytes, source: str) -> Home:
-    """The plan of a Home.xml.
+    """The plan of a Home.xml, or of the serialized ``Home`` that versions before 5.3 wrote.
 
     Raises:
         BuildingError: not a home, or a value that can't be; the message names the attribute.
     """
-    root = parse_xml(data, source)
+    if data.startswith(MAGIC):
+        root = home_element(data, source, max_elements=MAX_ELEMENTS, max_depth=MAX_DEPTH)
+    else:
+        root = parse_xml(data, source)
     if root.tag != "home":
         raise BuildingError(
             f"{source}: expected a <home> element as in Sweet Home 3D's Home.xml, got <{root.tag[:40]}>"
@@ -241,8 +247,13 @@ def _picture(element: ET.Element, attribute: str | None, source: str) -> Picture
         if attribute is None or child.get("attribute") == attribute:
             width = _number(child, "width", source, 100.0, 0.1, _LARGE_CM) / 100
             height = _number(child, "height", source, 100.0, 0.1, _LARGE_CM) / 100
-            return Picture(child.get("image", ""), width, height)
+            return Picture(_place(child, "image"), width, height)
     return None
+
+
+def _place(element: ET.Element, name: str) -> str:
+    """Where a model or picture lies in the file: a part of a URL, so that a space is %20 in it."""
+    return unquote(element.get(name, ""))
 
 
 def _point(element: ET.Element, x: str, y: str, source: str) -> tuple[float, float]:
@@ -319,7 +330,7 @@ def _piece(e: ET.Element, level: str, source: str) -> Piece:
     rotation = _rotation(e, source)
     x, y = _point(e, "x", "y", source)
     return Piece(
-        name=e.get("name", ""), level=level, catalog_id=e.get("catalogId", ""), model=e.get("model", ""),
+        name=e.get("name", ""), level=level, catalog_id=e.get("catalogId", ""), model=_place(e, "model"),
         x_m=x, y_m=y, z_m=_number(e, "elevation", source, 0.0) / 100,
         size_m=(
             _number(e, "width", source, None, 0.0, _LARGE_CM) / 100,
@@ -328,7 +339,8 @@ def _piece(e: ET.Element, level: str, source: str) -> Piece:
         ),
         yaw_rad=-_number(e, "angle", source, 0.0), pitch_rad=_number(e, "pitch", source, 0.0),
         roll_rad=_number(e, "roll", source, 0.0), mirrored=e.get("modelMirrored") == "true", rotation=rotation,
-        color=_color(e, "color", source), picture=_picture(e, None, source), is_opening=e.tag == "doorOrWindow",
+        color=_color(e, "color", source), picture=_picture(e, None, source),
+        is_opening=e.tag == "doorOrWindow" or e.get("doorOrWindow") == "true",
         stair_cut=e.get("staircaseCutOutShape", ""),
         material_colors={
             m.get("name", "").lower(): color

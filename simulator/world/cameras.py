@@ -68,6 +68,7 @@ def place_cameras(
     count: int | None = None,
     seed: int = 0,
     caster: RayCaster | None = None,
+    everywhere: bool = False,
 ) -> tuple[PlacedCamera, ...]:
     """The camera plan of a building; the same arguments give the same plan.
 
@@ -76,6 +77,7 @@ def place_cameras(
             rounds; so every floor has one).
         count: this many in all instead, spread over the floors by area, on every floor at least one if they suffice.
         seed: draws the candidates.
+        everywhere: also on floors that robots can't get to: over the largest part that one could stand in.
 
     Raises:
         ConfigError: a density or count that makes no sense.
@@ -85,7 +87,7 @@ def place_cameras(
     if count is not None and not 0 <= count <= 10_000:
         raise ConfigError(f"a building has 0 to 10000 cameras, got {count}")
     caster = caster or RayCaster(scene)
-    standable = {name: _standable(navigation, name) for name in navigation.floors}
+    standable = {name: _standable(navigation, name, everywhere) for name in navigation.floors}
     areas = [f.floor_area_m2 if standable[f.id].any() else 0.0 for f in navigation.floors.values()]
     if count is None:
         shares = [math.ceil(area / area_per_camera_m2 - 1e-9) if area > 0 else 0 for area in areas]
@@ -107,11 +109,11 @@ def _camera_at(name: str, floor: FloorNavigation, xy: NDArray[np.float64], seen_
     return PlacedCamera(name, floor.id, position, _views(position), _best_half(seen_m))
 
 
-def _standable(navigation: NavigationMap, floor: str) -> NDArray[np.bool_]:
-    """Where robots live indoors on a floor, or its largest free part if they can't get there."""
+def _standable(navigation: NavigationMap, floor: str, everywhere: bool) -> NDArray[np.bool_]:
+    """Where robots live indoors on a floor; if they can't get there nowhere, or ``everywhere`` its largest free part."""
     f = navigation.floors[floor]
     area = navigation.robot_area[floor]
-    if not area.any():
+    if everywhere and not area.any():
         area = f.free & (f.component == f.largest_component)
     return area & f.indoor if (area & f.indoor).any() else area
 

@@ -19,6 +19,7 @@ from simulator.world.raycast import RayCaster
 from simulator.world.scene import Floor, Scene
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
+from surveilnav.robot_body import clearance_m, fits
 
 _MAX_CELLS = 64_000_000
 #: With less than this share of the free cells under a roof, the building has none.
@@ -84,8 +85,8 @@ def _ground_of(
         obstacle, scene.vertices, scene.triangles, grid.origin_x_m, grid.origin_y_m, grid.resolution_m,
         floor.z_m + max_step_m, floor.z_m + robot_height_m,
     )  # fmt: skip
-    open_cells = np.pad(supported & ~obstacle, 1)
-    free = (ndimage.distance_transform_edt(open_cells) * grid.resolution_m > radius_m)[1:-1, 1:-1]
+    blocked = np.pad(~supported | obstacle, 1, constant_values=True)
+    free = fits(clearance_m(blocked, grid.resolution_m), radius_m)[1:-1, 1:-1]
     indoor = supported & _roofed(caster, grid, floor.z_m + robot_height_m)
     return FloorNavigation(floor.id, floor.z_m, grid, free, components_of(free), supported, indoor, obstacle)
 
@@ -101,9 +102,22 @@ def _grid_of(scene: Scene, resolution_m: float) -> Grid:
     if rows > 65536 or cols > 65536 or rows * cols > _MAX_CELLS:
         raise BuildingError(
             f"the building {scene.name!r} is {cols * resolution_m:.0f} x {rows * resolution_m:.0f} m: too large for a "
-            f"grid of {resolution_m} m cells (at most {_MAX_CELLS} cells). Is its unit metres?"
+            f"grid of {resolution_m} m cells (at most {_MAX_CELLS} cells). {_farthest(scene)} Is its unit metres?"
         )
     return Grid(col0 * resolution_m, row0 * resolution_m, resolution_m, rows, cols)
+
+
+def _farthest(scene: Scene) -> str:
+    """Which piece of a building reaches farthest from the middle of all its corners, in a sentence for people."""
+    if not scene.instances:
+        return ""
+    middle = np.median(scene.vertices[:, :2], axis=0)
+    boxes = np.array([(i.p_min[:2], i.p_max[:2]) for i in scene.instances])
+    reach_m = np.hypot(*np.abs(boxes - middle).max(axis=1).T)
+    worst = int(reach_m.argmax())
+    low, high = boxes[worst]
+    name, where = scene.instances[worst].name[:40], f"({low[0]:.0f}, {low[1]:.0f}) to ({high[0]:.0f}, {high[1]:.0f}) m"
+    return f"Farthest from its middle is {name!r}, from {where}: {reach_m[worst]:,.0f} m."
 
 
 def _supported(caster: RayCaster, grid: Grid, z_m: float, max_step_m: float) -> NDArray[np.bool_]:

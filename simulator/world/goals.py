@@ -1,8 +1,7 @@
 """Where a search may start, where it should end, and whether it did: Habitat's ObjectNav rules.
 
-A viewpoint is a place on the robot's ground, at most 1 m from an object's axis-aligned box (in the plane), from which
-the robot's camera sees it in some direction. A search succeeds if the robot called stop within 0.1 m of way of a
-viewpoint of any object of the target's class. (habitat-lab ``tasks/nav/nav.py`` and ``object_nav_generator.py``.)
+A search succeeds if the robot called stop within 0.1 m of way of a viewpoint (``viewpoints``) of any object of the
+target's class. (habitat-lab ``tasks/nav/nav.py`` and ``object_nav_generator.py``.)
 
 This is the simulator's own truth: no robot, map or planner may use it.
 """
@@ -11,6 +10,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,16 +24,18 @@ from simulator.world.free_ground import FloorNavigation
 from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Instance, Scene
+from simulator.world.viewpoints import (
+    VIEWPOINT_REACH_M,
+    eyes_over,
+    is_reachable,
+    surface_of,
+    viewpoints_of,
+    visible_share,
+)
 from surveilnav.errors import TargetError
-from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.words import canonical
 
-VIEWPOINT_REACH_M = 1.0
 SUCCESS_M = 0.1
-#: Share of an object's surface (all sides, so half is hidden at best) that a viewpoint must see.
-MIN_VISIBLE = 0.05
-#: Points per object that visibility is tested with.
-_SAMPLES = 128
 _MAX_START_CANDIDATES = 2000
 
 #: (note, least path as a share of what was asked, detour asked, hidden asked), tried in this order: first the detour
@@ -119,23 +121,25 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
     """The goals of a search for ``label`` (any spelling that ``words.canonical`` folds).
 
     Raises:
-        TargetError: there is no such thing, or none that a robot can get to; the message lists what there is.
+        TargetError: there is no such thing, or none that a robot can get to; the message lists what it can get to.
     """
     caster = caster or RayCaster(scene)
     wanted = canonical(label)
     instances = scene.called(wanted) if wanted not in PARTS else ()
     if not instances:
-        raise TargetError(f"there is no {label!r} in {scene.name}; it has {_contents(scene)}")
-    surfaces = [_surface(scene, instance) for instance in instances]
+        raise TargetError(
+            f"there is no {label!r} in {scene.name}; robots can get to {_choice(scene, navigation, caster)}"
+        )
+    surfaces = [surface_of(scene, instance) for instance in instances]
     seen_from = {
         instance: cells
         for instance, surface in zip(instances, surfaces, strict=True)
-        if (cells := _viewpoints(navigation, instance, surface, caster)) is not None
+        if (cells := viewpoints_of(navigation, instance, surface, caster)) is not None
     }
     if not seen_from:
         raise TargetError(
             f"{scene.name} has {len(instances)} x {wanted!r}, but robots can't get within {VIEWPOINT_REACH_M:g} m and "
-            f"sight of any; choose another target: {_contents(scene)}"
+            f"sight of any; choose another target: {_choice(scene, navigation, caster)}"
         )
     on_floor: dict[str, NDArray[np.bool_]] = {}
     for instance, cells in seen_from.items():
@@ -148,66 +152,26 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
     )  # fmt: skip
 
 
-def _contents(scene: Scene) -> str:
-    words = [word for word in scene.truth_labels.values() if word not in PARTS]
-    return ", ".join(f"{word} ({words.count(word)})" for word in sorted(set(words))) or "nothing with a name"
+def within_reach(
+    scene: Scene, navigation: NavigationMap, words: Mapping[int, str], caster: RayCaster
+) -> dict[str, tuple[int, int]]:
+    """By word, in the alphabet's order: how many of the things that are called so robots can get to, and how many there are.
+
+    ``words``: by instance id, as ``Scene.truth_labels`` or ``labels_by_id``. Parts of the building don't count.
+    """
+    found: dict[str, tuple[int, int]] = {}
+    for instance in scene.instances:
+        word = words.get(instance.id, "")
+        if word and word not in PARTS:
+            near, of = found.get(word, (0, 0))
+            found[word] = near + is_reachable(scene, navigation, instance, caster), of + 1
+    return dict(sorted(found.items()))
 
 
-def _surface(scene: Scene, instance: Instance) -> NDArray[np.float32]:
-    """(n, 3) points evenly over the triangles of an instance, always the same; in its box if it has none."""
-    corners = scene.vertices[scene.triangles[scene.instance_of_triangle == instance.id]].astype(np.float64)
-    rng = np.random.default_rng([instance.id])
-    if len(corners):
-        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        if area.sum() > 0:
-            chosen = corners[rng.choice(len(corners), size=_SAMPLES, p=area / area.sum())]
-            u, v = rng.random((2, _SAMPLES, 1))
-            u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-            points = chosen[:, 0] + u * (chosen[:, 1] - chosen[:, 0]) + v * (chosen[:, 2] - chosen[:, 0])
-            return np.asarray(points, dtype=np.float32)
-    low, high = np.array(instance.p_min), np.array(instance.p_max)
-    return np.asarray(low + rng.random((_SAMPLES, 3)) * (high - low), dtype=np.float32)
-
-
-def _visible_share(caster: RayCaster, eyes: NDArray[np.float32], surface: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(n,) share of the points (m, 3) that each eye (n, 3) sees, whatever direction they lie in."""
-    share = np.empty(len(eyes))
-    chunk = max(1, 400_000 // len(surface))  # bounds the rays in memory
-    for i in range(0, len(eyes), chunk):
-        some = eyes[i : i + chunk, None, :]
-        hidden = caster.occluded(some, np.broadcast_to(surface, (len(some), *surface.shape)))
-        share[i : i + chunk] = 1.0 - hidden.mean(axis=1)
-    return share
-
-
-def _eyes(floor: FloorNavigation, cells: NDArray[np.int64]) -> NDArray[np.float32]:
-    xy = floor.grid.centres_of(cells)
-    return np.column_stack([xy, np.full(len(xy), floor.z_m + CAMERA_HEIGHT_M)]).astype(np.float32)
-
-
-def _viewpoints(
-    navigation: NavigationMap, instance: Instance, surface: NDArray[np.float32], caster: RayCaster
-) -> NDArray[np.bool_] | None:
-    """(rows, cols) cells of the instance's floor that are viewpoints of it, or None if none is."""
-    floor = navigation.floors.get(instance.floor)
-    if floor is None:
-        return None
-    low, high = np.array(instance.p_min[:2]), np.array(instance.p_max[:2])
-    (row0, col0), (row1, col1) = floor.grid.cells_of(np.array([low - VIEWPOINT_REACH_M, high + VIEWPOINT_REACH_M]))
-    row0, col0 = max(0, int(row0)), max(0, int(col0))
-    near = np.argwhere(navigation.robot_area[floor.id][row0 : max(0, row1 + 1), col0 : max(0, col1 + 1)])
-    cells = near + np.array([row0, col0])
-    xy = floor.grid.centres_of(cells)
-    away = np.linalg.norm(xy - np.clip(xy, low, high), axis=1)
-    cells = cells[away <= VIEWPOINT_REACH_M]
-    if len(cells) == 0:
-        return None
-    cells = cells[_visible_share(caster, _eyes(floor, cells), surface) >= MIN_VISIBLE]
-    if len(cells) == 0:
-        return None
-    mask = np.zeros(floor.grid.shape, dtype=np.bool_)
-    mask[cells[:, 0], cells[:, 1]] = True
-    return mask
+def _choice(scene: Scene, navigation: NavigationMap, caster: RayCaster) -> str:
+    """What can be searched for, for people."""
+    found = within_reach(scene, navigation, scene.truth_labels, caster)
+    return ", ".join(f"{word} ({near})" for word, (near, _) in found.items() if near) or "nothing with a name"
 
 
 def sample_start(
@@ -278,9 +242,9 @@ def _start_at(
 
 def _out_of_sight(floor: FloorNavigation, cell: NDArray[np.int64], goals: Goals, caster: RayCaster) -> bool:
     """Whether no point of a goal is seen from a cell, whatever direction it lies in."""
-    eye = _eyes(floor, cell[None])
+    eye = eyes_over(floor, cell[None])
     # Few points show most of what is in sight; only what looks hidden is worth all of them.
-    return all(_visible_share(caster, eye, p)[0] == 0.0 for p in (goals.surface[::16], goals.surface))
+    return all(visible_share(caster, eye, p)[0] == 0.0 for p in (goals.surface[::16], goals.surface))
 
 
 def _candidates(

@@ -117,7 +117,7 @@ def test_the_gpu_worker_may_take_longer_to_load_than_others() -> None:
     assert period == {"perception": "120s", "perception-gpu": "30m"}
 
 
-@pytest.mark.parametrize("name", ["fusion", "planner"])
+@pytest.mark.parametrize("name", ["fusion", "planner", "robot"])
 def test_what_must_outlive_a_container_lies_in_a_volume_by_building(name: str) -> None:
     service = _SERVICES[name]
     store = service["environment"][f"SURVEILNAV_{name.upper()}__STORE"]

@@ -93,7 +93,7 @@ def running(flat: System) -> Iterator[System]:
     yield flat
     for name, process in flat.stack.processes.items():
         if process.poll() is not None:
-            flat.stack.start_service(name)
+            flat.stack.start(name)
     for told in until(lambda: flat.node.ask_all(MISSION_STATUS), timeout_s=30.0):
         if told.message.state not in FINISHED_STATES:
             mission = told.message.mission

@@ -36,7 +36,7 @@ def test_a_mission_survives_the_death_of_perception(system):
     assert held.state in ("active", "confirming")
     time.sleep(2.0)
     assert s.status(mission).step == held.step, "the robot holds still while nobody sees"
-    s.stack.start_service("perception")
+    s.stack.start("perception")
     ended = s.wait(lambda m: m.state in FINISHED_STATES, 180, mission)
     assert (ended.state, ended.found) == ("done", True), ended
     assert ended.step > held.step
@@ -48,6 +48,7 @@ def test_garbage_on_every_key_stops_nothing(running):
     ids = {
         "building": s.node.building, "floor": "0", "camera": s.building.plan.cameras[0].name, "robot": "r1", "view": "0",
         "worker": "perception-1", "mission": mission, "layer": "value", "node": "robot-r1", "slot": "0", "source": "robot-r1",
+        "supervisor": "up",
     }  # fmt: skip
     keys = {stream: stream.key_for(**{f: ids[f] for f in stream.fields}) for stream in STREAMS}
     s.search("tv", mission=mission)
@@ -82,7 +83,7 @@ def test_a_mission_survives_the_death_of_its_planner(running):
             s.wait(lambda m, reached=reached: m.step >= reached or m.state in FINISHED_STATES, 90, mission).step
         )
         s.kill("planner")
-        s.stack.start_service("planner")
+        s.stack.start("planner")
         until(lambda: s.node.ask_all(MISSION_STATUS, mission=mission), "the planner is back without its mission", 30.0)
     ended = s.wait(lambda m: m.state in FINISHED_STATES, 180, mission)
     assert (ended.state, ended.found) == ("done", True), ended
@@ -90,7 +91,7 @@ def test_a_mission_survives_the_death_of_its_planner(running):
     seq = s.node.ask(ROBOT_STATUS, robot="r1").message.seq
     assert seq - before == ended.step, "as many actions as were decided: none twice, none lost"
     s.kill("planner")
-    s.stack.start_service("planner")
+    s.stack.start("planner")
     until(lambda: s.node.ask_all(MISSION_STATUS, mission=mission), timeout_s=30.0)
     told = httpx.get(f"http://127.0.0.1:{s.gateway_port}/api/v1/missions").raise_for_status().json()["items"]
     assert [(m["id"], m["state"], m["found"]) for m in told if m["id"] == mission] == [(mission, "done", True)]
@@ -130,6 +131,9 @@ def test_find_and_status_through_the_gateway(running):
     refused = surveilnav("find", "?!")
     assert refused.returncode == 1
     assert "fire extinguisher" in refused.stderr
+    error = json.loads(refused.stdout)["error"]
+    assert (error["type"], error["name"]) == ("GatewayError", "bad_target")
+    assert "fire extinguisher" in error["message"]
     assert "Traceback" not in refused.stderr
     run = surveilnav("find", "tv")
     assert run.returncode == 0, run.stderr

@@ -205,14 +205,6 @@ def test_files_that_are_none(tmp_path: Path, content: bytes, says: str) -> None:
         open_building(str(path), cache_dir=tmp_path)
 
 
-def test_a_file_of_an_old_version_says_what_to_do(tmp_path: Path) -> None:
-    path = tmp_path / "old.sh3d"
-    with zipfile.ZipFile(path, "w") as file:
-        file.writestr("Home", b"\xac\xed\x00\x05")
-    with pytest.raises(BuildingError, match=r"5\.3 or newer"):
-        open_building(str(path), cache_dir=tmp_path)
-
-
 @pytest.mark.parametrize(
     "name", ["no_such_home", "", "missing.sh3d", "/", "x" * 5000, "a\0b.sh3d", "~nobody_here/x.sh3d"]
 )
@@ -301,3 +293,21 @@ def test_the_truth_names_parts_of_the_building_and_all_furniture_too() -> None:
     assert not set(parts.values()) & set(COCO)
     assert scene.truth_labels == parts | scene.labels_by_id
     assert "" not in scene.truth_labels.values()
+
+
+def test_a_home_from_before_version_5_3_is_the_same_building(tmp_path: Path, no_assets: None) -> None:
+    homes = Path(__file__).parent / "plans/homes"
+    before, since = (open_building(str(homes / f"{when}_5_3.sh3d"), cache_dir=tmp_path) for when in ("before", "since"))
+    check(before)
+    assert before.instances == since.instances
+    assert [floor.id for floor in before.floors] == ["0", "1"]
+    assert not [note for note in before.notes if "can't be read" in note]
+    assert {i.model for i in before.instances if i.name in ("Bett", "Stuhl")} == {"1/the box.obj"}
+
+
+def test_home_xml_is_preferred_and_a_file_with_neither_is_told_so(tmp_path: Path, no_assets: None) -> None:
+    assert open_building(str(sh3d(tmp_path / "both.sh3d", Home=b"never read")), cache_dir=tmp_path).floors
+    with zipfile.ZipFile(tmp_path / "neither.sh3d", "w") as file:
+        file.writestr("ContentDigests", b"")
+    with pytest.raises(BuildingError, match=r"neither a Home\.xml nor a Home .before version 5\.3."):
+        open_building(str(tmp_path / "neither.sh3d"), cache_dir=tmp_path)

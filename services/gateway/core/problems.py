@@ -37,6 +37,7 @@ _TITLES = {
     409: "Conflict",
     413: "Too large",
     415: "Unsupported media type",
+    421: "Not for this gateway",
     422: "Can't be accepted",
     500: "Internal error",
     502: "A service answered wrongly",

@@ -1,22 +1,28 @@
-"""``/traffic``, and how the whole is: ``/healthz``, ``/readyz``."""
+"""``/traffic``, ``/services``, and how the whole is: ``/healthz``, ``/readyz``."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter
 
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import ROOT, Readiness, Traffic
+from services.gateway.core.resources import ROOT, Items, Readiness, Service, Traffic
+from services.gateway.routes.paging import Limit, Offset, page_of
 from services.gateway.service import Gateway
 
 
 def router(gateway: Gateway) -> APIRouter:
-    """Traffic, health and readiness."""
+    """Traffic, services, health and readiness."""
     router = APIRouter()
 
     @router.get(f"{ROOT}/traffic", tags=["building"])
     def traffic() -> Traffic:
         """Bytes offered, delivered and on the wire."""
         return gateway.traffic()
+
+    @router.get(f"{ROOT}/services", tags=["health"])
+    def services(limit: Limit = 100, offset: Offset = 0) -> Items[Service]:
+        """Processes that `surveilnav up` keeps running, and how often each was started again. Compose tells of its own."""
+        return page_of(gateway.services(), limit, offset)
 
     @router.get("/healthz", tags=["health"])
     def healthz() -> dict[str, str]:

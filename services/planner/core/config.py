@@ -42,9 +42,10 @@ class PlannerConfig(BaseModel):
     # --- terrain ---
     comfort_m: float = Field(0.45, description="farther than this from obstacles it drives at full speed")
     wall_speed: float = Field(0.3, description="speed right at its radius from an obstacle, as a share of full speed")
-    tight_m: float = Field(
-        0.10,
-        description="where there is no other way, it may come so near to a mapped obstacle: maps are thicker than walls",
+    spare_m: float = Field(
+        0.075,
+        ge=0,
+        description="where there is no other way: mapped obstacles are thicker than walls by so much, a cell and its corner",
     )
     tight_speed: float = Field(0.05, description="speed nearer to an obstacle than its radius")
     unknown_speed: float = Field(0.5, description="speed through unexplored space; 0 forbids it")

@@ -43,10 +43,11 @@ class Look:
 class Body(Protocol):
     """One robot. Commands and looks come from two threads; commands never overlap.
 
-    ``stairs``: those that it can take, in both directions.
+    ``stairs``: those that it can take, in both directions. ``notes``: what people should know of where it can go.
     """
 
     stairs: Sequence[Stair]
+    notes: Sequence[str]
 
     @property
     def state(self) -> RobotState:
@@ -57,8 +58,8 @@ class Body(Protocol):
         """Why it can't carry out an action at all, for people; empty if it can."""
         ...
 
-    def begin_mission(self) -> None:
-        """Counts path and steps from here on."""
+    def begin_mission(self, mission: str) -> None:
+        """Counts path and steps from here on; ``state`` names the mission."""
         ...
 
     def act(self, action: str, to_floor: str | None = None) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from services.robot_node import core
 from services.robot_node.bodies.body import Look
+from services.robot_node.bodies.kept import KeptState
 from services.robot_node.config import RobotSettings
 from simulator.simulation import SimulatedBuilding
 from simulator.world.goals import find_goals, sample_start
@@ -18,12 +20,18 @@ from surveilnav.sensing.views import TrueInstances
 
 
 class SimulatedBody:
-    """A ``Body`` in a simulated building, beginning in ``state``."""
+    """A ``Body`` in a simulated building, beginning in ``state``. Every state is handed to ``keep`` before it is told."""
 
-    def __init__(self, building: SimulatedBuilding, state: core.RobotState) -> None:
-        self._building, self._state = building, state
+    def __init__(
+        self,
+        building: SimulatedBuilding,
+        state: core.RobotState,
+        keep: Callable[[core.RobotState], None] = lambda _: None,
+    ) -> None:
+        self._building, self._state, self._keep = building, state, keep
         self._labels = building.scene.truth_labels
         self.stairs: Sequence[Stair] = core.stairs_of(building.navigation)
+        self.notes: Sequence[str] = [said] if (said := building.reach.sentence) else []
 
     @property
     def state(self) -> core.RobotState:
@@ -34,13 +42,17 @@ class SimulatedBody:
         """Why it can't carry out an action at all, for people; empty if it can."""
         return core.refusal(self._state, action, self._building.navigation, to_floor)
 
-    def begin_mission(self) -> None:
+    def begin_mission(self, mission: str) -> None:
         """Counts path and steps from here on."""
-        self._state = core.begin_mission(self._state)
+        self._enter(core.begin_mission(self._state, mission))
 
     def act(self, action: str, to_floor: str | None = None) -> None:
         """Carries out one action, at once. Raises ValueError: it can't be carried out."""
-        self._state = core.act(self._state, action, self._building.navigation, to_floor)
+        self._enter(core.act(self._state, action, self._building.navigation, to_floor))
+
+    def _enter(self, state: core.RobotState) -> None:
+        self._keep(state)
+        self._state = state
 
     def observe(self) -> Look:
         """The rendered view of the state it is in, with its instance ids."""
@@ -51,6 +63,22 @@ class SimulatedBody:
         return Look(
             state, T_world_camera, core.CAMERA, CAMERA_HEIGHT_M, core.DEPTH_RANGE_M, view.rgb, view.depth_m, truth
         )
+
+
+def simulated_body(building: SimulatedBuilding, settings: RobotSettings) -> SimulatedBody:
+    """A body where the store says that it stood, else at its start.
+
+    Raises:
+        ConfigError: the start told isn't free floor; the message says what is.
+    """
+    if not settings.store:
+        return SimulatedBody(building, start_state(building, settings))
+    begun = repr((building.scene.content_hash, building.settings.seed, settings.start, settings.start_for))
+    kept = KeptState(Path(settings.store), begun)
+    state = kept.load()
+    if state is None or not building.navigation.is_navigable(state.p_world, state.floor):
+        state = start_state(building, settings)
+    return SimulatedBody(building, state, kept.save)
 
 
 def start_state(building: SimulatedBuilding, settings: RobotSettings) -> core.RobotState:

@@ -16,7 +16,7 @@ import structlog
 import zenoh
 
 from surveilnav.bus.logs import RateLimit
-from surveilnav.bus.settings import BusSettings
+from surveilnav.bus.settings import MAX_MESSAGE_BYTES, BusSettings
 from surveilnav.bus.traffic import TrafficMeter
 from surveilnav.bus.wire import clock_ns, decode
 from surveilnav.contract import Stream, schema_of
@@ -29,6 +29,9 @@ PRIORITY = {
     "data": zenoh.Priority.DATA_HIGH,
     "bulk": zenoh.Priority.DATA_LOW,
 }
+#: "Leave out" isn't Zenoh's DROP: that sends parts of a message before it gives it up. BLOCK_FIRST lets one message wait
+#: at each link, apart from whoever put it, and drops those that come meanwhile, whole.
+CONGESTION = {"wait": zenoh.CongestionControl.BLOCK, "leave out": zenoh.CongestionControl.BLOCK_FIRST}
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +147,15 @@ def bus_errors(key: str) -> Iterator[None]:
         yield
     except zenoh.ZError as error:
         raise BusError(f"the connection failed at {key}: {error}") from error
+
+
+def check_size(key: str, *parts: bytes) -> None:
+    """Raises BusError for a message that the router would drop, and would tell nobody."""
+    if (n_bytes := sum(map(len, parts))) > MAX_MESSAGE_BYTES:
+        most = f"{MAX_MESSAGE_BYTES / 2**20:g} MiB"
+        raise BusError(
+            f"a message may have up to {most}, got {n_bytes / 2**20:.1f} MiB for {key}. Send less at a time."
+        )
 
 
 def bytes_of(data: Any) -> bytes:

@@ -8,7 +8,7 @@ from typing import Any, Generic
 
 import zenoh
 
-from surveilnav.bus.connection import PRIORITY, Connection, M, Received, bus_errors, encoding_of
+from surveilnav.bus.connection import CONGESTION, PRIORITY, Connection, M, Received, bus_errors, check_size, encoding_of
 from surveilnav.bus.queries import ask_all
 from surveilnav.bus.wire import encode
 from surveilnav.contract import Stream
@@ -24,8 +24,7 @@ class Publisher:
         self._publisher = connection.session.declare_publisher(
             key,
             encoding=encoding_of(stream.message, mime),
-            # Default dropping sends fragments and then abandons the frame: block, and keep only the newest before it.
-            congestion_control=zenoh.CongestionControl.BLOCK,
+            congestion_control=CONGESTION[stream.when_full],
             priority=PRIORITY[stream.priority],
             express=stream.priority == "control",
         )
@@ -39,6 +38,7 @@ class Publisher:
     def put(self, message: Message, payload: bytes = b"") -> None:
         """Puts a message, with a payload where the stream has one. Raises BusError: it can't be sent."""
         header = encode(message)
+        check_size(self.key, header, payload)
         with bus_errors(self.key):
             if self._stream.payload:
                 self._publisher.put(payload, attachment=header)

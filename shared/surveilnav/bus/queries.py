@@ -11,7 +11,17 @@ from urllib.parse import quote, unquote
 
 import zenoh
 
-from surveilnav.bus.connection import PRIORITY, Connection, Received, bus_errors, bytes_of, encoding_of, schema_in
+from surveilnav.bus.connection import (
+    CONGESTION,
+    PRIORITY,
+    Connection,
+    Received,
+    bus_errors,
+    bytes_of,
+    check_size,
+    encoding_of,
+    schema_in,
+)
 from surveilnav.bus.wire import Refused, Unanswered, clock_ns, decode, encode
 from surveilnav.contract import Stream
 from surveilnav.errors import SurveilNavError, WireError
@@ -150,6 +160,7 @@ class Server:
         if "*" in key:  # asked of many: each answers on a key of its own
             key = self._key if "*" not in self._key else self._connection.key(self._stream, **answer.ids)
         header = encode(answer.message)
+        check_size(key, header, answer.payload)
         encoding = encoding_of(type(answer.message))  # priority and congestion control are the query's
         if self._stream.payload:
             query.reply(key, answer.payload, attachment=header, encoding=encoding)
@@ -211,6 +222,7 @@ def _replies(
         header = encode(request)
         options["encoding"] = encoding_of(type(request))
         options |= {"payload": payload, "attachment": header} if payload else {"payload": header}
+    check_size(key, header, payload)
     selector: Any = key
     if parameters:
         selector = f"{key}?" + ";".join(f"{quote(k)}={quote(v)}" for k, v in parameters.items())
@@ -218,7 +230,7 @@ def _replies(
     with bus_errors(key):
         replies = connection.session.get(
             selector, timeout=timeout_s, consolidation=zenoh.ConsolidationMode.NONE,
-            priority=PRIORITY[stream.priority], congestion_control=zenoh.CongestionControl.BLOCK, **options,
+            priority=PRIORITY[stream.priority], congestion_control=CONGESTION[stream.when_full], **options,
         )  # fmt: skip
     yield from replies
 

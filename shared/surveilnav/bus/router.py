@@ -1,11 +1,13 @@
 """The router: Zenoh itself in router mode. ``python -m surveilnav.bus.router [--listen tcp/127.0.0.1:7447]``.
 
-The same Rust core as zenohd; ``--config FILE`` takes a Zenoh JSON5 file that works for both.
+The same Rust core as zenohd; ``--config FILE`` takes a Zenoh JSON5 file that works for both. Start zenohd with
+``ZENOH_RUNTIME='(rx: (worker_threads: 8), tx: (worker_threads: 8))'``, as ``main`` does here.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import socket
 import sys
@@ -17,6 +19,10 @@ import zenoh
 from surveilnav.bus import logs
 from surveilnav.bus.settings import DEFAULT_PORT, router_config
 from surveilnav.errors import BusError, ConfigError, SurveilNavError
+
+#: Closing the link of a reader that doesn't read holds one of Zenoh's threads. It has one to send and two to receive, and
+#: without them everybody loses the router (docs/understand/adr/0005-bulk-data-is-left-out.md).
+_THREADS = "(rx: (worker_threads: 8), tx: (worker_threads: 8))"
 
 
 def open_router(listen: str) -> zenoh.Session:
@@ -63,6 +69,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--config", type=Path, help="a Zenoh JSON5 file instead of the built-in settings")
     arguments = parser.parse_args(argv)
     logs.configure()
+    os.environ.setdefault("ZENOH_RUNTIME", _THREADS)
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())

@@ -13,6 +13,12 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from surveilnav.contract import ID_PATTERN
 
 DEFAULT_PORT = 7447
+#: The largest message, payload and header: a floor's full cloud has 48 MB. The router drops what is larger.
+MAX_MESSAGE_BYTES = 64 * 2**20
+_RECEIVE = {"max_message_size": MAX_MESSAGE_BYTES + 2**16}  # with the key and what Zenoh adds
+#: How long bulk data waits for the message before it [ms], then it is left out (docs/results/bus.md). A process waits for
+#: its own messages. The router is everybody's: at one reader's link it waits just as long as a burst of frames takes.
+_OWN_TURN_MS, _ROUTER_TURN_MS = 5000, 100
 _ENDPOINT = re.compile(r"tcp/[^/?#\s]+:\d{1,5}")
 
 
@@ -58,10 +64,15 @@ class BusSettings(BaseSettings):
                 "transport": {
                     "shared_memory": {"enabled": False},
                     "unicast": {"max_links": 4},
-                    "link": {"tx": {"lease": self.lease_ms}},
+                    "link": {"tx": _sending(self.lease_ms, _OWN_TURN_MS), "rx": _RECEIVE},
                 },
             }
         )
+
+
+def _sending(lease_ms: int, turn_ms: int) -> dict[str, object]:
+    """Zenoh's ``tx``: its microseconds before a drop are, for BLOCK_FIRST, the wait for the message before."""
+    return {"lease": lease_ms, "queue": {"congestion_control": {"drop": {"wait_before_drop": turn_ms * 1000}}}}
 
 
 def router_config(listen: str) -> str:
@@ -75,7 +86,7 @@ def router_config(listen: str) -> str:
             "transport": {
                 "shared_memory": {"enabled": False},
                 "unicast": {"max_links": 4},
-                "link": {"tx": {"lease": 2000}},
+                "link": {"tx": _sending(2000, _ROUTER_TURN_MS), "rx": _RECEIVE},
             },
         }
     )

@@ -23,7 +23,7 @@ from surveilnav.messages.mission import (
     MissionStatus,
     Plan,
 )
-from surveilnav.messages.node import Ack, ErrorReply, TrafficReport, TrafficRow
+from surveilnav.messages.node import Ack, ErrorReply, ServiceList, ServiceState, TrafficReport, TrafficRow
 from surveilnav.messages.perception import Detection, InferReply, InferRequest, ModelIds, TextReply, WorkerLoad
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Truth
@@ -34,5 +34,5 @@ __all__ = [
     "Command", "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FINISHED_STATES", "FrameHeader",
     "InferReply", "InferRequest", "LayerHeader", "MissionAck", "MissionCancel", "MissionGoal", "MissionStatus",
     "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part", "Plan", "Revision", "RobotStatus",
-    "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "WorkerLoad",
+    "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "WorkerLoad",
 ]  # fmt: skip

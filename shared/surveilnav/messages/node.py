@@ -26,6 +26,27 @@ class ErrorReply(Message, frozen=True, kw_only=True):
     retry_after_ms: int | None = None
 
 
+class ServiceState(msgspec.Struct, frozen=True):
+    """A process that somebody keeps running.
+
+    ``running``: it isn't waiting for its next start. ``restarts``: how often it was started again, ``restarted_ns`` the last
+    time (0: never). ``why``: how it had ended, such as "SIGKILL" or "exit code 1".
+    """
+
+    name: str
+    running: bool
+    restarts: int = 0
+    restarted_ns: int = 0
+    why: str = ""
+
+
+class ServiceList(Message, frozen=True, kw_only=True):
+    """All processes that ``supervisor`` keeps running."""
+
+    supervisor: str
+    services: list[ServiceState]
+
+
 class TrafficRow(msgspec.Struct, frozen=True):
     """Bytes and messages of one key expression at one node since it started."""
 

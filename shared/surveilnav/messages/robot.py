@@ -48,6 +48,7 @@ class RobotStatus(Message, frozen=True, kw_only=True):
     """State of a robot, at 1 Hz and on change. ``seq``: its newest observation; ``pitch_rad`` of its camera, up > 0.
 
     ``stairs``: the stairs (or lifts) of the building that this robot can take, in both directions.
+    ``notes``: what people should know of where it can go ("robots reach 39 of 118 m²: no stair leads to level 2").
     ``mission``: the one that it last obeyed; ``last_action`` led to ``seq`` (None: nothing done in it yet); ``collided``: it was
     cut short; ``path_m``: length of the way since that mission began (or since start-up).
     """
@@ -60,6 +61,7 @@ class RobotStatus(Message, frozen=True, kw_only=True):
     pitch_rad: float = 0.0
     message: str = ""
     stairs: list[Stair] = []
+    notes: list[str] = []
     mission: str = ""
     collided: bool = False
     last_action: ActionName | None = None

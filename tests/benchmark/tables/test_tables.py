@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import errno
 import io
+from collections import defaultdict
 
 import msgspec
 import pytest
@@ -72,13 +73,26 @@ def test_a_page_says_what_the_records_say():
         in text
     )
     assert "67.4 / 34.5" in text
-    assert "program `program-hash`, dataset `dataset-hash`" in text
+    assert "program `program-hash`, dataset v2 `dataset-hash`" in text
     assert "| with | 1 (1) | 0 |" in text  # reasons
     assert "| without | 1 (1) | 0 | 0 | 0 | 0 | 0 | 0 | 1 (1) |" in text
     assert "SR at 0.2 m and 1 m" in text
     assert "within 0.1 m (geodesic)" in text
     assert "| tv | 50 / 25 (2) | 0 / 0 (2) |" in text
     assert "| tv: Maker#flat-tv, Maker#wall-tv | 50 / 25 (2) | 0 / 0 (2) |" in text
+
+
+def test_real_homes_stand_apart_from_generated_buildings():
+    home = msgspec.structs.replace(RECORD, scene="2_bedroom-s1", success=True, spl=0.5)
+    office = msgspec.structs.replace(RECORD, scene="office_3-s0", success=True, spl=0.25)
+    failed = [msgspec.structs.replace(r, success=False, spl=0.0, reason="stuck") for r in (home, office)]
+    models = defaultdict(list)
+    text = page(TABLE, [Line.of(ARMS[0], [home, office]), Line.of(ARMS[1], [home, failed[1]])], 2, models, BASIS)
+    part = text.partition("## Real homes and generated buildings")[2].partition("##")[0]
+    assert "| with | real homes | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] |  |  |" in part
+    assert "| with | generated | 1 | 100.0 [100.0, 100.0] | 25.0 [25.0, 25.0] |  |  |" in part
+    assert "| without | real homes | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] | +0.0 [+0.0, +0.0] |" in part
+    assert "| without | generated | 1 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | -100.0 [-100.0, -100.0] |" in part
 
 
 def test_components_are_crossed_the_fewest_changes_first():

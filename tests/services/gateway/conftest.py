@@ -14,6 +14,7 @@ import uvicorn
 
 from services.gateway.__main__ import listen
 from services.gateway.app import create_app
+from services.gateway.config import GatewaySettings
 from services.gateway.service import Gateway
 from surveilnav import contract
 from surveilnav import messages as m
@@ -280,7 +281,9 @@ def serve_gateway(endpoint: str, stack: ExitStack) -> tuple[str, Gateway]:
     """A gateway as ``python -m services.gateway`` runs it, on a thread; its address."""
     sock = stack.enter_context(listen("127.0.0.1", 0))
     gateway = Gateway(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))))
-    server = uvicorn.Server(uvicorn.Config(create_app(gateway), log_config=None, access_log=False, lifespan="off"))
+    server = uvicorn.Server(
+        uvicorn.Config(create_app(gateway, GatewaySettings().names), log_config=None, access_log=False, lifespan="off")
+    )
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
 

@@ -181,6 +181,25 @@ def test_a_body_without_a_length_is_refused(client):
     problem(client.post("/api/v1/missions", content=iter([b'{"target": "tv"}'])), 411)
 
 
+@pytest.mark.parametrize("method", ["GET", "POST", "OPTIONS"])
+@pytest.mark.parametrize("path", ["/", "/healthz", "/api/v1/missions", "/nowhere"])
+def test_a_request_for_a_strangers_name_is_refused(client, method, path):
+    told = problem(client.request(method, path, headers={"host": "rebound.example:8080"}), 421)
+    assert named(told) == "foreign_host"
+    assert told["instance"] == path
+    assert "'rebound.example:8080'" in told["detail"]
+    assert "SURVEILNAV_GATEWAY__ALLOWED_HOSTS" in told["detail"]
+
+
+def test_a_host_that_is_none_breaks_nothing(client):
+    assert named(problem(client.get("/healthz", headers={"host": "["}), 421)) == "foreign_host"
+
+
+def test_loopback_by_any_of_its_names_is_answered(client):
+    for host in ("localhost", "localhost:8080", "127.0.0.1", "[::1]:8080"):
+        assert client.get("/healthz", headers={"host": host}).status_code == 200
+
+
 @pytest.mark.parametrize(
     "id", ["m-unknown", "..%2F..%2Fetc", "*", "**", "%00", "a%2Fb", "a" * 65, "%F0%9F%8C%B1", "$*", "a b"]
 )
@@ -448,3 +467,16 @@ def test_a_map_that_grew_keeps_its_place_in_the_world(client, building):
     finally:
         building.grid = Grid(-1.0, -2.0, 0.5, 12, 16)
         building.put_revision()
+
+
+def test_services_that_are_kept_running(client, building):
+    assert client.get("/api/v1/services").json() == {"items": [], "total": 0}
+    up = building.node("cli", "up")
+    states = [m.ServiceState("router", True), m.ServiceState("fusion", False, 2, 1_700_000_000_000_000_000, "SIGKILL")]
+    publisher = up.publisher(contract.SERVICES, supervisor="up")
+    until(lambda: publisher.matched)
+    publisher.put(m.ServiceList(stamp_ns=clock_ns(), supervisor="up", services=states))
+    router, fusion = until(lambda: client.get("/api/v1/services").json()["items"])
+    assert (router["id"], router["running"], router["restarts"], router["restarted"]) == ("router", True, 0, None)
+    assert (fusion["running"], fusion["restarts"], fusion["why"], fusion["stale"]) == (False, 2, "SIGKILL", False)
+    assert fusion["restarted"] == "2023-11-14T22:13:20Z"

@@ -159,8 +159,8 @@ def test_no_stairs_through_a_wall() -> None:
 
 def test_a_new_mission_begins_where_the_last_one_ended() -> None:
     ended = act(act(AT, "move_forward", WORLD), "stop", WORLD)
-    begun = begin_mission(ended)
-    assert (begun.p_world, begun.seq) == (ended.p_world, 2)
+    begun = begin_mission(ended, "m2")
+    assert (begun.p_world, begun.seq, begun.mission) == (ended.p_world, 2, "m2")
     assert (begun.path_m, begun.steps, begun.stopped, begun.last_action) == (0.0, 0, False, None)
 
 

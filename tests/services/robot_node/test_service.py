@@ -29,6 +29,7 @@ class Body:
     """A robot that walks along x, stops at a wall at x = 0.4 m, and can't fly."""
 
     stairs = (STAIR,)
+    notes = ("robots reach 3 of 4 m²",)
 
     def __init__(self, real=False):
         self.state, self.real = RobotState(0.0, 0.0, 0.0, "0", 0.5), real
@@ -36,8 +37,8 @@ class Body:
     def refusal(self, action, to_floor=None):
         return "it has no wings" if action == "look_up" else ""
 
-    def begin_mission(self):
-        self.state = dataclasses.replace(self.state, path_m=0.0, last_action=None, stopped=False)
+    def begin_mission(self, mission):
+        self.state = dataclasses.replace(self.state, path_m=0.0, last_action=None, stopped=False, mission=mission)
 
     def act(self, action, to_floor=None):
         s = self.state
@@ -88,6 +89,7 @@ def test_it_says_what_it_did_in_status_and_observation_alike(robot, client, comm
     status = client.ask(ROBOT_STATUS, robot="r1").message
     assert (status.seq, status.last_action, status.collided, status.path_m) == (0, None, False, 0.0)
     assert status.stairs == [STAIR]
+    assert status.notes == ["robots reach 3 of 4 m²"]
     for seq, path_m, collided in ((1, 0.25, False), (2, 0.4, True)):
         reply = command("move_forward", seq - 1)
         assert (reply.accepted, reply.seq) == (True, seq)
@@ -119,7 +121,7 @@ def test_a_new_mission_counts_from_zero_unless_its_command_is_refused(robot, cli
     assert client.ask(ROBOT_STATUS, robot="r1").message.path_m == 0.25
     command("turn_left", 1, mission="m2")
     status = client.ask(ROBOT_STATUS, robot="r1").message
-    assert (status.seq, status.path_m, status.last_action) == (2, 0.0, "turn_left")
+    assert (status.seq, status.path_m, status.last_action, status.mission) == (2, 0.0, "turn_left", "m2")
     command("stop", 2, mission="m2")
     assert client.ask(ROBOT_STATUS, robot="r1").message.state == "stopped"
     assert service.step()

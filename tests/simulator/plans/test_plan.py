@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulator.plans.assembly import Mesh
-from simulator.plans.plan import Opening, Wall, build_slab, build_wall, wall_outline
+from simulator.plans.plan import Opening, Wall, build_wall, wall_outline
+from simulator.plans.slabs import build_slab
 from simulator.world.scene import Material
 
 PAINT = Material("paint", (1, 1, 1))

@@ -127,13 +127,13 @@ def test_cut_out_paths(path: str, points: list[tuple[float, float]]) -> None:
 
 
 def test_an_arc_wall_bulges_the_right_way() -> None:
-    from simulator.plans.shell import _arc_points
+    from simulator.plans.straight_walls import arc_points
 
     # Sweet Home 3D: from (0, 0) to (100, 0) with a positive extent of pi, in a plan whose y looks down.
     (wall,) = home(
         "<wall id='w' xStart='0' yStart='0' xEnd='100' yEnd='0' thickness='10' arcExtent='3.1415927'/>"
     ).walls
-    points = _arc_points(wall)
+    points = arc_points(wall)
     assert points[0] == (0, 0)
     assert points[-1] == (1, 0)
     radii = [math.dist(p, (0.5, 0)) for p in points]

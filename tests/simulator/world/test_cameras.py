@@ -156,3 +156,11 @@ def test_open_air_is_bad(boxes, room) -> None:
 def test_senseless_settings(house, settings) -> None:
     with pytest.raises(ConfigError, match=r"got"):
         place_cameras(*house, **settings)
+
+
+def test_floors_that_robots_cant_get_to_have_no_camera_unless_asked(boxes, room) -> None:
+    scene = boxes([*room(15.0, 10.0), *room(10.0, 5.0, "attic", 2.7)], TWO_FLOORS)
+    nav = NavigationMap.build(scene)
+    assert {c.floor for c in place_cameras(scene, nav)} == {"0"}
+    assert [c.floor for c in place_cameras(scene, nav, count=3)] == ["0"] * 3
+    assert {c.floor for c in place_cameras(scene, nav, everywhere=True)} == {"0", "attic"}

@@ -361,5 +361,11 @@ def test_the_cache_gives_back_what_was_built_and_survives_a_broken_file(boxes, r
 
 
 def test_a_building_in_millimetres_is_refused(boxes, room) -> None:
-    with pytest.raises(BuildingError, match=r"6000 x 4000 m|unit metres"):
+    with pytest.raises(BuildingError, match=r"6000 x 4000 m.*unit metres"):
         NavigationMap.build(boxes(room(6000.0, 4000.0)))
+
+
+def test_what_makes_a_building_too_large_is_named(boxes, room) -> None:
+    tree = ("tree", "0", (-9001.0, 2.0, 0.0), (-9000.0, 3.0, 4.0))
+    with pytest.raises(BuildingError, match=r"'tree-7', from \(-9001, 2\) to \(-9000, 3\) m: 9,00\d m"):
+        NavigationMap.build(boxes([*room(6.0, 4.0), tree]))

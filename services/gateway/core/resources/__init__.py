@@ -12,9 +12,10 @@ from services.gateway.core.resources.mission import Mission, MissionPlan, NewMis
 from services.gateway.core.resources.object import Object
 from services.gateway.core.resources.readiness import NEEDED, Readiness
 from services.gateway.core.resources.robot import Robot, Worker
+from services.gateway.core.resources.service import Service
 from services.gateway.core.resources.traffic import Traffic
 
 __all__ = [
     "NEEDED", "ROOT", "Camera", "Floor", "Items", "Mission", "MissionPlan", "NewMission", "Object", "Readiness", "Robot",
-    "Traffic", "Worker",
+    "Service", "Traffic", "Worker",
 ]  # fmt: skip

@@ -20,6 +20,7 @@ class Robot(Resource):
     yaw_rad: float
     mission: str | None
     message: str
+    notes: list[str] = Field(default_factory=list, description="what to know of where it can go")
 
     @classmethod
     def from_status(cls, status: RobotStatus, mission: str | None, seen_ns: int, stale: bool) -> Robot:

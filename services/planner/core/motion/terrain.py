@@ -19,6 +19,7 @@ from services.planner.core.config import PlannerConfig
 from services.planner.core.motion.marching import march
 from services.planner.core.state import MapView, MissionState, RobotView
 from surveilnav.geometry import Grid
+from surveilnav.robot_body import clearance_m, fits
 
 #: Travel time to a cell that the front never reached.
 UNREACHED = np.inf
@@ -84,34 +85,38 @@ def build_terrain(
     window = slice(row0, row1), slice(col0, col1)
     grid = Grid(maps.grid.origin_x_m + col0 * r, maps.grid.origin_y_m + row0 * r, r, row1 - row0, col1 - col0)
 
-    occupancy = np.ascontiguousarray(maps.occupancy[window] != 0).astype(np.uint8)
+    occupancy = (maps.occupancy[window] != 0).astype(np.uint8)
     _paint(occupancy, grid, state.here.visited[-200:], 0.0, value=0)
     occupied, explored = occupancy != 0, maps.explored[window] != 0
-    clearance_m = cv2.distanceTransform(1 - occupancy, cv2.DIST_L2, 5) * r
-    speed = _speed(clearance_m, explored, config)
-    speed[_blocked(clearance_m, grid, robot, state, config) | occupied] = 0.0
+    clearance = clearance_m(occupied, r)
+    speed = _speed(clearance, explored, config)
+    speed[_blocked(clearance, grid, robot, state, config) | occupied] = 0.0
     here = grid.cells_of((robot.x_m, robot.y_m))
     if grid.contains(here):
         speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
     bumps = np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3))
-    return Terrain(grid, row0, col0, occupied, explored & ~occupied, clearance_m, speed, bumps)
+    return Terrain(grid, row0, col0, occupied, explored & ~occupied, clearance, speed, bumps)
 
 
-def _speed(clearance_m: NDArray[np.float32], explored: NDArray[np.bool_], config: PlannerConfig) -> NDArray[np.float64]:
+def _speed(clearance: NDArray[np.float32], explored: NDArray[np.bool_], config: PlannerConfig) -> NDArray[np.float64]:
     """Up to the robot's radius from an obstacle it is hard to pass (``tight_speed``), beyond that the speed rises from
     ``wall_speed`` to 1 at ``comfort_m``; unknown space is slower by ``unknown_speed``."""
-    rise = (clearance_m - config.robot_radius_m) / (config.comfort_m - config.robot_radius_m)
+    rise = (clearance - config.robot_radius_m) / (config.comfort_m - config.robot_radius_m)
     speed = (config.wall_speed + (1.0 - config.wall_speed) * np.clip(rise, 0.0, 1.0)).astype(np.float64)
     speed[~explored] *= config.unknown_speed
-    speed[clearance_m < config.robot_radius_m] = config.tight_speed
+    speed[~fits(clearance, config.robot_radius_m)] = config.tight_speed
     return np.asarray(speed)
 
 
 def _blocked(
-    clearance_m: NDArray[np.float32], grid: Grid, robot: RobotView, state: MissionState, config: PlannerConfig
+    clearance: NDArray[np.float32], grid: Grid, robot: RobotView, state: MissionState, config: PlannerConfig
 ) -> NDArray[np.bool_]:
-    """Nearer than ``tight_m`` to an obstacle, but where the robot stands or has stood; and what it bumped into."""
-    blocked = (clearance_m < min(config.tight_m, config.robot_radius_m)).astype(np.uint8)
+    """Where it doesn't fit even if the map is too thick, but where it stands or has stood; and what it bumped into.
+
+    A cell around what may be wide enough is left to steer in: maps spill over more to one side than to the other.
+    """
+    narrow = ~fits(clearance, config.robot_radius_m, config.spare_m)
+    blocked = cv2.erode(narrow.astype(np.uint8), np.ones((3, 3), np.uint8))
     _paint(blocked, grid, state.here.visited, config.visited_radius_m, value=0)
     _paint(blocked, grid, [(robot.x_m, robot.y_m)], config.escape_radius_m, value=0)
     _paint(blocked, grid, state.here.collisions, 0.0)

@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.gateway.core.problems import invalid, refusal
-from services.gateway.core.resources import NEEDED, Mission, Readiness
+from services.gateway.core.resources import NEEDED, Mission, Readiness, Robot
 from services.gateway.core.resources.base import utc
-from surveilnav.messages import MissionStatus
+from surveilnav.geometry import Pose
+from surveilnav.messages import MissionStatus, RobotStatus
 
 
 def status(**changes: object) -> MissionStatus:
@@ -53,6 +54,20 @@ def test_what_isnt_finite_is_null(value):
 )
 def test_a_finished_mission_is_never_stale(state, planner, stale):
     assert Mission.from_status(status(state=state), 1, planner).stale is stale
+
+
+def test_a_robot_says_what_it_cant_reach():
+    note = "robots reach 3 of 4 m²: no stair leads to level 1"
+    told = RobotStatus(
+        stamp_ns=1,
+        robot="r1",
+        floor="0",
+        seq=0,
+        state="ready",
+        T_world_base=Pose((0, 0, 0), (0, 0, 0, 1)),
+        notes=[note],
+    )
+    assert Robot.from_status(told, None, 1, False).notes == [note]
 
 
 def test_readiness_names_what_is_missing_and_how_to_start_it():

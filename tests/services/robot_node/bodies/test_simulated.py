@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from services.robot_node import core
-from services.robot_node.bodies.simulated import SimulatedBody, start_state
+from services.robot_node.bodies.kept import _FORMAT
+from services.robot_node.bodies.simulated import SimulatedBody, simulated_body, start_state
 from services.robot_node.config import RobotSettings
 from surveilnav.errors import ConfigError
+from surveilnav.stored import write_parts
 
 
 class Navigation:
@@ -34,7 +36,8 @@ class Navigation:
 
 class Building:
     navigation = Navigation()
-    scene = SimpleNamespace(name="home", truth_labels={5: "bed"})
+    scene = SimpleNamespace(name="home", truth_labels={5: "bed"}, content_hash="abc")
+    reach = SimpleNamespace(sentence="robots reach 16 of 20 m²")
     settings = SimpleNamespace(seed=3)
 
     def robot_view(self, T_world_camera, camera, depth_range_m, seq):
@@ -47,6 +50,7 @@ class Building:
 
 def test_it_moves_by_the_core_and_sees_where_it_stands():
     body = SimulatedBody(Building(), core.RobotState(1.0, 1.0, 0.2, "0", 0.0))
+    assert body.notes == ["robots reach 16 of 20 m²"]
     assert body.refusal("move_forward") == ""
     assert "no stair leads" in body.refusal("take_stairs", "1")
     body.act("move_forward")
@@ -61,8 +65,9 @@ def test_it_moves_by_the_core_and_sees_where_it_stands():
     assert (look.truth.ids == 5).all()
     assert look.truth.labels == {5: "bed"}
     assert (look.truth.T_world_camera == look.T_world_camera).all()
-    body.begin_mission()
+    body.begin_mission("m1")
     assert (body.state.seq, body.state.path_m, body.state.last_action) == (1, 0.0, None)
+    assert body.state.mission == "m1"
 
 
 def test_it_begins_where_it_is_told_or_anywhere_by_the_seed():
@@ -84,3 +89,79 @@ def test_it_begins_where_it_is_told_or_anywhere_by_the_seed():
 def test_a_start_that_is_none_is_explained(start, why):
     with pytest.raises(ConfigError, match=why):
         start_state(Building(), RobotSettings(start=start))
+
+
+@pytest.fixture
+def settings(tmp_path):
+    """``settings(start)``: those of a robot that keeps where it stands."""
+    return lambda start="1, 1, 0, 0": RobotSettings(start=start, store=str(tmp_path / "state" / "robot.state"))
+
+
+def test_a_robot_that_died_stands_where_it_stood(settings):
+    body = simulated_body(Building(), settings())
+    body.act("turn_left")
+    body.begin_mission("m1")
+    body.act("move_forward")
+    body.act("look_up")
+    again = simulated_body(Building(), settings())
+    assert again.state == body.state
+    assert (again.state.seq, again.state.mission, again.state.path_m) == (3, "m1", 0.25)
+    assert again.state != simulated_body(Building(), RobotSettings(start="1, 1, 0, 0")).state
+
+
+def test_what_was_told_was_kept_before(settings, monkeypatch):
+    body, seen = simulated_body(Building(), settings()), []
+    keep = body._keep
+    monkeypatch.setattr(body, "_keep", lambda state: (keep(state), seen.append(body.state)))
+    body.act("move_forward")
+    assert seen[0].seq == 0, "nobody could have asked for a state that a kill would undo"
+    assert body.state.seq == 1
+
+
+def _other_start(path, settings):
+    return simulated_body(Building(), settings("3, 3, 0, 0"))
+
+
+def _other_building(path, settings):
+    other = Building()
+    other.scene = SimpleNamespace(name="home", truth_labels={}, content_hash="def")
+    return simulated_body(other, settings())
+
+
+def _damaged(path, settings):
+    path.write_bytes(path.read_bytes()[:-3] + b"abc")
+    return simulated_body(Building(), settings())
+
+
+def _other_format(path, settings):
+    write_parts(path, _FORMAT, [b"\x81\xa3odd\x01"])
+    return simulated_body(Building(), settings())
+
+
+def _now_a_wall(path, settings):
+    other = Building()
+    other.navigation = Navigation()
+    other.navigation.is_navigable = lambda p_world, floor: p_world[0] <= 1.0
+    return simulated_body(other, settings())
+
+
+@pytest.mark.parametrize("make", [_other_start, _other_building, _damaged, _other_format, _now_a_wall])
+def test_a_place_that_belongs_elsewhere_is_not_taken_up(tmp_path, settings, make):
+    body = simulated_body(Building(), settings())
+    body.act("move_forward")
+    path = tmp_path / "state" / "robot.state"
+    assert simulated_body(Building(), settings()).state.seq == 1
+    assert make(path, settings).state.seq == 0
+
+
+def test_a_disk_that_takes_nothing_stops_no_robot(tmp_path, settings):
+    (tmp_path / "state").write_text("no folder")
+    body = simulated_body(Building(), settings())
+    body.act("move_forward")
+    assert body.state.seq == 1
+
+
+def test_numbers_of_numpy_can_be_kept(settings):
+    body = simulated_body(Building(), settings())
+    body._enter(core.RobotState(np.float64(1.5), 1.0, np.float64(0.2), "0", np.float64(0.1), collided=np.True_))
+    assert simulated_body(Building(), settings()).state.x_m == 1.5

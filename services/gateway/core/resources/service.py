@@ -1,0 +1,21 @@
+"""Processes that are kept running."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from services.gateway.core.resources.base import Resource, Text, Time
+from surveilnav.messages import ServiceState
+
+
+class Service(Resource):
+    id: str = Field(validation_alias="name")
+    running: bool = Field(description="false: it ended, and its next start is waited for")
+    restarts: int = Field(description="how often it was started again")
+    restarted: Time = Field(validation_alias="restarted_ns", description="when that was last")
+    why: Text = Field(description="how it had ended: a signal or an exit code")
+
+    @classmethod
+    def from_state(cls, state: ServiceState, seen_ns: int, stale: bool) -> Service:
+        """A process as who keeps it running tells of it."""
+        return cls.made_of(state, last_seen=seen_ns, stale=stale)

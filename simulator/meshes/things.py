@@ -1,0 +1,179 @@
+"""A mesh's parts that stand together are one thing: "Bed_frame", "Bed_mattress" and "Bed_pillow" are a bed.
+
+Names say which parts may belong together, geometry says whether they do. A *body* is a part that covers as much ground as
+the whole thing does. Bodies that lie over each other are joined, and the small parts go to the body that they touch. Two
+bodies of one size in different places are two things, whatever they are called: twin beds, stacked chairs.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib import resources
+from itertools import takewhile
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.furniture.labels import plain_name
+from simulator.meshes.names import label_of_node
+from simulator.plans.assembly import Mesh
+
+#: Large enough for every rule about sizes, where a size isn't known yet.
+ANY_SIZE_M = (1.0, 1.0, 1.0)
+#: Boxes nearer than this touch.
+TOUCH_M = 0.05
+#: Bodies are joined where one covers this share of the other's ground.
+MIN_SHARED_GROUND = 0.5
+#: Bodies whose sides differ by less, in a share of the larger, are of one size.
+SAME_SIZE = 0.05
+#: Of one class; more are left as they are.
+MAX_PARTS = 2_000
+#: Low and high corners (N, 2, 3) [m].
+Boxes = NDArray[np.float64]
+
+
+#: From a body to the last part that hangs on it: a pillow may lie on a pillow that lies on the bed.
+MAX_STEPS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A thing in the world. ``label`` None: the name decides."""
+
+    name: str
+    label: str | None
+    meshes: tuple[Mesh, ...]
+    room: str = ""
+    model: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """A class's sizes [m], see ``data/thing_sizes.json``."""
+
+    body: tuple[float, float]
+    most: tuple[float, float]
+
+
+class _Whole(NamedTuple):
+    """Parts that are one thing: their numbers, those of its bodies, its box (2, 3)."""
+
+    members: list[int]
+    bodies: list[int]
+    box: NDArray[np.float64]
+
+
+@lru_cache(maxsize=1)
+def thing_sizes() -> dict[str, Sizes]:
+    """Sizes by class."""
+    text = resources.files("simulator.furniture").joinpath("data/thing_sizes.json").read_text("utf-8")
+    return {
+        label: Sizes((row["body"][0], row["body"][1]), (row["most"][0], row["most"][1]))
+        for label, row in json.loads(text).items()
+        if label != "about"
+    }
+
+
+def whole_things(pieces: Sequence[Piece]) -> list[Piece]:
+    """The pieces, parts of one thing put together. What a file states itself (``label``) is left as it is."""
+    kinds: dict[str, list[int]] = {}
+    for number, piece in enumerate(pieces):
+        solid = bool(piece.meshes) and all(len(mesh.vertices) for mesh in piece.meshes)
+        kind = label_of_node(piece.name, ANY_SIZE_M) if solid and piece.label is None else ""
+        if kind in thing_sizes():
+            kinds.setdefault(kind, []).append(number)
+    changed: dict[int, Piece | None] = {}
+    for kind, numbers in kinds.items():
+        if not 1 < len(numbers) <= MAX_PARTS:
+            continue
+        boxes = np.array([box_of(pieces[number].meshes) for number in numbers])
+        names = [plain_name(pieces[number].name) for number in numbers]
+        for group in groups_of(boxes, names, thing_sizes()[kind]):
+            whole = _whole([pieces[numbers[member]] for member in group], kind)
+            if whole is not None:
+                changed.update((numbers[member], None) for member in group)
+                changed[numbers[min(group)]] = whole
+    kept = (changed.get(number, piece) for number, piece in enumerate(pieces))
+    return [piece for piece in kept if piece is not None]
+
+
+def groups_of(boxes: Boxes, names: Sequence[str], sizes: Sizes) -> list[list[int]]:
+    """Which parts of one class are one thing: groups of at least two of their numbers, the largest body first.
+
+    Args:
+        boxes: (N, 2, 3) low and high corners [m], z up.
+        names: without numbers: bodies of one name are told apart by them.
+        sizes: of the class.
+    """
+    ground = np.sort(boxes[:, 1, :2] - boxes[:, 0, :2], axis=1)
+    is_body = np.all(ground >= np.array(sizes.body) - 1e-6, axis=1)
+    largest_first = [int(n) for n in np.argsort(-ground.prod(axis=1), kind="stable")]
+    wholes: list[_Whole] = []
+    for n in largest_first:
+        if is_body[n] and not _join(wholes, n, boxes, names, sizes, body=True):
+            wholes.append(_Whole([n], [n], boxes[n]))
+    loose = [n for n in largest_first if not is_body[n]]
+    for _ in range(MAX_STEPS):
+        loose = [n for n in loose if not _join(wholes, n, boxes, names, sizes, body=False)]
+    return [whole.members for whole in wholes if len(whole.members) > 1]
+
+
+def _join(wholes: list[_Whole], n: int, boxes: Boxes, names: Sequence[str], sizes: Sizes, *, body: bool) -> bool:
+    """Adds part ``n`` to the thing that grows least by it; False where it belongs to none."""
+    if not wholes:
+        return False
+    box = boxes[n]
+    those = np.array([whole.box for whole in wholes])
+    low, high = np.minimum(those[:, 0], box[0]), np.maximum(those[:, 1], box[1])
+    gap = np.maximum(those[:, 0], box[0]) - np.minimum(those[:, 1], box[1])
+    joint = high - low
+    fits = (gap <= TOUCH_M).all(axis=1) & (joint[:, :2].max(axis=1) <= sizes.most[0]) & (joint[:, 2] <= sizes.most[1])
+    if body:
+        shared = np.maximum(-gap[:, :2], 0).prod(axis=1)
+        smaller = np.minimum((those[:, 1] - those[:, 0])[:, :2].prod(axis=1), (box[1] - box[0])[:2].prod())
+        fits &= shared >= MIN_SHARED_GROUND * smaller
+    grown = joint - (those[:, 1] - those[:, 0])
+    # A leg belongs to the seat above it before it belongs to the chair beside it.
+    rank = np.lexsort((grown[:, 2], grown[:, :2].sum(axis=1)))
+    for index in rank[fits[rank]]:
+        whole = wholes[index]
+        if not (body and _are_two(boxes, names, n, whole.bodies)):
+            bodies = [*whole.bodies, n] if body else whole.bodies
+            wholes[index] = _Whole([*whole.members, n], bodies, np.stack([low[index], high[index]]))
+            return True
+    return False
+
+
+def _are_two(boxes: Boxes, names: Sequence[str], n: int, others: Sequence[int]) -> bool:
+    """Whether a body and one of others are two things: of one size side by side, or above each other and of one name."""
+    those, box = boxes[others], boxes[n]
+    sizes, size = those[:, 1] - those[:, 0], box[1] - box[0]
+    sizes[:, :2].sort(axis=1)
+    size[:2].sort()
+    alike = (np.abs(sizes - size) <= SAME_SIZE * np.maximum(sizes, size) + 1e-3).all(axis=1)
+    apart = np.abs(those.mean(axis=1) - box.mean(axis=0)) > TOUCH_M
+    namesakes = np.array([names[other] == names[n] for other in others])
+    return bool((alike & (apart[:, :2].any(axis=1) | (apart[:, 2] & namesakes))).any())
+
+
+def _whole(parts: Sequence[Piece], kind: str) -> Piece | None:
+    """One piece of all parts, by the words that all names begin with; None where its size isn't the class's."""
+    meshes = tuple(mesh for part in parts for mesh in part.meshes)
+    low, high = box_of(meshes)
+    size = (float(high[0] - low[0]), float(high[1] - low[1]), float(high[2] - low[2]))
+    words = zip(*(re.split(r"(?<=[_.\-\s])", part.name) for part in parts), strict=False)
+    common = "".join(word[0] for word in takewhile(lambda same: len(set(same)) == 1, words)).rstrip("_.- ")
+    name = next((n for n in (common, *(part.name for part in parts)) if label_of_node(n, size) == kind), None)
+    return None if name is None else replace(parts[0], name=name, meshes=meshes)
+
+
+def box_of(meshes: Sequence[Mesh]) -> NDArray[np.float64]:
+    """Low and high corner (2, 3) of some meshes."""
+    low = np.min([mesh.vertices.min(axis=0) for mesh in meshes], axis=0)
+    high = np.max([mesh.vertices.max(axis=0) for mesh in meshes], axis=0)
+    return np.array([low, high], dtype=np.float64)

@@ -1,0 +1,142 @@
+"""A reader that doesn't read, on a real router of its own process: nobody else notices, and nothing that matters is lost."""
+
+from __future__ import annotations
+
+import json
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import zenoh
+
+from services.fusion.core import FusionConfig
+from surveilnav.bus import Answer, BusSettings, Node, Refused, connection
+from surveilnav.bus.connection import encoding_of
+from surveilnav.bus.router import free_port
+from surveilnav.bus.settings import MAX_MESSAGE_BYTES, router_config
+from surveilnav.bus.wire import encode
+from surveilnav.contract import MAP_LAYER, ROBOT_STATUS, STREAMS, TRUTH
+from surveilnav.errors import BusError
+from surveilnav.geometry import Grid
+from surveilnav.messages import LayerHeader, Truth
+from tests.waiting import until, until_heard
+
+#: Takes frames through small buffers, says so, and waits to be stopped.
+READER = """
+import sys, time, zenoh
+with zenoh.open(zenoh.Config.from_json5(sys.argv[1])) as session:
+    heard = session.declare_subscriber(sys.argv[2])
+    heard.recv()
+    print("reads", flush=True)
+    while True:
+        heard.recv()
+"""
+
+
+@pytest.fixture
+def alone() -> Iterator[BusSettings]:
+    """The router as it is run: a process with its own threads."""
+    bus = BusSettings(router=f"tcp/127.0.0.1:{free_port()}", building="test", connect_timeout_s=20)
+    router = subprocess.Popen(
+        [sys.executable, "-m", "surveilnav.bus.router", "--listen", bus.router], stderr=subprocess.DEVNULL
+    )
+    yield bus
+    router.terminate()
+    router.wait()
+
+
+@pytest.fixture
+def reader(alone: BusSettings) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
+    """``reader(key)``: the process of somebody who takes everything on a key."""
+    started = []
+
+    def start(key: str) -> subprocess.Popen[str]:
+        config = alone.client_config().replace("?prio=5-7", "?prio=5-7#so_rcvbuf=65536")
+        command = [sys.executable, "-c", READER, config, key]
+        started.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def test_a_frozen_reader_silences_nobody(alone, reader, truth, status):
+    with Node("a", "a", alone, alive=False) as sender, Node("b", "b", alone, alive=False) as healthy:
+        frames, states = sender.publisher(TRUTH, source="robot-r1", view=0), sender.publisher(ROBOT_STATUS, robot="r1")
+        came, told = [], []
+        healthy.subscribe(TRUTH, lambda received: came.append(received.message.seq), source="robot-r1", view=0)
+        healthy.subscribe(ROBOT_STATUS, lambda received: told.append(received.message.seq), robot="r1")
+        until(lambda: frames.matched and states.matched)
+        frozen = reader(frames.key)
+        until(lambda: frames.put(truth(0), b"x") or select.select([frozen.stdout], [], [], 0.05)[0], "no reader")
+        frozen.send_signal(signal.SIGSTOP)
+        for seq in range(1, 61):  # three seconds: its link fills, and the router closes it after two
+            frames.put(truth(seq), bytes(1_000_000))
+            states.put(status(seq))
+            # With BLOCK, or with one thread to send, this was silent for five seconds.
+            until(lambda seq=seq: seq in came, f"frame {seq} never came", timeout_s=2.0)
+            time.sleep(0.05)
+        until(lambda: told == list(range(1, 61)))
+
+
+def test_what_the_router_would_drop_is_refused_by_its_sender(make_node, truth, monkeypatch):
+    monkeypatch.setattr(connection, "MAX_MESSAGE_BYTES", 1000)
+    sender, asker = make_node("a", "a"), make_node("b", "b")
+    with pytest.raises(BusError, match=r"up to 0\.00\d+ MiB, got .* for surveilnav/1/test/truth/robot-r1/0"):
+        sender.publisher(TRUTH, source="robot-r1", view=0).put(truth(0), bytes(1000))
+    sender.serve(MAP_LAYER, lambda _: Answer(layer(), bytes(1000)), floor="0", layer="cloud")
+    with pytest.raises(Refused, match="a message may have up to"):
+        until_heard(lambda: asker.ask(MAP_LAYER, floor="0", layer="cloud", timeout_s=5.0))
+
+
+def layer() -> LayerHeader:
+    grid = Grid(0.0, 0.0, 0.05, 1, 1)
+    return LayerHeader(stamp_ns=1, floor="0", layer="cloud", revision=1, grid=grid, dtype="float32", shape=(0, 6))
+
+
+def test_the_largest_message_passes_the_router_and_a_larger_one_of_a_stranger_does_not(make_node, truth, stranger):
+    sender, receiver = make_node("a", "a"), make_node("b", "b")
+    publisher, came = sender.publisher(TRUTH, source="robot-r1", view=0), []
+    receiver.subscribe(TRUTH, lambda got: came.append((got.message.seq, len(got.payload))), source="robot-r1", view=0)
+    until(lambda: publisher.matched)
+    most = MAX_MESSAGE_BYTES - len(encode(truth(0)))
+    publisher.put(truth(0), bytes(most))
+    until(lambda: came)
+    for seq, n_bytes in ((1, MAX_MESSAGE_BYTES + 2**17), (2, 5)):
+        stranger.put(
+            publisher.key, bytes(n_bytes), attachment=encode(truth(seq)), encoding=encoding_of(Truth),
+            congestion_control=zenoh.CongestionControl.BLOCK, priority=zenoh.Priority.DATA_LOW,
+        )  # fmt: skip
+    until(lambda: len(came) > 1)
+    assert came == [(0, most), (2, 5)]
+
+
+def test_every_message_of_a_full_map_is_small_enough():
+    """Uncompressed: what zstd can't make smaller it makes 0.4 % larger."""
+    config = FusionConfig().map
+    cells = (config.max_extent_m / config.resolution_m) ** 2
+    assert 1.01 * max(config.max_voxels * 24, cells * 4) < MAX_MESSAGE_BYTES
+
+
+def test_only_bulk_data_that_is_put_may_be_left_out():
+    left_out = {s.name for s in STREAMS if s.when_full == "leave out"}
+    assert left_out == {"camera_frame", "robot_observation", "truth"}
+    assert all(s.kind == "put" for s in STREAMS if s.when_full == "leave out"), "a lost question looks like no answer"
+
+
+@pytest.mark.parametrize(
+    "made", [router_config("tcp/127.0.0.1:1"), BusSettings().client_config()], ids=["router", "client"]
+)
+def test_zenoh_takes_what_we_say_of_full_links(made):
+    """Zenoh leaves out in silence what it doesn't know."""
+    said = zenoh.Config.from_json5(made)
+    queue = json.loads(said.get_json("transport/link/tx/queue/congestion_control"))
+    assert queue["drop"]["wait_before_drop"] >= 100_000, "a burst of frames takes as long on a healthy link"
+    assert queue["block"]["wait_before_close"] == 5_000_000, "a frame has so long to pass a slow link"
+    assert json.loads(said.get_json("transport/link/rx/max_message_size")) < 2**27

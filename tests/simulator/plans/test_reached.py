@@ -1,0 +1,212 @@
+"""Small plans, each with one fault that people's plans have, and how much of them robots reach."""
+
+from __future__ import annotations
+
+import zipfile
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from simulator.archive import Archive
+from simulator.plans.homes import build_home
+from simulator.plans.sweethome import read_home
+from simulator.world.navigation import NavigationMap
+from simulator.world.scene import Scene
+
+# A door of one width with the wall, its leaf in a group that says nothing: frame of 5 cm posts and a lintel, leaf between.
+_LEAF_DOOR = """
+g Rahmen
+v -50 0 -6
+v -45 0 -6
+v -45 203 -6
+v 45 203 -6
+v 45 0 -6
+v 50 0 -6
+v 50 208 -6
+v -50 208 -6
+f 1 2 3 4 5 6 7 8
+v -50 0 6
+v -45 0 6
+v -45 203 6
+v 45 203 6
+v 45 0 6
+v 50 0 6
+v 50 208 6
+v -50 208 6
+f 9 16 15 14 13 12 11 10
+g Porte
+v -45 1 -2
+v 45 1 -2
+v 45 203 -2
+v -45 203 -2
+f 17 18 19 20
+v -45 1 2
+v 45 1 2
+v 45 203 2
+v -45 203 2
+f 21 24 23 22
+"""
+
+
+def wall(x0: int, y0: int, x1: int, y1: int, level: str = "") -> str:
+    return f"<wall level='{level}' xStart='{x0}' yStart='{y0}' xEnd='{x1}' yEnd='{y1}' thickness='20' height='250'/>"
+
+
+def walls_around(x0: int, y0: int, x1: int, y1: int, level: str = "") -> str:
+    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
+    return "".join(wall(*a, *b, level=level) for a, b in pairwise(corners))
+
+
+def room(x0: int, y0: int, x1: int, y1: int, level: str = "", more: str = "") -> str:
+    points = "".join(f"<point x='{x}' y='{y}'/>" for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
+    return f"<room level='{level}' {more}>{points}</room>"
+
+
+def level(name: str, elevation: float, height: float = 250) -> str:
+    return f"<level id='{name}' name='{name}' elevation='{elevation}' floorThickness='12' height='{height}'/>"
+
+
+def door(x: int, y: int, more: str = "name='Door' catalogId='eTeks#door'", level: str = "") -> str:
+    """Across a wall that runs up and down the plan."""
+    return (
+        f"<doorOrWindow x='{x}' y='{y}' angle='1.5707963' width='100' depth='12' height='208' level='{level}' {more}/>"
+    )
+
+
+#: Two rooms of 4 x 4 m side by side, 0.2 m of wall between: the frame of most plans here.
+TWO_ROOMS = walls_around(0, 0, 820, 420) + wall(410, 0, 410, 420)
+#: A robot's centre keeps 0.18 m and a cell from walls: of 16 m² it can stand on this much.
+ONE_ROOM_M2 = pytest.approx(12.8, abs=0.5)
+BOTH_ROOMS_M2 = pytest.approx(26.0, abs=1.0)
+
+
+def scene_of(body: str, archive: Archive | None = None) -> Scene:
+    home = read_home(f"<home version='7000' wallHeight='250'>{body}</home>".encode(), "test")
+    return build_home(home, "test", 0, None, archive, "test")
+
+
+def reached(scene: Scene) -> dict[str, float]:
+    """Area [m²] of every floor that robots reach."""
+    navigation = NavigationMap.build(scene)
+    return {floor: float(cells.sum()) * 0.05**2 for floor, cells in navigation.robot_area.items()}
+
+
+def test_walls_alone_have_a_floor_between_them() -> None:
+    scene = scene_of(TWO_ROOMS + door(410, 210))
+    assert reached(scene) == {"0": BOTH_ROOMS_M2}
+    assert {room.name for room in scene.rooms} == {
+        "Unnamed area 1 on Ground floor",
+        "Unnamed area 2 on Ground floor",
+    }
+    assert sum(i.label == "ceiling" for i in scene.instances) == 2
+
+
+def test_what_is_left_undrawn_beside_rooms_has_a_floor_too() -> None:
+    scene = scene_of(TWO_ROOMS + door(410, 210) + room(10, 10, 400, 410, more="name='Hall'"))
+    assert reached(scene) == {"0": BOTH_ROOMS_M2}
+    assert [room.name for room in scene.rooms] == ["Hall", "Unnamed area on Ground floor"]
+
+
+def test_a_gap_in_the_outer_wall_is_no_way_for_the_floor_to_run_out() -> None:
+    whole = reached(scene_of(TWO_ROOMS + door(410, 210)))["0"]
+    open_front = wall(0, 0, 820, 0) + wall(820, 0, 820, 420) + wall(820, 420, 500, 420) + wall(400, 420, 0, 420)
+    open_front += wall(0, 420, 0, 0) + wall(410, 0, 410, 420)
+    assert reached(scene_of(open_front + door(410, 210)))["0"] == pytest.approx(whole, abs=1.0)
+
+
+def test_nothing_is_laid_outside_of_the_walls() -> None:
+    scene = scene_of(TWO_ROOMS)
+    floors = [i for i in scene.instances if i.label == "floor"]
+    assert min(i.p_min[0] for i in floors) > -0.1
+    assert max(i.p_max[0] for i in floors) < 8.3
+
+
+def test_rooms_that_end_before_the_wall_are_one_floor_with_the_doorway() -> None:
+    rooms = room(15, 15, 390, 405) + room(430, 15, 805, 405)
+    assert reached(scene_of(TWO_ROOMS + door(410, 210) + rooms)) == {"0": BOTH_ROOMS_M2}
+
+
+@pytest.mark.parametrize("border", [401, 408, 412, 419])
+def test_a_doorway_that_a_room_covers_in_part_is_passable(border: int) -> None:
+    rooms = room(10, 10, border, 410) + room(420, 10, 810, 410)
+    assert reached(scene_of(TWO_ROOMS + door(410, 210) + rooms)) == {"0": BOTH_ROOMS_M2}
+
+
+def test_an_open_well_on_an_upper_storey_stays_open() -> None:
+    levels = level("down", 0) + level("up", 262)
+    walls = walls_around(0, 0, 820, 420, "down") + walls_around(0, 0, 820, 420, "up")
+    drawn = room(10, 10, 810, 410, "down") + room(10, 10, 500, 410, "up")
+    scene = scene_of(levels + walls + drawn)
+    assert {room.floor: room.name for room in scene.rooms} == {"0": "Room 1", "1": "Room 2"}
+
+
+def test_an_upper_storey_without_rooms_has_a_floor_where_something_stands_on_it() -> None:
+    levels = level("down", 0) + level("up", 262) + level("Dach", 524)
+    walls = "".join(walls_around(0, 0, 820, 420, name) for name in ("down", "up", "Dach"))
+    bed = "<pieceOfFurniture name='Bed' level='{}' x='200' y='200' width='90' depth='200' height='50'/>"
+    scene = scene_of(levels + walls + bed.format("up") + bed.format("Dach"))
+    assert [floor.id for floor in scene.floors] == ["0", "1"]
+    assert {room.floor for room in scene.rooms} == {"0", "1"}
+
+
+def test_levels_at_one_altitude_are_one_floor() -> None:
+    levels = level("walls", 0) + level("rooms", 0)
+    scene = scene_of(levels + walls_around(0, 0, 420, 420, "walls") + room(10, 10, 410, 200, "rooms"))
+    assert [floor.name for floor in scene.floors] == ["rooms"]
+    assert reached(scene) == {"0": ONE_ROOM_M2}
+
+
+def test_a_false_ceiling_is_no_floor_and_lets_the_stairs_through() -> None:
+    levels = level("down", 0) + level("false ceiling", 242, 18) + level("up", 262)
+    drawn = "".join(room(0, 0, 800, 400, name) for name in ("down", "false ceiling", "up"))
+    thing = "<pieceOfFurniture name='Lamp' level='false ceiling' x='700' y='50' width='20' depth='20' height='10'/>"
+    stairs = (
+        "<pieceOfFurniture name='Stairs' level='down' x='400' y='200' width='90' depth='240' height='362' "
+        "staircaseCutOutShape='M0,0 v1 h1 v-1 z'/>"
+    )
+    scene = scene_of(levels + drawn + thing + stairs)
+    assert [(floor.id, floor.name) for floor in scene.floors] == [("0", "down"), ("1", "up")]
+    assert next(i.floor for i in scene.instances if i.name == "Lamp") == "0"
+    assert [(room.name, room.floor) for room in scene.rooms] == [("Room 1", "0"), ("Room 3", "1")]
+    assert all(area > 20 for area in reached(scene).values())
+
+
+@pytest.fixture
+def archive(tmp_path: Path) -> Archive:
+    """A file with one model, a door whose leaf has no name that we know."""
+    with zipfile.ZipFile(tmp_path / "home.sh3d", "w") as file:
+        file.writestr("door.obj", _LEAF_DOOR)
+    return Archive(tmp_path / "home.sh3d")
+
+
+_ROOMS = room(10, 10, 400, 410) + room(420, 10, 810, 410)
+
+
+@pytest.mark.parametrize(
+    ("words", "passable"),
+    [
+        ("name='Door' catalogId='eTeks#door'", True),
+        ("name='Tür'", True),
+        ("name='Zwischenstück'", True),  # by its foot and height alone
+        ("name='Haustür'", True),  # inside the building it leads to no street
+        ("name='Front door' catalogId='eTeks#frontDoor'", True),
+        ("name='Garagentor' catalogId='eTeks#garageDoor'", False),
+        ("name='Porte de garage'", False),
+    ],
+)
+def test_a_door_inside_loses_its_leaf_by_whatever_name(archive: Archive, words: str, passable: bool) -> None:
+    scene = scene_of(TWO_ROOMS + _ROOMS + door(410, 210, f"model='door.obj' {words}"), archive)
+    assert reached(scene) == {"0": BOTH_ROOMS_M2 if passable else ONE_ROOM_M2}
+    (frame,) = (i for i in scene.instances if i.label == "door")
+    assert frame.p_max[2] == pytest.approx(2.08)  # the frame stays
+    assert frame.p_max[1] - frame.p_min[1] == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("words", ["name='Front door'", "name='Haustür'", "name='Porte d’entrée'", "name='前门'"])
+def test_a_door_to_the_street_stays_shut(archive: Archive, words: str) -> None:
+    terrace = room(420, 10, 810, 410, more="ceilingVisible='false'")
+    scene = scene_of(
+        TWO_ROOMS + room(10, 10, 400, 410) + terrace + door(410, 210, f"model='door.obj' {words}"), archive
+    )
+    assert reached(scene) == {"0": ONE_ROOM_M2}
