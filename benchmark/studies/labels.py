@@ -65,10 +65,11 @@ def catalogue_names(root: Path) -> list[Named]:
     """All names of all libraries below ``root`` in all their languages, but for what ``labels_truth.json`` is unsure of."""
     paths = [(root / JAR, DEFAULT_CATALOG)]
     paths += [(p, "PluginFurnitureCatalog.properties") for p in sorted((root / LIBRARIES).glob("*.sh3f"))]
-    return [named for path, catalogue in paths for named in _names_of(path, catalogue)]
+    return [named for path, catalogue in paths for named in names_of(path, catalogue)]
 
 
-def _names_of(path: Path, catalogue: str) -> Iterator[Named]:
+def names_of(path: Path, catalogue: str) -> Iterator[Named]:
+    """The names in a library's catalogues: ``catalogue`` is the English one, the others lie beside it."""
     archive = Archive(path)
     try:
         english = archive.read(catalogue) or b""
@@ -128,18 +129,18 @@ def page(named: Sequence[Named]) -> str:
     libraries = sorted({n.entry.library for n in named})
     held = [library for library in libraries if library in truth()["held_out"]]
     ours, theirs = [n for n in named if not is_held_out(n)], [n for n in named if is_held_out(n)]
+    truth_file = "[labels_truth.json](../../benchmark/studies/labels_truth.json)"
     lines = [
         "# What names say about furniture",
         "",
-        "Made by `python -m benchmark.studies.labels`. It gives `label_of` every name in Sweet Home 3D's catalogues, in all their",
-        "languages, with the piece's size. What a piece is follows from its catalogue id, checked by hand for",
-        f"{len(truth()['labels'])} classes: [labels_truth.json](../../benchmark/studies/labels_truth.json). Each cell has precision /",
-        "recall in percent.",
+        "Made by `python -m benchmark.studies.labels`. It gives `label_of` every name in Sweet Home 3D's catalogues, in all",
+        "their languages, with the piece's size. What a piece is follows from its catalogue id, checked by hand for",
+        f"{len(truth()['labels'])} classes: {truth_file}. Each cell has precision / recall in percent.",
         "",
         "- *before*: the English regular expressions that the table of words replaced.",
         "- *alone*: the name is all that is known.",
-        '- *in a home*: the home\'s other names tell the language. It decides where one word means two things: "стол" in Bulgarian',
-        '  and Russian, "Bank" in Dutch and German.',
+        "- *in a home*: the home's other names tell the language. It decides where one word means two things:",
+        '  "стол" in Bulgarian and Russian, "Bank" in Dutch and German.',
         "",
         "The sums leave English out.",
     ]

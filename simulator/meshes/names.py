@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from simulator.furniture.labels import label_of, plain_name
+from simulator.furniture.nouns import whole_of
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.words import canonical
 
@@ -52,6 +53,12 @@ def label_of_node(name: str, size_m: tuple[float, float, float]) -> str:
     if structure:
         return "stairs" if structure[1] == "stair" else structure[1]
     return label_of(name, size_m)
+
+
+def whole_of_node(name: str, size_m: tuple[float, float, float]) -> str:
+    """The class of a node, or of the thing that it is a part of by its name: "Bed_2" and "Bed_pillow" -> "bed"."""
+    label, whole = label_of_node(name, size_m), whole_of(name)
+    return label or (whole if whole in COCO else "")
 
 
 def label_of_extra(value: object) -> str | None:
