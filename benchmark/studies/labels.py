@@ -12,6 +12,7 @@ import argparse
 import json
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -154,6 +155,7 @@ def page(named: Sequence[Named]) -> str:
     ):
         lines += ["", f"## {title}", "", about, ""]
         lines += _table(some, named, held="held out" in title)
+        lines += ["", "Most often wrong:", "", *_hardest(some)]
     return "\n".join([*lines, ""])
 
 
@@ -173,6 +175,24 @@ def _table(some: Sequence[Named], everything: Sequence[Named], *, held: bool) ->
         rows.append(_row(code, cells))
     lines += [_row("**all classes**", sums["all"]), _row("**the six targets**", sums["six"]), *rows]
     return lines
+
+
+def _hardest(some: Sequence[Named], at_most: int = 6) -> list[str]:
+    """The things whose names most languages get wrong, each name alone."""
+    true = labels_by_id()
+    translated = [n for n in some if n.language != "en"]
+    missed = Counter(
+        n.entry for n in translated if _scored(label_of(n.name, n.entry.size_m)) != true.get(n.entry.id, "")
+    )
+    there = Counter(n.entry for n in translated)
+    return [
+        f"- {entry.name} (`{entry.id}`), should be {true.get(entry.id) or 'none'}: {count} of {there[entry]} languages"
+        for entry, count in missed.most_common(at_most)
+    ]
+
+
+def _scored(label: str) -> str:
+    return label if label in truth()["labels"] else ""
 
 
 def _row(name: str, cells: Sequence[Score]) -> str:

@@ -57,8 +57,8 @@ def label_of_node(name: str, size_m: tuple[float, float, float]) -> str:
 
 def whole_of_node(name: str, size_m: tuple[float, float, float]) -> str:
     """The class of a node, or of the thing that it is a part of by its name: "Bed_2" and "Bed_pillow" -> "bed"."""
-    label, whole = label_of_node(name, size_m), whole_of(name)
-    return label or (whole if whole in COCO else "")
+    whole = whole_of(name) or ""
+    return label_of_node(name, size_m) or (whole if whole in COCO else "")
 
 
 def label_of_extra(value: object) -> str | None:

@@ -18,7 +18,7 @@ TABLE = json.loads(resources.files("simulator.furniture").joinpath("data/words.j
 
 NAMES = {
     "bed": "Bett;Doppelbett;Lit;lit superposé;Cama;cama de matrimonio;Letto;Кровать;床;双人床;ベッド;łóżko;Postel;Säng;Sänky;Ágy;"
-    "κρεβάτι;yatak;giường;berço;Stapelbed;Легло;single_bed;Bed_2;DoubleBed;BED;sofabed;sofá cama;Schlafsofa;диван-кровать;bed frame",
+    "κρεβάτι;yatak;giường;berço;Stapelbed;Легло;single_bed;Bed_2;DoubleBed;BED;sofabed;sofá cama;Schlafsofa;диван-кровать",
     "couch": "Sofá;Canapé;CANAPE;canapé d'angle;Divano;Диван;沙发;ソファー;kanapa;pohovka;Soffa;kanapé;καναπές;kanepe;Ecksofa",
     "chair": "Stuhl;Bürostuhl;Stühle;Chaise;Silla;Sillón;Sedia;Стул;кресло;椅子;krzesło;židle;fåtölj;tuoli;szék;καρέκλα;sandalye;"
     "ghế;cadeira;stoel;Sessel;Fauteuil de bureau;Küchenstuhl;table chair",
@@ -33,8 +33,8 @@ NAMES = {
 NONE = (
     "Nachttisch;table de nuit;table de chevet;床头柜;Bedside table;lampe de chevet;bed_lamp;Bettkasten;BedLeg;Lbl_Bed;Bedroom;"
     "ChairLeg.003;TableTop;Tischlampe;lampe de table;Meuble TV;mueble TV;TV-Schrank;тумба под телевизор;Toilettenbürste;"
-    "toilet seat;brosse de toilettes;Blumenbeet;Rollstuhl;fauteuil roulant;silla de ruedas;wheelchair;Fernglas;Stuhlbein;leg of a bed;"
-    "tête de lit;coussin de canapé;Spiegel;Schrank;Couchtisch;table basse;журнальный столик;Vegetable;embed;;42;Water"
+    "toilet seat;brosse de toilettes;Blumenbeet;Rollstuhl;fauteuil roulant;silla de ruedas;wheelchair;Fernglas;Stuhlbein;"
+    "leg of a bed;tête de lit;coussin de canapé;Spiegel;Schrank;Couchtisch;table basse;журнальный столик;Vegetable;;42;Water"
 )
 
 
