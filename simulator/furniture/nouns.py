@@ -26,9 +26,8 @@ _MAX_NAMES = 500
 #: What stands before an ending makes a compound with it ("Doppel-bett"), unless it is shorter than this.
 _MIN_COMPOUND_START = 3
 
-#: Parts of a name that are words: a sign of Chinese or Japanese, else letters up to a digit, a sign or a capital.
+#: A word: a sign of Chinese or Japanese, else letters.
 _CJK = "\u3040-\u30ff\u3400-\u9fff\uf900-\ufaff"
-_HUMP = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _WORD = re.compile(rf"[{_CJK}]|[^\W\d_{_CJK}]+")
 _POSSESSIVE = re.compile(r"['\u2019]s\b", re.IGNORECASE)
 #: What stands after one of these tells more about what stands before it.
@@ -78,7 +77,6 @@ class _Reading:
     n_links: int = 0
 
 
-@lru_cache(maxsize=4096)
 def thing_of(name: str, language: str = "") -> str | None:
     """The class or the kind of furniture that a name says; "" for another thing, None for words that no language knows.
 
@@ -87,12 +85,13 @@ def thing_of(name: str, language: str = "") -> str | None:
         language: code of the one that reads it where several know as much of it ("Bank", "стол"); "" for the one that
             more people use.
     """
-    head = _best(name, language).head
+    head = _best(name[:_MAX_NAME_CHARS], language).head
     return "" if head == PART else head
 
 
 def whole_of(name: str) -> str | None:
     """What a name says that a thing is, or is a part of: "Bed_2", "BedLeg", "leg of a bed", "bed sheet" -> "bed"."""
+    name = name[:_MAX_NAME_CHARS]
     best = _best(name, "")
     if best.head != PART:
         return best.head
@@ -102,7 +101,7 @@ def whole_of(name: str) -> str | None:
 
 def language_of(names: Iterable[str]) -> str:
     """The code of the language that most of some names are written in, such as those of a home's furniture."""
-    names = list(islice(dict.fromkeys(names), _MAX_NAMES))
+    names = list(islice(dict.fromkeys(name[:_MAX_NAME_CHARS] for name in names), _MAX_NAMES))
     known = {language.code: sum(bool(_read(name, language).things) for name in names) for language in _languages()}
     return max(known, key=lambda code: known[code])
 
@@ -114,9 +113,18 @@ def things() -> frozenset[str]:
 
 def words_of(text: str, keeps_accents: bool = False) -> tuple[str, ...]:
     """The words of a text in lower case, without accents unless they are kept: "DoubleBed_2" -> ("double", "bed")."""
-    spaced = _HUMP.sub(" ", _POSSESSIVE.sub("", unicodedata.normalize("NFKC", text)))
+    spaced = _humps_apart(_POSSESSIVE.sub("", unicodedata.normalize("NFKC", text)))
     folded = spaced.casefold() if keeps_accents else _without_accents(spaced.casefold())
     return tuple(_WORD.findall(unicodedata.normalize("NFC", folded)))
+
+
+def _humps_apart(text: str) -> str:
+    """Spaces before the capitals that begin a word: "TVStand" -> "TV Stand"."""
+    around = zip(" " + text, text, text[1:] + " ", strict=False)
+    starts = (
+        c.isupper() and (last.islower() or (last.isupper() and following.islower())) for last, c, following in around
+    )
+    return "".join(f" {c}" if start else c for c, start in zip(text, starts, strict=True))
 
 
 def _without_accents(text: str) -> str:
@@ -124,11 +132,12 @@ def _without_accents(text: str) -> str:
     return "".join(c for c in marked if unicodedata.category(c) != "Mn" or c in _KEPT_MARKS)
 
 
-@lru_cache(maxsize=8192)
+@lru_cache(maxsize=4096)
 def _parts(name: str, keeps_accents: bool) -> tuple[tuple[str, ...], ...]:
     return tuple(words_of(part, keeps_accents) for part in _STOP.split(name))
 
 
+@lru_cache(maxsize=4096)
 def _best(name: str, language: str) -> _Reading:
     """The reading of the language that knows most of a name; the first of equals, they stand in order of use."""
     read = [(_read(name, known), known.code == language) for known in _languages()]
@@ -137,7 +146,7 @@ def _best(name: str, language: str) -> _Reading:
 
 def _read(name: str, language: Language) -> _Reading:
     """The head of the first part that names a thing."""
-    parts = _parts(name[:_MAX_NAME_CHARS], language.keeps_accents)
+    parts = _parts(name, language.keeps_accents)
     if any(word in _annotations() for part in parts for word in part):
         return _Reading("")
     phrases: list[list[tuple[str, int]]] = [[]]

@@ -67,6 +67,7 @@ def test_any_text_is_a_name(name: str) -> None:
         ("DoubleBed_2", ("double", "bed")), ("TVStand", ("tv", "stand")), ("Captain's bed", ("captain", "bed")),
         ("tv_55", ("tv",)), ("Fauteuil à l'ancienne", ("fauteuil", "a", "l", "ancienne")), ("双人床1", ("双", "人", "床")),
         ("ÉtagèreHaute", ("etagere", "haute")), ("ＢＥＤ", ("bed",)),
+        ("ÉTAGÈRE HAUTE", ("etagere", "haute")), ("Ein SOFÁ", ("ein", "sofa")),
     ],
 )  # fmt: skip
 def test_names_are_cut_into_words(name: str, words: tuple[str, ...]) -> None:
