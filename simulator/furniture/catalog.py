@@ -31,6 +31,7 @@ CREDITS: dict[str, str] = {
 }
 
 _LINE = re.compile(r"\s*(\w+)#(\d+)\s*=\s*(.*?)\s*$")
+_ESCAPE = re.compile(r"\\u([0-9a-fA-F]{4})")
 _WANTED = {"id", "name", "category", "model", "width", "depth", "height", "modelRotation"}
 
 
@@ -60,15 +61,21 @@ def parse_rotation(text: str | None) -> tuple[float, ...] | None:
     return values if abs(abs(np.linalg.det(np.reshape(values, (3, 3)))) - 1.0) < 0.1 else None
 
 
-def read_catalog(data: bytes, library: str) -> list[CatalogModel]:
-    """The entries of a catalogue's properties file."""
+def read_properties(data: bytes) -> dict[str, dict[str, str]]:
+    """The values by key of each numbered entry, by number; catalogues of all languages number them alike."""
     rows: dict[str, dict[str, str]] = {}
     for line in data.decode("latin-1").splitlines():
         match = _LINE.match(line)
         if match and match.group(1) in _WANTED:
-            rows.setdefault(match.group(2), {})[match.group(1)] = match.group(3)
+            text = _ESCAPE.sub(lambda code: chr(int(code.group(1), 16)), match.group(3))
+            rows.setdefault(match.group(2), {})[match.group(1)] = text
+    return rows
+
+
+def read_catalog(data: bytes, library: str) -> list[CatalogModel]:
+    """The entries of a catalogue's properties file."""
     entries: list[CatalogModel] = []
-    for row in rows.values():
+    for row in read_properties(data).values():
         try:
             size = (float(row["width"]) / 100, float(row["depth"]) / 100, float(row["height"]) / 100)
             entries.append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from simulator.furniture.labels import label_of, plain_name
+from simulator.furniture.nouns import whole_of
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.words import canonical
 
@@ -12,9 +13,6 @@ from surveilnav.words import canonical
 _STRUCTURE = re.compile(
     r"^(?:inner |outer |exterior |interior )?(wall|floor|ceiling|door|window|stair)(?:s|case|way)?(?: of .*)?$"
 )
-#: A name of these names a place, a file's scaffolding or nothing.
-_PLACE = re.compile(r"room\b|kitchen|house|building|scene|collection|furniture|group", re.IGNORECASE)
-
 #: Raw names of HM3D that Habitat's ObjectNav folds into its six categories (matterport_category_mappings.tsv: raw_category
 #: to mpcat40), without the parts of things (headboard, toilet seat) and those that nobody would call so (dog bed,
 #: whiteboard, bidet). As there, "wall tv" is none.
@@ -54,7 +52,13 @@ def label_of_node(name: str, size_m: tuple[float, float, float]) -> str:
     structure = _STRUCTURE.match(plain)
     if structure:
         return "stairs" if structure[1] == "stair" else structure[1]
-    return "" if _PLACE.search(plain) else label_of(plain, size_m)
+    return label_of(name, size_m)
+
+
+def whole_of_node(name: str, size_m: tuple[float, float, float]) -> str:
+    """The class of a node, or of the thing that it is a part of by its name: "Bed_2" and "Bed_pillow" -> "bed"."""
+    whole = whole_of(name) or ""
+    return label_of_node(name, size_m) or (whole if whole in COCO else "")
 
 
 def label_of_extra(value: object) -> str | None:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.furniture.labels import plain_name
-from simulator.meshes.names import label_of_node
+from simulator.meshes.names import label_of_node, whole_of_node
 from simulator.plans.assembly import Mesh
 
 #: Large enough for every rule about sizes, where a size isn't known yet.
@@ -84,7 +84,7 @@ def whole_things(pieces: Sequence[Piece]) -> list[Piece]:
     kinds: dict[str, list[int]] = {}
     for number, piece in enumerate(pieces):
         solid = bool(piece.meshes) and all(len(mesh.vertices) for mesh in piece.meshes)
-        kind = label_of_node(piece.name, ANY_SIZE_M) if solid and piece.label is None else ""
+        kind = whole_of_node(piece.name, ANY_SIZE_M) if solid and piece.label is None else ""
         if kind in thing_sizes():
             kinds.setdefault(kind, []).append(number)
     changed: dict[int, Piece | None] = {}

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from simulator.archive import Archive
 from simulator.furniture.catalog import CREDITS, CatalogModel, Furniture
-from simulator.furniture.labels import TARGETS, label_of, stand_in_of
+from simulator.furniture.labels import TARGETS, label_of, stand_in_of, told_by
 from simulator.furniture.models import Model, load_model
+from simulator.furniture.nouns import language_of
 from simulator.furniture.objfile import EmptyModelError
 from simulator.furniture.parametric import parametric_piece
 from simulator.furniture.placing import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
@@ -74,6 +75,7 @@ class _Furnisher(Shell):
             self.builder.name += f"-{models}"
         self.furniture = furniture
         self.models = models
+        self.language = language_of(piece.name for piece in home.pieces)
         self._tinted: dict[tuple[int, Color], Material] = {}
         self._opened: dict[tuple[int, bool], Model] = {}
         self._own_models: dict[str, Model | None] = {}
@@ -97,11 +99,10 @@ class _Furnisher(Shell):
         if piece.is_opening:
             self._place_opening(piece, level, entry)
             return
-        title = entry.name if entry is not None else piece.name
+        title = entry.name if entry is not None else told_by(piece.catalog_id, piece.name)
         kind = kind_of(entry.id if entry is not None else piece.catalog_id, piece.size_m)
-        label = "stairs" if is_stairs(piece) else kind.label if kind is not None else label_of(title, piece.size_m) or (
-            label_of(piece.name, piece.size_m) if entry is None else ""
-        )  # fmt: skip
+        named = kind.label if kind is not None else label_of(title, piece.size_m, "" if entry else self.language)
+        label = "stairs" if is_stairs(piece) else named
         splits = self.models != "all" and label in TARGETS and entry is not None
         if splits and kind is None and entry is not None:
             kind = split_kind_of(entry.id, label)
@@ -235,7 +236,7 @@ class _Furnisher(Shell):
     def _stand_in(self, piece: Piece, level: Level, label: str) -> None:
         """A simple shape of the same kind and size."""
         self._missing.append(piece.name or piece.catalog_id or "unnamed")
-        kind = stand_in_of(f"{piece.catalog_id} {piece.name}", label)
+        kind = stand_in_of(told_by(piece.catalog_id, piece.name), label)
         size = (max(piece.size_m[0], 0.01), max(piece.size_m[1], 0.01), max(piece.size_m[2], 0.005))
         mesh = parametric_piece(kind, size, self._rng(f"stand-in|{piece.name}|{size}"))
         c, s = math.cos(piece.yaw_rad), math.sin(piece.yaw_rad)

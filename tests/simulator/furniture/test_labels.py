@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from simulator.furniture.labels import furniture_of, label_of, stand_in_of
+from simulator.furniture.labels import furniture_of, label_of, stand_in_of, told_by, word_for
 from simulator.furniture.parametric import PIECES
 from surveilnav.perception.vocabulary import COCO
 
@@ -44,6 +44,25 @@ def test_label_of(name: str, label: str) -> None:
 def test_furniture_that_detectors_have_no_class_for_has_a_kind(name: str, kind: str) -> None:
     assert furniture_of(name) == kind
     assert kind not in COCO
+
+
+@pytest.mark.parametrize(
+    ("catalog_id", "name", "told"),
+    [
+        ("eTeks#bedsideTable", "Nachttisch", "bedsideTable"), ("Sheep#coffeeTable", "Стол", "coffeeTable"),
+        ("Capretta#estintore", "Extintor", "Extintor"), ("", "Bett", "Bett"), ("eTeks#bed", "my own", "bed"),
+        ("eTeks#texturableBox", "Carpet", "Carpet"), ("Ikea-bed#x1", "Sofa", "Sofa"), ("plain_sofa", "", "plain_sofa"),
+    ],
+)  # fmt: skip
+def test_the_catalogue_id_tells_before_the_name_does(catalog_id: str, name: str, told: str) -> None:
+    assert told_by(catalog_id, name) == told
+
+
+def test_words_for_what_has_no_class() -> None:
+    assert word_for("Kleiderschrank", "") == "wardrobe"
+    assert word_for("Bücherregal 2", "") == "bookcase"
+    assert word_for("Samovar 2", "") == "samovar"
+    assert word_for("Plant", "") == ""
 
 
 def test_size_matters() -> None:
