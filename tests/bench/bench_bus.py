@@ -53,6 +53,7 @@ class Choice(NamedTuple):
     router: dict[str, int] = {}
     lease_ms: int = 2000
     threads: int | None = None
+    keep_alive: int = 4
 
 
 _OWN = {"drop": 5000}
@@ -64,6 +65,9 @@ CHOICES = {
     "block first": Choice("BLOCK_FIRST"),
     "block first, turn 0.1 s": Choice("BLOCK_FIRST", _OWN, {"drop": 100}),
     "block first, turn 0.1 s, lease 10 s": Choice("BLOCK_FIRST", _OWN, {"drop": 100}, lease_ms=10_000),
+    "block first, turn 0.1 s, 8 threads, alive every 0.1 s": Choice(
+        "BLOCK_FIRST", _OWN, {"drop": 100}, threads=8, keep_alive=20
+    ),
     "block first, turn 0.1 s, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 100}, threads=8),
     "block first, turn 1 ms, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 1}, threads=8),
     "block first, turn 0.2 s, 8 threads": Choice("BLOCK_FIRST", _OWN, {"drop": 200}, threads=8),
@@ -78,13 +82,13 @@ _WAITS = {
 }
 
 
-def tuned(config: str, waits_ms: dict[str, int], lease_ms: int) -> str:
+def tuned(config: str, waits_ms: dict[str, int], lease_ms: int, keep_alive: int = 4) -> str:
     """A Zenoh configuration with other waits and another lease."""
     made: dict[str, Any] = json.loads(config)
     sending = made["transport"]["link"]["tx"]
     sending["lease"] = lease_ms
-    for key in ("queue", "keep_alive"):  # ours
-        sending.pop(key, None)
+    sending.pop("queue", None)  # ours
+    sending["keep_alive"] = keep_alive
     for name, wait_ms in waits_ms.items():
         group, key = _WAITS[name]
         queue = sending.setdefault("queue", {}).setdefault("congestion_control", {})
@@ -114,7 +118,7 @@ def route(bus: Tuned) -> None:
     if choice.bulk is not None:
         n = choice.threads
         os.environ["ZENOH_RUNTIME"] = f"(rx: (worker_threads: {n}), tx: (worker_threads: {n}))" if n else "()"
-        router.router_config = lambda listen: tuned(made(listen), choice.router, choice.lease_ms)
+        router.router_config = lambda listen: tuned(made(listen), choice.router, choice.lease_ms, choice.keep_alive)
     router.main(["--listen", bus.router.replace("127.0.0.1", "0.0.0.0")])
 
 

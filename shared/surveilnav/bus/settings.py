@@ -18,7 +18,7 @@ MAX_MESSAGE_BYTES = 64 * 2**20
 _RECEIVE = {"max_message_size": MAX_MESSAGE_BYTES + 2**16}  # with the key and what Zenoh adds
 #: How long bulk data waits for the message before it [ms], then it is left out (docs/results/bus.md). A process waits for
 #: its own messages. The router is everybody's: at one reader's link it waits just as long as a burst of frames takes.
-_OWN_TURN_MS, _ROUTER_TURN_MS = 5000, 100
+_OWN_TURN_MS, _ROUTER_TURN_MS = 5000, 50
 #: Signs of life a lease; Zenoh has 4. One's interval (0.1 s) is also how long the router tries to get rid of what it still
 #: has for a reader that is gone, and whoever sent to it waits meanwhile.
 _ROUTER_KEEP_ALIVE = 20
