@@ -1,7 +1,7 @@
 """Renders the views of a split's buildings into packs, a file a building; what is there already is kept.
 
     python -m training.detector.make_views --split train --out data/views/train --robot 120 --camera 60 \\
-        [--light baked] [--every 7] [--quality 85]
+        [--light baked] [--scenes 12::7] [--quality 85]
 """
 
 from __future__ import annotations
@@ -23,10 +23,14 @@ from training.detector.views import TrainingView, ViewSource
 LIGHTS: tuple[Lighting, ...] = ("baked", "shadowed", "flat")
 
 
-def make_pack(spec: SceneSpec, light: Lighting, counts: dict[Kind, int], out: Path, quality: int, seed: int = 0) -> str:
+def make_pack(
+    spec: SceneSpec, light: Lighting, counts: dict[Kind, int], out: Path, quality: int, *, as_sensed: bool = False,
+    seed: int = 0,
+) -> str:  # fmt: skip
     """One building's file; returns what was made and what it cost, for people."""
     names, timed = classes.load(), _Timed()
-    source = ViewSource(open_building(spec.building, seed=spec.seed, models=spec.models), light, names)
+    scene = open_building(spec.building, seed=spec.seed, models=spec.models)
+    source = ViewSource(scene, light, names, as_sensed=as_sensed)
     opened_s = timed.lap()
     views = chain.from_iterable(timed.views(source, kind, n, seed) for kind, n in counts.items())
     size = write_pack(out / f"{spec.scene}{SUFFIX}", spec.scene, views, names.names, names.rooms, quality)
@@ -52,6 +56,11 @@ class _Timed:
             start = time.perf_counter()
 
 
+def _slice(text: str) -> slice:
+    """ "12::7" as Python means it."""
+    return slice(*(int(part) if part else None for part in text.split(":")))
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """See the module's docstring."""
     parser = argparse.ArgumentParser(prog="training.detector.make_views", description=__doc__.partition("\n")[0])
@@ -60,15 +69,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--robot", type=int, default=120, help="views of robots per building")
     parser.add_argument("--camera", type=int, default=60, help="views of cameras per building")
     parser.add_argument("--light", choices=LIGHTS, default="baked")
-    parser.add_argument("--every", type=int, default=1, help="only every so many-th building")
-    parser.add_argument("--first", type=int, default=0, help="begin with this building")
+    parser.add_argument("--scenes", type=_slice, default=slice(None), help="some of the split's: START:STOP:STEP")
+    parser.add_argument("--as-sensed", action="store_true", help="at the sensors' own size, for evaluation")
     parser.add_argument("--quality", type=int, default=85, help="of JPEG")
     args = parser.parse_args(argv)
-    specs = SPLITS[args.split].scenes[args.first :: args.every]
+    specs = SPLITS[args.split].scenes[args.scenes]
     for done, spec in enumerate(specs, start=1):
         if (args.out / f"{spec.scene}{SUFFIX}").exists():
             continue
-        said = make_pack(spec, args.light, {"robot": args.robot, "camera": args.camera}, args.out, args.quality)
+        counts: dict[Kind, int] = {"robot": args.robot, "camera": args.camera}
+        said = make_pack(spec, args.light, counts, args.out, args.quality, as_sensed=args.as_sensed)
         print(f"{done} of {len(specs)} {said}", flush=True)
 
 

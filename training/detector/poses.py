@@ -22,8 +22,10 @@ from surveilnav.robot_body import CAMERA_HEIGHT_M, LOOK_RAD
 
 Kind = Literal["robot", "camera"]
 
-#: The robot's picture at half of its resolution, and a camera's as detectors see it.
-SIZES: dict[Kind, tuple[int, int]] = {"robot": (320, 240), "camera": (416, 416)}
+#: What training packs hold: the robot's picture at half of its resolution, and a camera's as detectors see it.
+TRAINING_SIZES: dict[Kind, tuple[int, int]] = {"robot": (320, 240), "camera": (416, 416)}
+#: What the sensors take.
+SENSOR_SIZES: dict[Kind, tuple[int, int]] = {"robot": (640, 480), "camera": (1280, 1280)}
 ROBOT_HFOV_RAD = math.radians(79.0)
 #: The camera plan's own kind of view (height, tilt, field of view), and what else hangs on walls.
 _USUAL = (1.8, math.radians(-30.0), math.radians(100.0))
@@ -45,9 +47,9 @@ class ViewPose:
     floor: str
     aimed_at: int
 
-    def camera(self, scale: float = 1.0) -> Pinhole:
-        """Its intrinsics at ``scale`` times the packed resolution."""
-        width, height = (round(side * scale) for side in SIZES[self.kind])
+    def camera(self, size: tuple[int, int], scale: float = 1.0) -> Pinhole:
+        """Its intrinsics at ``scale`` times ``size`` (width, height) [pixels]."""
+        width, height = (round(side * scale) for side in size)
         return Pinhole.from_hfov(width, height, self.hfov_rad)
 
 

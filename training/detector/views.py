@@ -18,7 +18,7 @@ from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Instance, Room, Scene
 from surveilnav.config import cache_dir
 from training.detector.classes import Classes
-from training.detector.poses import Kind, PoseSource, ViewPose
+from training.detector.poses import SENSOR_SIZES, TRAINING_SIZES, Kind, PoseSource, ViewPose
 
 #: What shows fewer pixels of the packed picture, or is thinner, is no object of a view.
 MIN_AREA_PX, MIN_SIDE_PX = 24, 4
@@ -64,11 +64,11 @@ class TrainingView:
 class ViewSource:
     """Renders views of one building.
 
-    ``light``: of the renderer. Baked and flat pictures are rendered at twice their size and reduced, as a network's input
-    is reduced from what cameras take; rays for shadows are too dear for that.
+    ``light``: of the renderer. ``as_sensed``: at the size that sensors take, for evaluation. Otherwise pictures are rendered
+    at twice their size and reduced, as a network's input is reduced; rays for shadows are too dear for that.
     """
 
-    def __init__(self, scene: Scene, light: Lighting, classes: Classes) -> None:
+    def __init__(self, scene: Scene, light: Lighting, classes: Classes, *, as_sensed: bool = False) -> None:
         self._scene, self._light, self._classes = scene, light, classes
         self._navigation = NavigationMap.load_or_build(scene, cache_dir())
         self._renderer = Renderer(scene, lighting=light, cache_dir=cache_dir())
@@ -76,7 +76,8 @@ class ViewSource:
         self._number = np.array([-1, *numbers], np.int64)
         self._poses = PoseSource(scene, self._navigation, self._number_of)
         self._rooms = _Rooms(scene, self._number, classes)
-        self._scale = 1.0 if light == "shadowed" else 2.0
+        self._sizes = SENSOR_SIZES if as_sensed else TRAINING_SIZES
+        self._scale = 1.0 if as_sensed or light == "shadowed" else 2.0
 
     def _number_of(self, instance: Instance) -> int:
         return int(self._number[instance.id])
@@ -91,7 +92,7 @@ class ViewSource:
         """A pose that shows what it was aimed at, or anything if it wasn't; after some tries, whatever comes."""
         for _ in range(_TRIES):
             pose = self._poses.draw(kind, rng)
-            seen = self._renderer.render(pose.T_world_camera, pose.camera(_PROBE), colors=False)
+            seen = self._renderer.render(pose.T_world_camera, pose.camera(TRAINING_SIZES[kind], _PROBE), colors=False)
             if np.median(seen.depth_m) < _CRAMPED_M:
                 continue
             named = self._number[seen.instance_ids] >= 0
@@ -102,7 +103,7 @@ class ViewSource:
 
     def view(self, pose: ViewPose) -> TrainingView:
         """The picture from a pose, with everything that a network should say of it."""
-        rendered = self._renderer.render(pose.T_world_camera, pose.camera(self._scale))
+        rendered = self._renderer.render(pose.T_world_camera, pose.camera(self._sizes[pose.kind], self._scale))
         rgb, ids, depth_m = reduced(rendered, round(self._scale))
         small, boxes, labels, areas = objects_in(ids, self._number)
         room, near = self._rooms.looked_into(pose, depth_m)
