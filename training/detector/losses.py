@@ -104,4 +104,4 @@ def surroundings_loss(logits: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
     near = F.binary_cross_entropy_with_logits(logits[:, :n], batch.near)
     known = batch.room >= 0
     room = F.cross_entropy(logits[known, n:], batch.room[known]) if known.any() else logits.sum() * 0.0
-    return near * 10.0, room
+    return near * 4.0, room
