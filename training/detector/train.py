@@ -15,7 +15,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +76,9 @@ class Training:
         names = classes.load()
         self.plan, self.views, self.out, self.step = plan, views, out, 0
         self.device = torch.device(device)
-        self.network = Compact(len(names.names), len(names.rooms), shape).to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.shape = shape or Shape()
+        network = Compact(len(names.names), len(names.rooms), self.shape)
+        self.network = network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.mean = copy.deepcopy(self.network).eval().requires_grad_(False)
         self.optimiser = torch.optim.AdamW(_groups(self.network, plan.decay), lr=plan.rate)
         self._resume()
@@ -99,7 +101,7 @@ class Training:
         with replacing(self.checkpoint) as file:
             torch.save(
                 {
-                    "step": self.step, "network": self.network.state_dict(), "mean": self.mean.state_dict(),
+                    "step": self.step, "shape": asdict(self.shape), "network": self.network.state_dict(), "mean": self.mean.state_dict(),
                     "optimiser": self.optimiser.state_dict(),
                 },
                 file,
