@@ -60,7 +60,9 @@ def assign(logits: Tensor, boxes: Tensor, points: Tensor, targets: Targets) -> A
     G = targets.boxes.shape[1]
     if G == 0:
         nothing = torch.zeros((B, L), device=logits.device)
-        return Assigned(nothing.bool(), nothing.long(), nothing, torch.zeros((B, 0), dtype=torch.long, device=logits.device))
+        return Assigned(
+            nothing.bool(), nothing.long(), nothing, torch.zeros((B, 0), dtype=torch.long, device=logits.device)
+        )
     iou = pairwise_iou(targets.boxes, boxes)
     scores = logits.sigmoid().transpose(1, 2).gather(1, targets.labels[:, :, None].expand(B, G, L))
     fit = scores.pow(_A) * iou.pow(_B)

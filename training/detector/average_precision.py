@@ -22,7 +22,11 @@ class ClassTally:
     right: list[bool] = field(default_factory=list)
 
     def add(
-        self, found: NDArray[np.float32], scores: NDArray[np.float32], true: NDArray[np.float32], counts: NDArray[np.bool_]
+        self,
+        found: NDArray[np.float32],
+        scores: NDArray[np.float32],
+        true: NDArray[np.float32],
+        counts: NDArray[np.bool_],
     ) -> None:
         """Judges one view.
 
@@ -32,7 +36,9 @@ class ClassTally:
                 held against whoever finds them.
         """
         self.objects += int(counts.sum())
-        iou, _ = overlaps(found, true) if len(found) and len(true) else (np.zeros((len(found), len(true)), np.float32), None)
+        iou, _ = (
+            overlaps(found, true) if len(found) and len(true) else (np.zeros((len(found), len(true)), np.float32), None)
+        )
         free = np.ones(len(true), bool)
         for i in np.argsort(-scores, kind="stable").tolist():
             fits = np.flatnonzero(free & (iou[i] >= _IOU))

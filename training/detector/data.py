@@ -102,7 +102,9 @@ def _framed(
     """Mirrored or not, zoomed, and shifted so that picture and canvas overlap as far as they can."""
     height, width = view.ids.shape
     zoom = canvas[0] / width * float(np.exp(rng.uniform(*np.log(_ZOOM))))
-    shift = [rng.uniform(min(0.0, room), max(0.0, room)) for room in (canvas[0] - zoom * width, canvas[1] - zoom * height)]
+    shift = [
+        rng.uniform(min(0.0, room), max(0.0, room)) for room in (canvas[0] - zoom * width, canvas[1] - zoom * height)
+    ]
     move = np.array([[zoom, 0, shift[0]], [0, zoom, shift[1]]], np.float64)
     if rng.random() < 0.5:
         move[0] = [-zoom, 0, shift[0] + zoom * (width - 1)]
@@ -148,7 +150,8 @@ def _recoloured(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.
     out = np.stack([table[:, k][rgb[..., k]] for k in range(3)], axis=-1)
     grey = cv2.cvtColor(out, cv2.COLOR_RGB2GRAY)[..., None].repeat(3, axis=2)
     share = float(np.clip(rng.normal(1.0, 0.3), 0.0, 1.6))
-    return cv2.addWeighted(out, share, grey, 1.0 - share, 0.0).astype(np.uint8)
+    mixed: NDArray[np.uint8] = cv2.addWeighted(out, share, grey, 1.0 - share, 0.0).astype(np.uint8)
+    return mixed
 
 
 def _spoilt(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:

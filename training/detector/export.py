@@ -19,7 +19,6 @@ from pathlib import Path
 import onnx
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from surveilnav.stored import replacing
 from training.detector import classes
@@ -69,7 +68,7 @@ def export(network: Compact, path: Path) -> int:
 
 def _rounded(vectors: Tensor) -> list[list[float]]:
     """Unit rows."""
-    return [[round(float(v), 5) for v in row] for row in F.normalize(vectors.detach(), dim=1)]
+    return [[round(float(v), 5) for v in row] for row in nn.functional.normalize(vectors.detach(), dim=1)]
 
 
 def load_network(checkpoint: Path) -> Compact:
@@ -77,7 +76,8 @@ def load_network(checkpoint: Path) -> Compact:
     names, kept = classes.load(), torch.load(checkpoint, map_location="cpu", weights_only=True)
     network = Compact(len(names.names), len(names.rooms), Shape(**kept["shape"]))
     network.load_state_dict(kept["mean"])
-    return network.eval()
+    network.eval()
+    return network
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
-from torch.nn import functional as F
+from torch import Tensor, nn
 
 from training.detector.assign import Assigned, Targets, assign
 from training.detector.network import Said, boxes_of
@@ -41,7 +40,9 @@ def losses(said: Said, points: Tensor, batch: Batch) -> dict[str, Tensor]:
     boxes = boxes_of(said.ltrb, points)
     assigned = assign(said.logits, boxes, points, batch.targets)
     total = assigned.quality.sum().clamp(min=1.0)
-    wanted = batch.targets.boxes.gather(1, assigned.owner[..., None].expand(-1, -1, 4)) if assigned.best.shape[1] else boxes
+    wanted = (
+        batch.targets.boxes.gather(1, assigned.owner[..., None].expand(-1, -1, 4)) if assigned.best.shape[1] else boxes
+    )
     at = assigned.positive
     box = ((1 - giou(boxes[at], wanted[at])) * assigned.quality[at]).sum() / total
     near, room = surroundings_loss(said.near, batch)
@@ -58,7 +59,7 @@ def score_loss(logits: Tensor, assigned: Assigned, targets: Targets) -> Tensor:
         label = targets.labels.gather(1, assigned.owner)
         wanted.scatter_(2, label[..., None], (assigned.quality * assigned.positive)[..., None])
     far = (wanted - logits.sigmoid()).abs().square()
-    return (F.binary_cross_entropy_with_logits(logits, wanted, reduction="none") * far.detach()).sum()
+    return (nn.functional.binary_cross_entropy_with_logits(logits, wanted, reduction="none") * far.detach()).sum()
 
 
 def giou(a: Tensor, b: Tensor) -> Tensor:
@@ -82,7 +83,7 @@ def mask_loss(said: Said, assigned: Assigned, batch: Batch) -> Tensor:
     logits = torch.einsum("nk,nkhw->nhw", said.coefficients[picture, place], said.prototypes[picture])
     wanted = (batch.ids[picture] == (thing + 1)[:, None, None]).float()
     inside = in_boxes(batch.targets.boxes[picture, thing] / _MASK_STRIDE, *wanted.shape[1:])
-    each = F.binary_cross_entropy_with_logits(logits, wanted, reduction="none") * inside
+    each = nn.functional.binary_cross_entropy_with_logits(logits, wanted, reduction="none") * inside
     entropy = each.sum((1, 2)) / inside.sum((1, 2)).clamp(min=1.0)
     p = logits.sigmoid() * inside
     dice = 1 - (2 * (p * wanted).sum((1, 2)) + 1) / (p.sum((1, 2)) + wanted.sum((1, 2)) + 1)
@@ -101,7 +102,7 @@ def in_boxes(boxes: Tensor, height: int, width: int) -> Tensor:
 def surroundings_loss(logits: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
     """(classes that show or stand near, kind of the room where it is known)."""
     n = batch.near.shape[1]
-    near = F.binary_cross_entropy_with_logits(logits[:, :n], batch.near)
+    near = nn.functional.binary_cross_entropy_with_logits(logits[:, :n], batch.near)
     known = batch.room >= 0
-    room = F.cross_entropy(logits[known, n:], batch.room[known]) if known.any() else logits.sum() * 0.0
+    room = nn.functional.cross_entropy(logits[known, n:], batch.room[known]) if known.any() else logits.sum() * 0.0
     return near * 4.0, room

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 STRIDES = (8, 16, 32)
 #: A class is rare at a place: the score that an untrained network gives.
@@ -65,7 +64,9 @@ class Said:
     near: Tensor
 
 
-def _convolution(n_in: int, n_out: int, kernel: int = 1, stride: int = 1, groups: int = 1, relu: bool = True) -> nn.Module:
+def _convolution(
+    n_in: int, n_out: int, kernel: int = 1, stride: int = 1, groups: int = 1, relu: bool = True
+) -> nn.Module:
     """Convolution, batch normalisation, ReLU."""
     layers: list[nn.Module] = [
         nn.Conv2d(n_in, n_out, kernel, stride, kernel // 2, groups=groups, bias=False),
@@ -75,9 +76,7 @@ def _convolution(n_in: int, n_out: int, kernel: int = 1, stride: int = 1, groups
 
 
 def _separable(n_in: int, n_out: int, stride: int = 1, kernel: int = 3) -> nn.Module:
-    return nn.Sequential(
-        _convolution(n_in, n_in, kernel, stride, groups=n_in, relu=False), _convolution(n_in, n_out)
-    )
+    return nn.Sequential(_convolution(n_in, n_in, kernel, stride, groups=n_in, relu=False), _convolution(n_in, n_out))
 
 
 class _Block(nn.Module):
@@ -91,7 +90,7 @@ class _Block(nn.Module):
         nn.init.zeros_(self.body[-1][1].weight)  # type: ignore[arg-type]
 
     def forward(self, x: Tensor) -> Tensor:
-        return F.relu(x + self.body(x))
+        return nn.functional.relu(x + self.body(x))
 
 
 class Backbone(nn.Module):
@@ -126,8 +125,8 @@ class Pyramid(nn.Module):
 
     def forward(self, features: list[Tensor]) -> list[Tensor]:
         p3, p4, p5 = (lateral(x) for lateral, x in zip(self.lateral, features, strict=True))
-        p4 = self.down[0](p4 + F.interpolate(p5, scale_factor=2.0))
-        p3 = self.down[1](p3 + F.interpolate(p4, scale_factor=2.0))
+        p4 = self.down[0](p4 + nn.functional.interpolate(p5, scale_factor=2.0))
+        p3 = self.down[1](p3 + nn.functional.interpolate(p4, scale_factor=2.0))
         p4 = self.up[0](p4 + self.shrink[0](p3))
         p5 = self.up[1](p5 + self.shrink[1](p4))
         return [p3, p4, p5]
@@ -144,7 +143,9 @@ class CosineTable(nn.Module):
 
     def forward(self, unit: Tensor) -> Tensor:
         """(..., N) of unit vectors (..., D)."""
-        return F.linear(unit, F.normalize(self.vectors, dim=1) * self.log_scale.exp(), self.bias)
+        return nn.functional.linear(
+            unit, nn.functional.normalize(self.vectors, dim=1) * self.log_scale.exp(), self.bias
+        )
 
 
 class Compact(nn.Module):
@@ -179,9 +180,9 @@ class Compact(nn.Module):
             size = (rows[..., :4] + self.level_scale[level]).clamp(max=5.0).exp()
             ltrb.append(size * (_FIRST_SIZE * stride))
             coefficients.append(torch.tanh(rows[..., 4:]))
-        unit = F.normalize(torch.cat(embeddings, 1).float(), dim=-1)
-        image = F.normalize(self.picture(features[-1].mean(dim=(2, 3))).float(), dim=-1)
-        prototypes = self.mask_high(F.interpolate(self.mask_low(levels[0]), scale_factor=2.0)).float()
+        unit = nn.functional.normalize(torch.cat(embeddings, 1).float(), dim=-1)
+        image = nn.functional.normalize(self.picture(features[-1].mean(dim=(2, 3))).float(), dim=-1)
+        prototypes = self.mask_high(nn.functional.interpolate(self.mask_low(levels[0]), scale_factor=2.0)).float()
         return Said(
             self.classes(unit).float(), torch.cat(ltrb, 1), torch.cat(coefficients, 1), unit, prototypes, image,
             self.surroundings(image).float(),
@@ -198,7 +199,9 @@ def places(height_px: int, width_px: int, device: torch.device | None = None) ->
     points, strides = [], []
     for stride in STRIDES:
         y, x = torch.meshgrid(
-            torch.arange(height_px // stride, device=device), torch.arange(width_px // stride, device=device), indexing="ij"
+            torch.arange(height_px // stride, device=device),
+            torch.arange(width_px // stride, device=device),
+            indexing="ij",
         )
         points.append((torch.stack([x, y], dim=-1).reshape(-1, 2) + 0.5) * stride)
         strides.append(torch.full((len(points[-1]),), float(stride), device=device))

@@ -101,5 +101,7 @@ def places(height_px: int, width_px: int) -> Floats:
     grids = []
     for stride in STRIDES:
         rows, columns = height_px // stride, width_px // stride
-        grids.append((np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) + 0.5) * stride)
+        grids.append(
+            (np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) + 0.5) * stride
+        )
     return np.concatenate(grids).astype(np.float32)

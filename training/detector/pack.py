@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
 from surveilnav.stored import read_parts, write_parts
+from training.detector.poses import Kind
 from training.detector.views import TrainingView
 
 _FORMAT = b"surveilnav training views 1"
@@ -44,13 +45,21 @@ class _Table(msgspec.Struct, frozen=True):
 
 
 def write_pack(
-    path: Path, scene: str, views: Iterable[TrainingView], classes: Sequence[str], rooms: Sequence[str], quality: int = 85
+    path: Path,
+    scene: str,
+    views: Iterable[TrainingView],
+    classes: Sequence[str],
+    rooms: Sequence[str],
+    quality: int = 85,
 ) -> int:
     """Writes a building's views; returns the bytes of the file. ``quality``: of JPEG, 1-100."""
     rows, parts = [], []
     for view in views:
         rows.append(_row(view))
-        parts += [_encoded(".jpg", view.rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality]), _encoded(".png", view.ids)]
+        parts += [
+            _encoded(".jpg", view.rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality]),
+            _encoded(".png", view.ids),
+        ]
     table = _Table(scene, list(classes), list(rooms), rows)
     return write_parts(path, _FORMAT, [msgspec.json.encode(table), *parts])
 
@@ -90,7 +99,7 @@ class Pack:
         near[row.near] = True
         boxes = np.array(row.boxes, np.float32).reshape(-1, 4)
         labels, areas = np.array(row.labels, np.int64), np.array(row.areas, np.int64)
-        kind = "robot" if row.kind == "robot" else "camera"
+        kind: Kind = "robot" if row.kind == "robot" else "camera"
         return TrainingView(
             kind, row.light, row.hfov_rad, np.ascontiguousarray(rgb[..., ::-1]).astype(np.uint8), ids.astype(np.uint8),
             boxes, labels, areas, near, row.room,
@@ -114,8 +123,12 @@ def read_packs(folder: Path, classes: Sequence[str]) -> list[Pack]:
     """
     packs = [pack for path in sorted(folder.glob(f"*{SUFFIX}")) if (pack := read_pack(path)) is not None]
     if not packs:
-        raise PerceptionError(f"{folder} holds no file *{SUFFIX}: make them with python -m training.detector.make_views")
+        raise PerceptionError(
+            f"{folder} holds no file *{SUFFIX}: make them with python -m training.detector.make_views"
+        )
     for pack in packs:
         if pack.classes != tuple(classes):
-            raise PerceptionError(f"{folder}/{pack.scene}{SUFFIX} has other classes than data/classes.json: make it anew")
+            raise PerceptionError(
+                f"{folder}/{pack.scene}{SUFFIX} has other classes than data/classes.json: make it anew"
+            )
     return packs

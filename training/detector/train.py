@@ -24,10 +24,10 @@ from torch import Tensor, nn
 
 from surveilnav.stored import replacing
 from training.detector import classes
+from training.detector.assign import Targets
 from training.detector.curve import draw_curve
 from training.detector.data import Views
 from training.detector.losses import WEIGHTS, Batch, losses
-from training.detector.assign import Targets
 from training.detector.network import Compact, Shape, n_parameters, places
 from training.detector.pack import read_packs
 
@@ -98,14 +98,15 @@ class Training:
 
     def save(self) -> None:
         """Writes the checkpoint, whole or not at all."""
+        kept = {
+            "step": self.step,
+            "shape": asdict(self.shape),
+            "network": self.network.state_dict(),
+            "mean": self.mean.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+        }
         with replacing(self.checkpoint) as file:
-            torch.save(
-                {
-                    "step": self.step, "shape": asdict(self.shape), "network": self.network.state_dict(), "mean": self.mean.state_dict(),
-                    "optimiser": self.optimiser.state_dict(),
-                },
-                file,
-            )  # fmt: skip
+            torch.save(kept, file)
 
     def run(self, until: int | None = None) -> None:
         """Trains to the end of the plan, or to step ``until``; saves at the end and in between."""
@@ -121,7 +122,9 @@ class Training:
                     pace = (time.perf_counter() - begun) / (self.step - first)
                     write(self.step, {name: total / n for name, total in sums.items()}, pace / self.plan.batch)
                     left = pace * (last - self.step)
-                    print(f"step {self.step} of {last}, loss {sums['loss'] / n:.3f}, {left / 60:.0f} min left", flush=True)
+                    print(
+                        f"step {self.step} of {last}, loss {sums['loss'] / n:.3f}, {left / 60:.0f} min left", flush=True
+                    )
                     sums = {}
                 if time.perf_counter() - saved > self.plan.checkpoint_s:
                     self.save()
@@ -137,7 +140,7 @@ class Training:
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.plan.bf16):
             said = self.network(batch.pictures.contiguous(memory_format=torch.channels_last))
-        points, _ = places(*batch.pictures.shape[2:], device=self.device)
+        points, _ = places(batch.pictures.shape[2], batch.pictures.shape[3], self.device)
         parts = losses(said, points, batch)
         loss = torch.stack([WEIGHTS[name] * part for name, part in parts.items()]).sum()
         self.optimiser.zero_grad(set_to_none=True)
@@ -172,7 +175,11 @@ def _moved(batch: Batch, device: torch.device) -> Batch:
 
     t = batch.targets
     return Batch(
-        to(batch.pictures), to(batch.ids), Targets(to(t.boxes), to(t.labels), to(t.real)), to(batch.near), to(batch.room)
+        to(batch.pictures),
+        to(batch.ids),
+        Targets(to(t.boxes), to(t.labels), to(t.real)),
+        to(batch.near),
+        to(batch.room),
     )
 
 
@@ -184,7 +191,7 @@ def _curve(path: Path, step: int) -> Iterator[Any]:
     """Appends lines to the curve; those after ``step``, of a run that was killed, are dropped first."""
     path.parent.mkdir(parents=True, exist_ok=True)
     head = ["step", *_PARTS, "s_per_view"]
-    rows = [row for row in csv.reader(path.open(encoding="utf-8"))][1:] if path.exists() else []
+    rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))[1:] if path.exists() else []
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerows([head, *(row for row in rows if int(row[0]) <= step)])
@@ -213,7 +220,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     views = Views(read_packs(args.views, classes.load().names), args.seed)
     plan = Plan(args.steps, args.batch, args.rate, seed=args.seed, bf16=args.bf16)
     training = Training(plan, views, args.out, device=args.device)
-    print(f"{n_parameters(training.network)} parameters, {len(views)} views, from step {training.step} of {plan.steps}", flush=True)
+    print(
+        f"{n_parameters(training.network)} parameters, {len(views)} views, from step {training.step} of {plan.steps}",
+        flush=True,
+    )
     training.run()
 
 

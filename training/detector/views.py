@@ -112,9 +112,7 @@ class ViewSource:
         return TrainingView(pose.kind, self._light, pose.hfov_rad, rgb, small, boxes, labels, areas, near, room)
 
 
-def reduced(
-    rendered: Rendered, factor: int
-) -> tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float32]]:
+def reduced(rendered: Rendered, factor: int) -> tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float32]]:
     """Colours averaged over squares of ``factor`` pixels; of ids and depths the square's lower right middle."""
     if factor == 1:
         return rendered.rgb, rendered.instance_ids, rendered.depth_m
