@@ -6,8 +6,10 @@ gamma, blur, noise, JPEG. Boxes are taken from the varied ids, so that they are 
 
 from __future__ import annotations
 
+import multiprocessing
+from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -67,14 +69,35 @@ class Views:
         chosen = [rows[i] for i in rng.integers(len(rows), size=size)]
         return collate([varied(self._packs[p].view(i), CANVAS[kind], rng) for p, i in chosen])
 
-    def batches(self, first: int, last: int, size: int) -> Iterator[Batch]:
-        """The batches of steps ``first`` to ``last`` - 1, made ahead on another thread."""
-        with ThreadPoolExecutor(1) as worker:
-            waiting: list[Future[Batch]] = []
+    def batches(self, first: int, last: int, size: int, workers: int = 1) -> Iterator[Batch]:
+        """The batches of steps ``first`` to ``last`` - 1, made ahead: on one thread, or by several processes."""
+        with _pool(self, workers) as pool:
+            make = self.batch if workers <= 1 else _batch_of_worker
+            waiting: deque[Future[Batch]] = deque()
             for step in range(first, last):
-                while len(waiting) < _AHEAD and step + len(waiting) < last:
-                    waiting.append(worker.submit(self.batch, step + len(waiting), size))
-                yield waiting.pop(0).result()
+                while len(waiting) < _AHEAD * workers and step + len(waiting) < last:
+                    waiting.append(pool.submit(make, step + len(waiting), size))
+                yield waiting.popleft().result()
+
+
+def _pool(views: Views, workers: int) -> Executor:
+    if workers <= 1:
+        return ThreadPoolExecutor(1)
+    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin_worker, (views,))
+
+
+_OF_WORKER: list[Views] = []
+
+
+def _begin_worker(views: Views) -> None:
+    """A process takes the views once; OpenCV's own threads would only get into the others' way."""
+    cv2.setNumThreads(0)
+    torch.set_num_threads(1)
+    _OF_WORKER[:] = [views]
+
+
+def _batch_of_worker(step: int, size: int) -> Batch:
+    return _OF_WORKER[0].batch(step, size)
 
 
 def varied(view: TrainingView, canvas: tuple[int, int], rng: np.random.Generator) -> Example:
@@ -196,10 +219,10 @@ def collate(examples: Sequence[Example]) -> Batch:
     for b, e in enumerate(examples):
         n = len(e.labels)
         boxes[b, :n], labels[b, :n], real[b, :n] = e.boxes, e.labels, True
-    pictures = np.stack([e.rgb for e in examples]).transpose(0, 3, 1, 2).astype(np.float32) / 255.0
+    pictures = torch.from_numpy(np.stack([e.rgb for e in examples])).permute(0, 3, 1, 2)  # channels last, in memory
     ids = np.stack([e.ids[2::4, 2::4] for e in examples])
     return Batch(
-        torch.from_numpy(pictures), torch.from_numpy(ids),
+        pictures, torch.from_numpy(ids),
         Targets(torch.from_numpy(boxes), torch.from_numpy(labels), torch.from_numpy(real)),
         torch.from_numpy(np.stack([e.near for e in examples]).astype(np.float32)),
         torch.tensor([e.room for e in examples]),

@@ -22,7 +22,7 @@ class Batch:
     """B pictures and what they show.
 
     Attributes:
-        pictures: (B, 3, H, W) float32, 0-1.
+        pictures: (B, 3, H, W) uint8.
         ids: (B, H / 4, W / 4) uint8 of objects at the masks' resolution, 0: nothing, g + 1: object g of the picture.
         targets: the objects.
         near: (B, C) float32 0 or 1 of classes that show or stand near. room: (B,) int64 kind of room, -1: unknown.

@@ -1,7 +1,7 @@
 """Renders the views of a split's buildings into packs, a file a building; what is there already is kept.
 
     python -m training.detector.make_views --split train --out data/views/train --robot 120 --camera 60 \\
-        [--light baked] [--scenes 12::7] [--quality 85]
+        [--light baked] [--scenes 12::7] [--quality 75]
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--light", choices=LIGHTS, default="baked")
     parser.add_argument("--scenes", type=_slice, default=slice(None), help="some of the split's: START:STOP:STEP")
     parser.add_argument("--as-sensed", action="store_true", help="at the sensors' own size, for evaluation")
-    parser.add_argument("--quality", type=int, default=85, help="of JPEG")
+    parser.add_argument("--quality", type=int, default=75, help="of WebP")
     args = parser.parse_args(argv)
     specs = SPLITS[args.split].scenes[args.scenes]
     for done, spec in enumerate(specs, start=1):

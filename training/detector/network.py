@@ -33,9 +33,9 @@ class Shape:
     """
 
     stem: int = 16
-    channels: tuple[int, int, int, int] = (32, 64, 128, 192)
-    blocks: tuple[int, int, int, int] = (1, 2, 4, 2)
-    neck: int = 64
+    channels: tuple[int, int, int, int] = (32, 64, 128, 224)
+    blocks: tuple[int, int, int, int] = (1, 2, 6, 3)
+    neck: int = 80
     head: int = 2
     prototypes: int = 16
     embedding: int = 64

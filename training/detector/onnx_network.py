@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -19,6 +20,8 @@ STRIDES = (8, 16, 32)
 MASK_STRIDE = 4
 #: Boxes that overlap so much are one thing, as for the COCO detectors.
 _SAME_THING_IOU = 0.6
+#: More boxes than this aren't compared with each other.
+_MOST = 300
 _GREY = 114
 
 
@@ -65,7 +68,9 @@ class OnnxCompact:
     def detect(self, rgb: NDArray[np.uint8]) -> Boxes:
         """Boxes of (height, width, 3) uint8 in its pixels, one a thing, the best first."""
         answer = self.answer(rgb)
-        keep = answer.scores.max(axis=1) >= LOWEST
+        best = answer.scores.max(axis=1)
+        keep = np.argsort(-best, kind="stable")[:_MOST]
+        keep = keep[best[keep] >= LOWEST]
         scores = np.where(answer.scores[keep] >= LOWEST, answer.scores[keep], np.float32(0.0))
         boxes = Boxes(answer.xyxy[keep], scores, self.classes).clipped(rgb.shape[1], rgb.shape[0])
         return merged(boxes, _SAME_THING_IOU)
@@ -96,8 +101,9 @@ def letterboxed(rgb: NDArray[np.uint8], side_px: int) -> tuple[NDArray[np.uint8]
     return out, ratio
 
 
+@lru_cache(maxsize=8)
 def places(height_px: int, width_px: int) -> Floats:
-    """(L, 2) centres (x, y) [pixels] of all places, stride 8 first, row by row."""
+    """(L, 2) centres (x, y) [pixels] of all places, stride 8 first, row by row. Shared: don't write to it."""
     grids = []
     for stride in STRIDES:
         rows, columns = height_px // stride, width_px // stride

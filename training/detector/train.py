@@ -43,6 +43,7 @@ class Plan:
         seed: of weights, views and variations.
         checkpoint_s: seconds between checkpoints; ``log_every``: steps between lines of the curve.
         bf16: whether convolutions are computed in bfloat16.
+        workers: processes that make batches; 1: a thread beside the network.
     """
 
     steps: int
@@ -55,6 +56,7 @@ class Plan:
     checkpoint_s: float = 180.0
     log_every: int = 20
     bf16: bool = False
+    workers: int = 1
 
     def rate_at(self, step: int) -> float:
         """The learning rate of a step."""
@@ -114,7 +116,7 @@ class Training:
         begun, first, saved = time.perf_counter(), self.step, time.perf_counter()
         with _curve(self.out / "curve.csv", self.step) as write:
             sums: dict[str, float] = {}
-            for batch in self.views.batches(self.step, last, self.plan.batch):
+            for batch in self.views.batches(self.step, last, self.plan.batch, self.plan.workers):
                 for name, value in self.one_step(batch).items():
                     sums[name] = sums.get(name, 0.0) + value
                 if self.step % self.plan.log_every == 0 or self.step == last:
@@ -139,7 +141,7 @@ class Training:
             group["lr"] = self.plan.rate_at(self.step)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.plan.bf16):
-            said = self.network(batch.pictures.contiguous(memory_format=torch.channels_last))
+            said = self.network(batch.pictures.float() / 255.0)
         points, _ = places(batch.pictures.shape[2], batch.pictures.shape[3], self.device)
         parts = losses(said, points, batch)
         loss = torch.stack([WEIGHTS[name] * part for name, part in parts.items()]).sum()
@@ -213,12 +215,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--rate", type=float, default=2e-3, help="highest learning rate")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--workers", type=int, default=1, help="processes that make batches; 1: a thread")
     parser.add_argument("--bf16", action="store_true", help="convolutions in bfloat16")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     args = parser.parse_args(argv)
     torch.set_num_threads(args.threads)
     views = Views(read_packs(args.views, classes.load().names), args.seed)
-    plan = Plan(args.steps, args.batch, args.rate, seed=args.seed, bf16=args.bf16)
+    plan = Plan(args.steps, args.batch, args.rate, seed=args.seed, bf16=args.bf16, workers=args.workers)
     training = Training(plan, views, args.out, device=args.device)
     print(
         f"{n_parameters(training.network)} parameters, {len(views)} views, from step {training.step} of {plan.steps}",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from training.detector import classes
-from training.detector.pack import Pack, PackedView, _encoded
+from training.detector.pack import Pack, PackedView, encoded
 
 NAMES = classes.load()
 
@@ -14,7 +14,7 @@ NAMES = classes.load()
 @pytest.fixture(scope="session")
 def pack() -> Pack:
     """Eight robot views of 320 x 240 pixels: three coloured boxes each on a grey ramp; the colour is the class."""
-    rng, rows, jpegs, pngs = np.random.default_rng(4), [], [], []
+    rng, rows, pictures, id_pictures = np.random.default_rng(4), [], [], []
     ramp = np.linspace(90, 160, 320).astype(np.uint8)[None, :, None].repeat(240, axis=0).repeat(3, axis=2)
     colours = np.array([(220, 30, 30), (30, 200, 40), (40, 60, 220)], np.uint8)
     for _ in range(8):
@@ -28,6 +28,6 @@ def pack() -> Pack:
             labels.append(label)
             areas.append(w * h)
         rows.append(PackedView("robot", "flat", 1.38, boxes, labels, areas, sorted(set(labels)), 1))
-        jpegs.append(_encoded(".jpg", rgb[..., ::-1]))
-        pngs.append(_encoded(".png", ids))
-    return Pack("boxes", NAMES.names, tuple(rows), tuple(jpegs), tuple(pngs))
+        pictures.append(encoded(rgb[..., ::-1], 90))
+        id_pictures.append(encoded(ids))
+    return Pack("boxes", NAMES.names, tuple(rows), tuple(pictures), tuple(id_pictures))

@@ -68,7 +68,7 @@ def test_a_pack_gives_back_what_was_packed(views: list[TrainingView], pack: Pack
         assert (read.kind, read.light, read.room) == (view.kind, view.light, view.room)
         for name in ("ids", "boxes", "labels", "areas", "near"):
             assert (getattr(read, name) == getattr(view, name)).all(), name
-        assert np.abs(read.rgb.astype(int) - view.rgb).mean() < 6  # JPEG
+        assert np.abs(read.rgb.astype(int) - view.rgb).mean() < 6  # lossy
 
 
 def test_a_damaged_pack_is_none_and_goes(views: list[TrainingView], tmp_path: Path) -> None:
