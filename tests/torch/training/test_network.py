@@ -93,17 +93,17 @@ def test_the_best_places_inside_answer_and_a_tiny_object_gets_one() -> None:
     assert (assigned.quality[~assigned.positive] == 0).all()
 
 
-def test_a_place_answers_for_one_object_the_one_that_it_overlaps_most() -> None:
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_place_answers_for_one_object_the_one_that_it_overlaps_most(order: tuple[int, int]) -> None:
     points, _ = places(64, 64)
     boxes = boxes_of(torch.full((1, len(points), 4), 12.0), points)
-    targets = Targets(
-        torch.tensor([[[8.0, 8, 40, 40], [4, 4, 60, 60]]]), torch.tensor([[0, 0]]), torch.ones(1, 2, dtype=torch.bool)
-    )
+    two = torch.tensor([[[8.0, 8, 40, 40], [4, 4, 60, 60]]])[:, list(order)]
+    targets = Targets(two, torch.tensor([[0, 0]]), torch.ones(1, 2, dtype=torch.bool))
     assigned = assign(torch.zeros(1, len(points), 2), boxes, points, targets)
-    iou = pairwise_iou(targets.boxes, boxes)[0]
-    both = assigned.positive[0] & (assigned.owner[0] == 0)
-    assert both.any()
-    assert (iou[0, both] >= iou[1, both]).all()
+    iou, small = pairwise_iou(two, boxes)[0], order.index(0)
+    answers = assigned.positive[0] & (assigned.owner[0] == small)
+    assert answers.sum() == 10
+    assert (iou[small, answers] >= iou[1 - small, answers]).all()
 
 
 def test_masks_are_looked_at_inside_their_boxes() -> None:

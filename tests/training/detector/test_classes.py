@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import pytest
 
 from simulator.furniture.labels import KINDS, TARGETS
@@ -18,6 +21,14 @@ def test_it_holds_the_goals_the_openings_and_forty_kinds() -> None:
 
 def test_every_kind_of_furniture_has_a_class() -> None:
     assert [kind for kind in sorted(KINDS) if NAMES.number_of(kind) < 0] == []
+
+
+def test_every_word_of_the_table_means_its_class_and_no_other() -> None:
+    table = json.loads((Path(classes.__file__).parent / "data" / "classes.json").read_text(encoding="utf-8"))
+    assert [
+        w for name, words in table["classes"].items() for w in words if NAMES.names[NAMES.number_of(w)] != name
+    ] == []
+    assert [w for kind, words in table["rooms"].items() for w in words if NAMES.rooms[NAMES.room_of(w)] != kind] == []
 
 
 @pytest.mark.parametrize(
