@@ -120,7 +120,7 @@ def faults_of_commands(lines: Iterator[str]) -> Iterator[str]:
                 yield f"make {target}"
         if command := re.search(r"(?:^|[ /=])surveilnav +((?:--)?[a-z].*)$", line):
             yield from _faults_of_command(command[1].split())
-        for module in re.findall(r"python -m ((?:surveilnav|simulator|services|cli|benchmark)[\w.]*)", line):
+        for module in re.findall(r"python -m ((?:surveilnav|simulator|services|cli|benchmark|training)[\w.]*)", line):
             if importlib.util.find_spec(module) is None:
                 yield f"python -m {module}"
 

@@ -15,7 +15,7 @@ import pytest
 from importlinter.api import read_configuration
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("shared", "services", "simulator", "benchmark", "cli")
+PACKAGES = ("shared", "services", "simulator", "benchmark", "cli", "training")
 CONTRACTS = read_configuration(str(ROOT / "pyproject.toml"))["contracts_options"]
 
 #: By contract: packages that get one more module, and what it imports against the rule.
@@ -33,6 +33,7 @@ PLANTS = {
         "simulator": "benchmark",
     },
     "nothing imports the command line": {"benchmark": "cli.main", "services/fusion": "cli"},
+    "nothing imports training": {"benchmark": "training.detector", "shared/surveilnav/perception": "training"},
     "services don't import the benchmark": {"services/planner": "benchmark"},
     "only composition roots and files named simulated.py know the simulator": {
         "services/camera_node": "simulator.simulation",

@@ -1,0 +1,128 @@
+"""The network: its shapes and budget, assignment and losses against slow literal code, its ONNX file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.runtime import Runtime
+from training.detector import classes
+from training.detector.assign import Targets, assign, pairwise_iou
+from training.detector.export import export
+from training.detector.losses import giou, in_boxes
+from training.detector.network import Compact, boxes_of, n_parameters, places
+from training.detector.onnx_network import OnnxCompact, letterboxed
+from training.detector.onnx_network import places as places_of_file
+
+NAMES = classes.load()
+C, R = len(NAMES.names), len(NAMES.rooms)
+
+
+@pytest.fixture(scope="module")
+def network() -> Compact:
+    """Untrained, but every layer has a say."""
+    torch.manual_seed(0)
+    network = Compact(C, R).eval()
+    for module in network.modules():
+        if isinstance(module, torch.nn.BatchNorm2d):
+            torch.nn.init.uniform_(module.weight, 0.5, 1.5)
+    return network
+
+
+def test_it_keeps_its_budget(network: Compact) -> None:
+    assert n_parameters(network) <= 1_500_000
+
+
+@pytest.mark.parametrize(("height", "width"), [(64, 96), (128, 64)])
+def test_shapes(network: Compact, height: int, width: int) -> None:
+    said = network(torch.rand(2, 3, height, width))
+    L = sum(height // s * (width // s) for s in (8, 16, 32))
+    assert said.logits.shape == (2, L, C)
+    assert said.ltrb.shape == (2, L, 4)
+    assert (said.ltrb > 0).all()
+    assert said.prototypes.shape[2:] == (height // 4, width // 4)
+    assert said.coefficients.shape == (2, L, said.prototypes.shape[1])
+    assert said.near.shape == (2, C + R)
+    torch.testing.assert_close(said.embeddings.norm(dim=-1), torch.ones(2, L))
+    assert (places_of_file(height, width) == places(height, width)[0].numpy()).all()
+
+
+def random_boxes(n: int, seed: int) -> Tensor:
+    low = torch.rand(n, 2, generator=torch.Generator().manual_seed(seed)) * 60
+    return torch.cat([low, low + 5 + 40 * torch.rand(n, 2, generator=torch.Generator().manual_seed(seed + 1))], dim=1)
+
+
+def literal_giou(a: list[float], b: list[float]) -> tuple[float, float]:
+    """(IoU, generalised IoU)."""
+    w, h = max(0.0, min(a[2], b[2]) - max(a[0], b[0])), max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
+    union = (a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - w * h
+    around = (max(a[2], b[2]) - min(a[0], b[0])) * (max(a[3], b[3]) - min(a[1], b[1]))
+    return w * h / union, w * h / union - (around - union) / around
+
+
+def test_overlaps_are_what_their_papers_say() -> None:
+    a, b = random_boxes(20, 1), random_boxes(20, 3)
+    wanted = torch.tensor([literal_giou(x, y) for x, y in zip(a.tolist(), b.tolist(), strict=True)])
+    torch.testing.assert_close(pairwise_iou(a[None], b[None])[0].diagonal(), wanted[:, 0])
+    torch.testing.assert_close(giou(a, b), wanted[:, 1])
+
+
+def test_the_best_places_inside_answer_and_a_tiny_object_gets_one() -> None:
+    points, _ = places(64, 96)
+    boxes = boxes_of(torch.full((1, len(points), 4), 16.0), points)
+    targets = Targets(
+        torch.tensor([[[10.0, 10, 50, 50], [70, 20, 72, 22], [0, 0, 0, 0]]]), torch.tensor([[2, 1, 0]]),
+        torch.tensor([[True, True, False]]),
+    )  # fmt: skip
+    logits = torch.zeros(1, len(points), 5)
+    assigned = assign(logits, boxes, points, targets)
+    owners = assigned.owner[assigned.positive]
+    assert (owners == 0).sum() == 10
+    assert (owners == 1).sum() == 1
+    assert (owners == 2).sum() == 0
+    at = points[assigned.positive[0]][owners == 0]
+    assert ((at > 10) & (at < 50)).all()
+    iou = pairwise_iou(targets.boxes, boxes)[0]
+    assert assigned.quality.max() == pytest.approx(float(iou[0].max()))
+    assert float(assigned.quality[0, assigned.best[0, 0]]) == pytest.approx(float(iou[0].max()))
+    assert (assigned.quality[~assigned.positive] == 0).all()
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_place_answers_for_one_object_the_one_that_it_overlaps_most(order: tuple[int, int]) -> None:
+    points, _ = places(64, 64)
+    boxes = boxes_of(torch.full((1, len(points), 4), 12.0), points)
+    two = torch.tensor([[[8.0, 8, 40, 40], [4, 4, 60, 60]]])[:, list(order)]
+    targets = Targets(two, torch.tensor([[0, 0]]), torch.ones(1, 2, dtype=torch.bool))
+    assigned = assign(torch.zeros(1, len(points), 2), boxes, points, targets)
+    iou, small = pairwise_iou(two, boxes)[0], order.index(0)
+    answers = assigned.positive[0] & (assigned.owner[0] == small)
+    assert answers.sum() == 10
+    assert (iou[small, answers] >= iou[1 - small, answers]).all()
+
+
+def test_masks_are_looked_at_inside_their_boxes() -> None:
+    inside = in_boxes(torch.tensor([[1.0, 0.0, 3.0, 2.0]]), 3, 4)
+    assert inside[0].tolist() == [[0, 1, 1, 0], [0, 1, 1, 0], [0, 0, 0, 0]]
+
+
+def test_its_file_says_what_it_says(network: Compact, tmp_path: Path) -> None:
+    path = tmp_path / "compact.onnx"
+    assert 4 * n_parameters(network) < export(network, path) <= 8_000_000
+    rgb = np.random.default_rng(0).integers(0, 255, (60, 90, 3)).astype(np.uint8)
+    own = OnnxCompact(session(path, Runtime()), side_px=96)
+    answer = own.answer(rgb)
+    box, ratio = letterboxed(rgb, 96)
+    with torch.no_grad():
+        said = network(torch.from_numpy(box).permute(2, 0, 1)[None].float() / 255.0)
+    assert own.classes == NAMES.names
+    np.testing.assert_allclose(answer.scores, said.logits[0].sigmoid().numpy(), atol=1e-4)
+    wanted = boxes_of(said.ltrb[0], places(*box.shape[:2])[0]).numpy() / ratio
+    np.testing.assert_allclose(answer.xyxy, wanted, rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(answer.image, said.image[0].numpy(), atol=1e-4)
+    np.testing.assert_allclose(answer.prototypes, said.prototypes[0].numpy(), atol=1e-3)

@@ -1,0 +1,93 @@
+"""Training: batches, learning eight views by heart, going on after a kill."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from surveilnav.perception.boxes import Boxes, merged, overlaps
+from training.detector import classes
+from training.detector.data import CANVAS, Views, collate, plain, varied
+from training.detector.network import Shape, boxes_of, places
+from training.detector.pack import Pack
+from training.detector.train import Plan, Training
+
+NAMES = classes.load()
+TINY = Shape(stem=8, channels=(16, 24, 32, 32), blocks=(0, 1, 1, 0), neck=32, head=1, prototypes=4, embedding=16)
+
+
+def test_varied_views_keep_boxes_and_ids_together(pack: Pack) -> None:
+    seen = 0
+    for seed in range(30):
+        example = varied(pack.view(seed % 8), CANVAS["robot"], np.random.default_rng(seed))
+        assert example.rgb.shape == (256, 320, 3)
+        for number, box in enumerate(example.boxes, start=1):
+            rows, columns = np.nonzero(example.ids == number)
+            assert box.tolist() == [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+        assert example.ids.max(initial=0) == len(example.labels)
+        seen += len(example.labels)
+    assert seen > 30
+
+
+def test_a_step_has_its_batch(pack: Pack) -> None:
+    views = Views([pack], seed=2)
+    one, again, other = views.batch(5, 4), views.batch(5, 4), views.batch(6, 4)
+    assert torch.equal(one.pictures, again.pictures)
+    assert torch.equal(one.targets.boxes, again.targets.boxes)
+    assert not torch.equal(one.pictures, other.pictures)
+    ahead = list(views.batches(5, 7, 4))
+    assert torch.equal(ahead[0].pictures, one.pictures)
+    assert torch.equal(ahead[1].ids, other.ids)
+
+
+@pytest.mark.slow
+def test_processes_make_the_same_batches(pack: Pack) -> None:
+    views = Views([pack], seed=2)
+    made = list(views.batches(3, 6, 2, workers=2))
+    assert all(torch.equal(views.batch(3 + i, 2).pictures, batch.pictures) for i, batch in enumerate(made))
+
+
+def test_after_a_kill_it_ends_with_the_same_weights(pack: Pack, tmp_path: Path) -> None:
+    views, plan = Views([pack]), Plan(steps=4, batch=2, log_every=1)
+    whole = Training(plan, views, tmp_path / "whole", TINY)
+    whole.run()
+    killed = Training(plan, views, tmp_path / "parts", TINY)
+    killed.run(until=2)
+    kept = killed.checkpoint.read_bytes()
+    killed.run(until=3)
+    killed.checkpoint.write_bytes(kept)  # as if it had been killed before step 3 was saved
+    resumed = Training(plan, views, tmp_path / "parts", TINY)
+    assert resumed.step == 2
+    resumed.run()
+    for name in ("network", "mean"):
+        for a, b in zip(getattr(whole, name).parameters(), getattr(resumed, name).parameters(), strict=True):
+            assert torch.equal(a, b)
+    rows = list(csv.DictReader((tmp_path / "parts" / "curve.csv").open(encoding="utf-8")))
+    assert [row["step"] for row in rows] == ["1", "2", "3", "4"]
+    assert (tmp_path / "parts" / "curve.png").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_it_learns_eight_views_by_heart(pack: Pack, tmp_path: Path) -> None:
+    training = Training(Plan(steps=120, rate=4e-3, warm_up=10), Views([pack]), tmp_path, TINY)
+    batch = collate([plain(pack.view(i), CANVAS["robot"]) for i in range(8)])
+    course = [training.one_step(batch)["loss"] for _ in range(120)]
+    assert np.mean(course[-5:]) < 0.5 * np.mean(course[:5])
+    with torch.no_grad():
+        said = training.mean(batch.pictures.float() / 255.0)
+    found = things = 0
+    points, _ = places(256, 320)
+    for i in range(8):
+        xyxy, scores = boxes_of(said.ltrb[i], points).numpy(), said.logits[i].sigmoid().numpy()
+        keep = scores.max(axis=1) > 0.2
+        boxes = merged(Boxes(xyxy[keep], scores[keep], NAMES.names), 0.6)
+        true = pack.view(i)
+        iou, _ = overlaps(true.boxes, boxes.xyxy)
+        right = np.array(boxes.labels)[None, :] == np.array(NAMES.names)[true.labels][:, None]
+        found += int(((iou >= 0.5) & right).any(axis=1).sum()) if len(boxes) else 0
+        things += len(true.labels)
+    assert found >= 0.8 * things

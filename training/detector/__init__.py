@@ -1,0 +1,1 @@
+"""The detector ``compact``: from rendered views to weights of our own."""

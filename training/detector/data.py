@@ -1,0 +1,229 @@
+"""Batches for training: views drawn, decoded and varied anew at every step, the same for the same seed and step.
+
+A step's views are all of one kind, so that a batch has one size. Varying: mirror, zoom, crop, clutter that hides, colour,
+gamma, blur, noise, JPEG. Boxes are taken from the varied ids, so that they are exact after every crop.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from training.detector.assign import Targets
+from training.detector.losses import Batch
+from training.detector.pack import Pack
+from training.detector.poses import Kind
+from training.detector.views import MIN_AREA_PX, MIN_SIDE_PX, TrainingView
+
+#: (width, height) of batches; multiples of 32.
+CANVAS: dict[Kind, tuple[int, int]] = {"robot": (320, 256), "camera": (320, 320)}
+_ROBOT_SHARE = 0.6
+_ZOOM = (0.75, 1.6)
+_GREY = 114
+#: Chances of each way of varying.
+_CLUTTER, _BLUR, _NOISE, _JPEG = 0.3, 0.15, 0.3, 0.3
+_AHEAD = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Example:
+    """One varied view: ``rgb`` (H, W, 3) uint8, ``ids`` (H, W) uint8, ``boxes`` (N, 4) float32, ``labels`` (N,) int64 of
+    the objects 1 to N of ``ids``; ``near`` (C,) bool, ``room`` as in ``TrainingView``."""
+
+    rgb: NDArray[np.uint8]
+    ids: NDArray[np.uint8]
+    boxes: NDArray[np.float32]
+    labels: NDArray[np.int64]
+    near: NDArray[np.bool_]
+    room: int
+
+
+class Views:
+    """All views of some packs, drawn by seed and step."""
+
+    def __init__(self, packs: Sequence[Pack], seed: int = 0) -> None:
+        self._packs, self._seed = packs, seed
+        self._rows: dict[Kind, list[tuple[int, int]]] = {"robot": [], "camera": []}
+        for p, pack in enumerate(packs):
+            for i, view in enumerate(pack.views):
+                self._rows["robot" if view.kind == "robot" else "camera"].append((p, i))
+
+    def __len__(self) -> int:
+        return sum(map(len, self._rows.values()))
+
+    def batch(self, step: int, size: int) -> Batch:
+        """The batch of a step."""
+        rng = np.random.default_rng([self._seed, step])
+        kinds: list[Kind] = [kind for kind in ("robot", "camera") if self._rows[kind]]
+        kind = kinds[0] if len(kinds) == 1 or rng.random() < _ROBOT_SHARE else kinds[1]
+        rows = self._rows[kind]
+        chosen = [rows[i] for i in rng.integers(len(rows), size=size)]
+        return collate([varied(self._packs[p].view(i), CANVAS[kind], rng) for p, i in chosen])
+
+    def batches(self, first: int, last: int, size: int, workers: int = 1) -> Iterator[Batch]:
+        """The batches of steps ``first`` to ``last`` - 1, made ahead: on one thread, or by several processes."""
+        with _pool(self, workers) as pool:
+            make = self.batch if workers <= 1 else _batch_of_worker
+            waiting: deque[Future[Batch]] = deque()
+            for step in range(first, last):
+                while len(waiting) < _AHEAD * workers and step + len(waiting) < last:
+                    waiting.append(pool.submit(make, step + len(waiting), size))
+                yield waiting.popleft().result()
+
+
+def _pool(views: Views, workers: int) -> Executor:
+    if workers <= 1:
+        return ThreadPoolExecutor(1)
+    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin_worker, (views,))
+
+
+_OF_WORKER: list[Views] = []
+
+
+def _begin_worker(views: Views) -> None:
+    """A process takes the views once; OpenCV's own threads would only get into the others' way."""
+    cv2.setNumThreads(0)
+    torch.set_num_threads(1)
+    _OF_WORKER[:] = [views]
+
+
+def _batch_of_worker(step: int, size: int) -> Batch:
+    return _OF_WORKER[0].batch(step, size)
+
+
+def varied(view: TrainingView, canvas: tuple[int, int], rng: np.random.Generator) -> Example:
+    """A view as it is never seen again, on a canvas of (width, height)."""
+    rgb, ids = _framed(view, canvas, rng)
+    if rng.random() < _CLUTTER:
+        _clutter(rgb, ids, rng)
+    rgb = _recoloured(rgb, rng)
+    boxes, labels, ids = _objects(ids, view.labels)
+    return Example(_spoilt(rgb, rng), ids, boxes, labels, view.near, view.room)
+
+
+def plain(view: TrainingView, canvas: tuple[int, int]) -> Example:
+    """A view as it is, at the top left of the canvas, reduced if it is larger."""
+    height, width = view.ids.shape
+    zoom = min(1.0, canvas[0] / width, canvas[1] / height)
+    rgb, ids = _warped(view, canvas, np.array([[zoom, 0, 0], [0, zoom, 0]], np.float64), _GREY)
+    boxes, labels, ids = _objects(ids, view.labels)
+    return Example(rgb, ids, boxes, labels, view.near, view.room)
+
+
+def _framed(
+    view: TrainingView, canvas: tuple[int, int], rng: np.random.Generator
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Mirrored or not, zoomed, and shifted so that picture and canvas overlap as far as they can."""
+    height, width = view.ids.shape
+    zoom = canvas[0] / width * float(np.exp(rng.uniform(*np.log(_ZOOM))))
+    shift = [
+        rng.uniform(min(0.0, room), max(0.0, room)) for room in (canvas[0] - zoom * width, canvas[1] - zoom * height)
+    ]
+    move = np.array([[zoom, 0, shift[0]], [0, zoom, shift[1]]], np.float64)
+    if rng.random() < 0.5:
+        move[0] = [-zoom, 0, shift[0] + zoom * (width - 1)]
+    return _warped(view, canvas, move, int(rng.integers(60, 180)))
+
+
+def _warped(
+    view: TrainingView, canvas: tuple[int, int], move: NDArray[np.float64], grey: int
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    rgb = view.rgb
+    if abs(move[0, 0]) < 0.8:  # what is reduced by samples alone gets jagged
+        rgb = cv2.GaussianBlur(rgb, (0, 0), 0.4 / abs(float(move[0, 0]))).astype(np.uint8)
+    moved = cv2.warpAffine(rgb, move, canvas, flags=cv2.INTER_LINEAR, borderValue=(grey, grey, grey))
+    ids = cv2.warpAffine(view.ids, move, canvas, flags=cv2.INTER_NEAREST, borderValue=0)
+    return moved.astype(np.uint8), ids.astype(np.uint8)
+
+
+def _clutter(rgb: NDArray[np.uint8], ids: NDArray[np.uint8], rng: np.random.Generator) -> None:
+    """Some ellipses and boxes of one colour with stripes hide parts, in place."""
+    height, width = ids.shape
+    for _ in range(rng.integers(1, 4)):
+        size = rng.uniform(0.03, 0.2, 2) * (width, height)
+        middle = (int(rng.integers(width)), int(rng.integers(height)))
+        angle = float(rng.uniform(0, 180))
+        hidden = np.zeros_like(ids)
+        if rng.random() < 0.5:
+            cv2.ellipse(hidden, middle, (int(size[0]) + 1, int(size[1]) + 1), angle, 0, 360, 1, -1)
+        else:
+            corners = cv2.boxPoints((middle, (2 * float(size[0]), 2 * float(size[1])), angle))
+            cv2.fillConvexPoly(hidden, corners.astype(np.int32), 1)
+        where = hidden > 0
+        stripes = rng.uniform(0, 40) * np.sin(np.arange(width) / rng.uniform(1, 8))
+        colour = rng.uniform(0, 255, 3) + stripes[np.nonzero(where)[1], None]
+        rgb[where], ids[where] = np.clip(colour, 0, 255).astype(np.uint8), 0
+
+
+def _recoloured(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Another exposure, white balance, contrast, gamma and saturation."""
+    x = np.linspace(0, 1, 256)
+    gamma, gain = np.exp(rng.normal(0, 0.25)), np.exp(rng.normal(0, 0.2))
+    tint, lift = np.exp(rng.normal(0, 0.07, 3)), rng.normal(0, 0.05)
+    table = np.clip(255 * (lift + gain * tint[None, :] * x[:, None] ** gamma), 0, 255).astype(np.uint8)
+    out = np.stack([table[:, k][rgb[..., k]] for k in range(3)], axis=-1)
+    grey = cv2.cvtColor(out, cv2.COLOR_RGB2GRAY)[..., None].repeat(3, axis=2)
+    share = float(np.clip(rng.normal(1.0, 0.3), 0.0, 1.6))
+    mixed: NDArray[np.uint8] = cv2.addWeighted(out, share, grey, 1.0 - share, 0.0).astype(np.uint8)
+    return mixed
+
+
+def _spoilt(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Blur, noise and JPEG, each at times."""
+    blurs, noises, packs = rng.random(3) < (_BLUR, _NOISE, _JPEG)
+    if blurs:
+        rgb = cv2.GaussianBlur(rgb, (0, 0), float(rng.uniform(0.4, 1.5))).astype(np.uint8)
+    if noises:
+        coarse = rng.normal(0, rng.uniform(2, 10), rgb.shape).astype(np.float32)
+        rgb = np.clip(rgb + coarse, 0, 255).astype(np.uint8)
+    if packs:
+        _, data = cv2.imencode(".jpg", rgb, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(40, 90))])
+        decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        assert decoded is not None
+        rgb = decoded.astype(np.uint8)
+    return rgb
+
+
+def _objects(
+    ids: NDArray[np.uint8], labels: NDArray[np.int64]
+) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.uint8]]:
+    """(boxes, labels, ids renumbered) of the objects that still show enough."""
+    areas = np.bincount(ids.ravel(), minlength=len(labels) + 1)
+    table, boxes, kept = np.zeros(256, np.uint8), [], []
+    for number, place in enumerate(ndimage.find_objects(ids, max_label=len(labels)), start=1):
+        if place is None or areas[number] < MIN_AREA_PX:
+            continue
+        rows, cols = place
+        if min(rows.stop - rows.start, cols.stop - cols.start) >= MIN_SIDE_PX:
+            boxes.append((cols.start, rows.start, cols.stop, rows.stop))
+            kept.append(labels[number - 1])
+            table[number] = len(boxes)
+    return np.array(boxes, np.float32).reshape(-1, 4), np.array(kept, np.int64), table[ids]
+
+
+def collate(examples: Sequence[Example]) -> Batch:
+    """One batch of examples of one size."""
+    most = max((len(e.labels) for e in examples), default=0)
+    boxes = np.zeros((len(examples), most, 4), np.float32)
+    labels = np.zeros((len(examples), most), np.int64)
+    real = np.zeros((len(examples), most), bool)
+    for b, e in enumerate(examples):
+        n = len(e.labels)
+        boxes[b, :n], labels[b, :n], real[b, :n] = e.boxes, e.labels, True
+    pictures = torch.from_numpy(np.stack([e.rgb for e in examples])).permute(0, 3, 1, 2)  # channels last, in memory
+    ids = np.stack([e.ids[2::4, 2::4] for e in examples])
+    return Batch(
+        pictures, torch.from_numpy(ids),
+        Targets(torch.from_numpy(boxes), torch.from_numpy(labels), torch.from_numpy(real)),
+        torch.from_numpy(np.stack([e.near for e in examples]).astype(np.float32)),
+        torch.tensor([e.room for e in examples]),
+    )  # fmt: skip

@@ -1,0 +1,159 @@
+"""What ``compact`` finds in views that training never saw, beside a COCO detector on the same views.
+
+    python -m training.detector.evaluate --network runs/compact/compact.onnx --views data/views/val \\
+        [--beside yolox-nano] [--threads 1]
+
+AP50 by class, robot and camera views apart; an object counts if it shows at least ``--min-pixels`` pixels as sensed. Mask
+IoU is with true boxes. Times are of whole calls at equal pixels (416 x 416), taken in turn in one run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.furniture.labels import TARGETS
+from surveilnav.perception import models
+from surveilnav.perception.boxes import Boxes, merged, overlaps
+from surveilnav.perception.detectors import coco
+from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.runtime import Runtime
+from training.detector import classes
+from training.detector.average_precision import ClassTally
+from training.detector.onnx_network import OnnxCompact
+from training.detector.pack import read_packs
+from training.detector.views import TrainingView
+
+_SAME_THING_IOU = 0.6
+_SIDE = 416
+
+
+class Finds(Protocol):
+    """What finds boxes in a picture."""
+
+    name: str
+
+    def detect(self, rgb: NDArray[np.uint8]) -> Boxes: ...
+
+
+class Tally:
+    """AP by class of one detector in one kind of views."""
+
+    def __init__(self, names: Sequence[str], min_pixels: int) -> None:
+        self.names, self.min_pixels = tuple(names), min_pixels
+        self.by_class = {name: ClassTally() for name in names}
+
+    def add(self, view: TrainingView, found: Boxes) -> None:
+        """Judges what was found in a view."""
+        known = classes.load().names
+        words = list(found.words)
+        for name in self.names:
+            mine = view.labels == known.index(name)
+            scores = found.scores[:, words.index(name)] if name in words else np.zeros(len(found), np.float32)
+            said = scores > 0
+            self.by_class[name].add(
+                found.xyxy[said], scores[said], view.boxes[mine], view.areas[mine] >= self.min_pixels
+            )
+
+    def mean(self, names: Sequence[str]) -> float:
+        """Mean AP over those of the classes that have objects."""
+        values = [self.by_class[name].ap for name in names if self.by_class[name].objects]
+        return float(np.mean(values)) if values else float("nan")
+
+
+def mask_ious(network: OnnxCompact, view: TrainingView, min_pixels: int) -> Iterator[float]:
+    """IoU of each counted target's mask inside its true box, by the place whose box of its class fits best."""
+    known, answer = classes.load().names, network.answer(view.rgb)
+    iou, _ = overlaps(view.boxes, answer.xyxy)
+    for i, label in enumerate(view.labels.tolist()):
+        if known[label] not in TARGETS or view.areas[i] < min_pixels:
+            continue
+        place = int(np.argmax(iou[i] * np.sqrt(answer.scores[:, label])))
+        box = tuple(float(v) for v in view.boxes[i])
+        mask = answer.mask(place, box, *view.ids.shape)  # type: ignore[arg-type]
+        true = view.ids == i + 1
+        yield float((mask & true).sum() / max(1, (mask | true).sum()))
+
+
+class _Merged:
+    """A COCO network whose doubles are merged, as they are when it is used."""
+
+    def __init__(self, network: coco.Network) -> None:
+        self.name, self._network = network.name, network
+
+    def detect(self, rgb: NDArray[np.uint8]) -> Boxes:
+        return merged(self._network.detect(rgb), _SAME_THING_IOU)
+
+
+def beside(name: str, threads: int) -> _Merged:
+    """A COCO detector by name, from ``SURVEILNAV_MODELS_DIR`` or the cache."""
+    return _Merged(coco.load(models.find(name, download=False), models.family(name), Runtime(threads=threads)))
+
+
+def times_ms(detectors: Sequence[Finds], n: int = 20) -> dict[str, float]:
+    """Least processor milliseconds of a square picture of 416 pixels, taken in turn: what else runs doesn't count."""
+    rgb = np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE, 3)).astype(np.uint8)
+    taken: defaultdict[str, list[float]] = defaultdict(list)
+    for _ in range(n):
+        for detector in detectors:
+            start = time.process_time()
+            detector.detect(rgb)
+            taken[detector.name].append(1e3 * (time.process_time() - start))
+    return {name: min(values) for name, values in taken.items()}
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """See the module's docstring."""
+    parser = argparse.ArgumentParser(prog="training.detector.evaluate", description=__doc__.partition("\n")[0])
+    parser.add_argument("--network", type=Path, required=True, help="the ONNX file")
+    parser.add_argument("--views", type=Path, required=True, help="packs made with --as-sensed")
+    parser.add_argument("--beside", default="yolox-nano", help="a COCO detector; empty: none")
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--min-pixels", type=int, default=400)
+    args = parser.parse_args(argv)
+    own = OnnxCompact(session(args.network, Runtime(threads=args.threads)))
+    detectors: list[Finds] = [own, *([beside(args.beside, args.threads)] if args.beside else [])]
+    packs = read_packs(args.views, own.classes)
+    tallies: dict[tuple[str, str], Tally] = {}
+    masks: defaultdict[str, list[float]] = defaultdict(list)
+    views: defaultdict[str, int] = defaultdict(int)
+    for pack in packs:
+        for i in range(len(pack.views)):
+            view = pack.view(i)
+            views[view.kind] += 1
+            masks[view.kind] += mask_ious(own, view, args.min_pixels)
+            for detector in detectors:
+                tally = tallies.setdefault((view.kind, detector.name), Tally(own.classes, args.min_pixels))
+                tally.add(view, detector.detect(view.rgb))
+    for line in lines(tallies, {kind: float(np.mean(values)) for kind, values in masks.items() if values}, dict(views)):
+        print(line)
+    print(
+        f"processor ms at 416 x 416, {args.threads} threads:",
+        ", ".join(f"{name} {ms:.1f}" for name, ms in times_ms(detectors).items()),
+    )
+
+
+def lines(tallies: dict[tuple[str, str], Tally], masks: dict[str, float], views: dict[str, int]) -> Iterator[str]:
+    """A table for people."""
+    for kind in sorted(views, reverse=True):
+        yield f"## {kind}: {views[kind]} views; mask IoU with true boxes {masks.get(kind, float('nan')):.2f}"
+        shown = {name: tally for (of, name), tally in tallies.items() if of == kind}
+        for name, tally in shown.items():
+            goals = ", ".join(f"{c} {tally.by_class[c].ap:.2f} ({tally.by_class[c].objects})" for c in TARGETS)
+            yield f"{name}: AP50 of the six {tally.mean(TARGETS):.3f}: {goals}"
+        own = next(iter(shown.values()))
+        others = [c for c in own.names if c not in TARGETS and own.by_class[c].objects]
+        yield f"all {len(others) + len(TARGETS)} classes {own.mean(own.names):.3f}: " + ", ".join(
+            f"{c} {own.by_class[c].ap:.2f} ({own.by_class[c].objects})" for c in others
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""Writes ``compact`` as an ONNX file from a checkpoint.
+
+    python -m training.detector.export --checkpoint runs/compact/checkpoint.pt --out runs/compact/compact.onnx
+
+Input ``picture`` (1, H, W, 3) uint8 RGB; H and W are multiples of 32. Outputs, L places: ``scores`` (L, C), ``ltrb`` (L, 4)
+[pixels], ``coefficients`` (L, K), ``embeddings`` (L, D), ``prototypes`` (K, H / 4, W / 4), ``image`` (D,), ``near`` (C + R,)
+chances. The file's metadata names classes and rooms; its initialisers ``class_vectors`` and ``near_vectors`` aren't used by
+the graph's outputs and lie beside it, in the metadata as JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import onnx
+import torch
+from torch import Tensor, nn
+
+from surveilnav.stored import replacing
+from training.detector import classes
+from training.detector.network import Compact, Shape
+
+OUTPUTS = ("scores", "ltrb", "coefficients", "embeddings", "prototypes", "image", "near")
+_OPSET = 17
+
+
+class _OnePicture(nn.Module):
+    """The network on one picture of bytes, with chances for logits."""
+
+    def __init__(self, network: Compact) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, picture: Tensor) -> tuple[Tensor, ...]:
+        said = self.network(picture.permute(0, 3, 1, 2).float() / 255.0)
+        return (
+            said.logits[0].sigmoid(), said.ltrb[0], said.coefficients[0], said.embeddings[0], said.prototypes[0],
+            said.image[0], said.near[0].sigmoid(),
+        )  # fmt: skip
+
+
+def export(network: Compact, path: Path) -> int:
+    """Writes the file; returns its size in bytes."""
+    wrapped, buffer = _OnePicture(network).eval(), io.BytesIO()
+    sides = {1: "height", 2: "width"}
+    torch.onnx.export(
+        wrapped, (torch.zeros((1, 256, 320, 3), dtype=torch.uint8),), buffer, input_names=["picture"],
+        output_names=list(OUTPUTS), opset_version=_OPSET, dynamo=False,
+        dynamic_axes={"picture": sides, "prototypes": {1: "rows", 2: "columns"}}
+        | {name: {0: "places"} for name in OUTPUTS[:4]},
+    )  # fmt: skip
+    model = onnx.load_model_from_string(buffer.getvalue())
+    names = classes.load()
+    for key, value in {
+        "classes": list(names.names), "rooms": list(names.rooms),
+        "class_vectors": _rounded(network.classes.vectors), "near_vectors": _rounded(network.surroundings.vectors),
+    }.items():  # fmt: skip
+        entry = model.metadata_props.add()
+        entry.key, entry.value = key, json.dumps(value)
+    with replacing(path) as file:
+        file.write(model.SerializeToString())
+    return path.stat().st_size
+
+
+def _rounded(vectors: Tensor) -> list[list[float]]:
+    """Unit rows."""
+    return [[round(float(v), 5) for v in row] for row in nn.functional.normalize(vectors.detach(), dim=1)]
+
+
+def load_network(checkpoint: Path) -> Compact:
+    """The mean network of a checkpoint."""
+    names, kept = classes.load(), torch.load(checkpoint, map_location="cpu", weights_only=True)
+    network = Compact(len(names.names), len(names.rooms), Shape(**kept["shape"]))
+    network.load_state_dict(kept["mean"])
+    network.eval()
+    return network
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """See the module's docstring."""
+    parser = argparse.ArgumentParser(prog="training.detector.export", description=__doc__.partition("\n")[0])
+    parser.add_argument("--checkpoint", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    args = parser.parse_args(argv)
+    print(f"{args.out}: {export(load_network(args.checkpoint), args.out) / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    main()
