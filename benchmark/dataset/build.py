@@ -39,7 +39,8 @@ DENSITIES_M2 = (100, 200)
 RULES = {
     "edition": EDITION,
     "floors": "the building's storeys",
-    "cameras": "one per 100 (200) m2 of floor indoors, rounded up, 1.8 m high, bad viewpoints skipped, farthest-point sampling",
+    "cameras": "one per 100 (200) m2 of floor indoors, rounded up, 1.8 m high, bad viewpoints skipped, farthest-point sampling; "
+    "none on floors that robots can't get to",
     "views": "12 at -30 degrees every 30 degrees of azimuth and one straight down, 1280x1280",
     "viewpoints": "navigable, at most 1 m from the object's box, the object in sight from 0.88 m",
     "starts": "way of 0.2 to 30 m on a floor with a goal, at least 1.05 times the straight line, any yaw",
