@@ -76,7 +76,8 @@ def is_real_home(scene: str) -> bool:
     return not is_generated(scene.rpartition("-s")[0])
 
 
-#: 30 of the first candidates that give (in v1 and in v2) the paper's counts with the val homes: ``python -m benchmark.dataset.choose``.
+#: 30 of the first candidates that give the paper's counts with the val homes, in v1 and in v2:
+#: ``python -m benchmark.dataset.choose``.
 VAL_GENERATED = (
     "office_0", "flats_0", "office_1", "flats_1", "office_2", "flats_2", "office_3", "flats_3", "flats_4", "office_5",
     "flats_5", "office_6", "flats_6", "office_7", "flats_7", "flats_8", "office_9", "flats_9", "office_10", "flats_10",
