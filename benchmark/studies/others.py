@@ -64,11 +64,11 @@ def _head(before: Mapping[str, Home], after: Mapping[str, Home], files: Sequence
     then, now = ([s for f in files if (s := _share(homes.get(f))) is not None] for homes in (before, after))
     return "\n".join([
         "# Homes of others", "",
-        f"**Of {len(files)} homes that other people published robots reach at least {_ENOUGH:.0%} of the free floor in "
-        f"{sum(s >= _ENOUGH for s in now)}; before this work in {sum(s >= _ENOUGH for s in then)}.** "
-        f"{len(now)} could be read and have floor, before {len(then)}.", "",
-        "Made by `python -m benchmark.studies.others` from `surveilnav homes FOLDER --json`. The homes are in public "
-        "repositories, and not in this one.", "",
+        f"**In {sum(s >= _ENOUGH for s in now)} of {len(files)} homes robots reach at least {_ENOUGH:.0%} of the free floor; "
+        f"before in {sum(s >= _ENOUGH for s in then)}.** {len(now)} could be read and have floor, before {len(then)}.", "",
+        "Other people published these homes in public repositories. None of them is in this one. "
+        "`surveilnav homes FOLDER --json` surveyed them, *before* by the program of dataset v1. "
+        "`python -m benchmark.studies.others` wrote the page.", "",
     ])  # fmt: skip
 
 
@@ -120,7 +120,9 @@ def _reasons(after: Mapping[str, Home], names: Mapping[str, str], files: Iterabl
         if "error" in home:
             why = home["error"]
         elif share is None or share < _ENOUGH:
-            why = home["says"].partition("m²: ")[2] or "it has no floor indoors"
+            why = home["says"].partition("m²: ")[2] or (
+                "places too small to be named" if share else "it has no floor indoors"
+            )
         else:
             continue
         lines.append(f"| {_name(file, names)} | {_cell(why)} |")
@@ -129,7 +131,10 @@ def _reasons(after: Mapping[str, Home], names: Mapping[str, str], files: Iterabl
 
 def _searches(runs: Mapping[str, Sequence[EpisodeRecord]]) -> str:
     scenes = sorted({r.scene for records in runs.values() for r in records})
-    lines = ["## Searches", "", "Successes of searches, on pixels, and their SPL in percent.", "",
+    lines = ["## Searches", "",
+             "Successes of searches, and their SPL in percent. Real detectors (`onnx-coco`) look at rendered pixels; there is a "
+             "camera for 100 m². `surveilnav dataset build --building FILE --split others` drew the searches, and "
+             "`surveilnav bench run --split others` played them.", "",
              "| home | with cameras | SPL | without | SPL |", "|---|---|---|---|---|"]  # fmt: skip
     for scene in scenes:
         lines.append(f"| {_cell(scene)} | {_counted(runs, lambda r, scene=scene: r.scene == scene)} |")

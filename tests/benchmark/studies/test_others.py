@@ -30,7 +30,7 @@ def search(**changes):
 def test_before_and_after_stand_side_by_side():
     names = {"a/home.sh3d": "ann/flat: plans/home.sh3d"}
     text = others.page({"a/home.sh3d": HALF}, {"a/home.sh3d": WHOLE}, names, {})
-    assert "robots reach at least 85% of the free floor in 1; before this work in 0" in text
+    assert "**In 1 of 1 homes robots reach at least 85% of the free floor; before in 0.**" in text
     row = "| ann/flat: plans/home.sh3d | 2 | 3 | 10 of 20 | 50 | 18 of 20 | 90 | 0 of 0 | 3 of 4 |"
     assert row in text.splitlines()
     assert "no stair" not in text
