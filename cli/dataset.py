@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="The collaborative dataset: buildings, cameras, episodes.")
 console = Console(stderr=True, highlight=False)
 
-DEFAULT_ROOT = Path("data/surveilnav-v1")
+DEFAULT_ROOT = Path("data/surveilnav-v2")
 Root = Annotated[Path, typer.Option(help="The dataset's folder.")]
 AsJson = Annotated[
     bool,

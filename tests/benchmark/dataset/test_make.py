@@ -14,10 +14,11 @@ from benchmark.dataset.check import check
 from benchmark.dataset.load import load_scene
 from benchmark.dataset.make import _work, make, write_manifest
 from benchmark.dataset.show import draw
-from benchmark.dataset.splits import SplitSpec, own_split, quotas, splits_of, take
+from benchmark.dataset.splits import EDITION, SplitSpec, own_split, quotas, splits_of, take
 from benchmark.runner.basis import basis_of
 from benchmark.runner.run import run
 from benchmark.runner.settings import RunSettings
+from cli.dataset import DEFAULT_ROOT
 from simulator.meshes import export_glb
 from simulator.sources import open_building
 from surveilnav.errors import ConfigError
@@ -467,3 +468,7 @@ def test_pictures_show_floors(dataset, tmp_path):
     assert 0.2 * drawn.area_m2 < drawn.seen_m2 < 0.9 * drawn.area_m2
     with pytest.raises(ConfigError, match="no scene"):
         draw(dataset, "val_mini", "castle-s1", tmp_path)
+
+
+def test_the_folder_that_is_used_unasked_is_named_by_the_edition():
+    assert DEFAULT_ROOT.name == f"surveilnav-{EDITION}"
