@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from cli.dataset import DEFAULT_ROOT, AsJson, Root
+from cli.dataset import DEFAULT_ROOT, Root
+from cli.options import AsJson
 
 if TYPE_CHECKING:
     from benchmark.runner.run import Finished

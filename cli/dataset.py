@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from cli.options import BUILDING_KINDS, AsJson
+
 if TYPE_CHECKING:
     from benchmark.dataset.splits import SplitSpec
 
@@ -21,10 +23,6 @@ console = Console(stderr=True, highlight=False)
 
 DEFAULT_ROOT = Path("data/surveilnav-v2")
 Root = Annotated[Path, typer.Option(help="The dataset's folder.")]
-AsJson = Annotated[
-    bool,
-    typer.Option("--json", help='One JSON object on stdout, {"error": ...} if it fails; everything else on stderr.'),
-]
 
 
 @app.command()
@@ -34,10 +32,7 @@ def build(
     ] = None,
     building: Annotated[
         list[str] | None,
-        typer.Option(
-            help="For a split of your own: a name of `surveilnav buildings`, or the path of a .sh3d file, a Home.xml, a .glb, "
-            "an .obj or a folder of HM3D."
-        ),
+        typer.Option(help=f"For a split of your own: {BUILDING_KINDS}."),
     ] = None,
     episodes: Annotated[
         int | None, typer.Option(min=1, help="Of a split of your own, in each building; 10 if not said.")

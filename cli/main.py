@@ -17,6 +17,7 @@ from rich.console import Console
 
 from cli import bench, dataset, models
 from cli.mistakes import as_object, in_words
+from cli.options import BUILDING_KINDS, AsJson
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception.names import BackendName
 
@@ -38,13 +39,7 @@ class OnOff(StrEnum):
     off = "off"
 
 
-Building = Annotated[
-    str,
-    typer.Option(
-        help="A name of `surveilnav buildings` (an example home, office_7, flats_7, parametric_flat, ...), or the path of a "
-        ".sh3d file, a Home.xml, a .glb, an .obj or a folder of HM3D."
-    ),
-]
+Building = Annotated[str, typer.Option(help=f"Which building: {BUILDING_KINDS}.")]
 Seed = Annotated[int, typer.Option(min=0, help="Draws furniture models, textures, start and sensor noise.")]
 Cameras = Annotated[int | None, typer.Option(min=0, max=10_000, help="So many cameras in all (4 if no area is given).")]
 Area = Annotated[float | None, typer.Option(min=1.0, help="One camera for so many square metres of floor.")]
@@ -54,10 +49,6 @@ Everywhere = Annotated[
 Perception = Annotated[BackendName, typer.Option(help="What looks at the pictures; auto takes the best that can run.")]
 Text = Annotated[
     str, typer.Argument(help="What looks most like it comes first; a perception with a closed set refuses other words.")
-]
-AsJson = Annotated[
-    bool,
-    typer.Option("--json", help='One JSON object on stdout, {"error": ...} if it fails; everything else on stderr.'),
 ]
 Url = Annotated[str, typer.Option(envvar="SURVEILNAV_URL", help="The gateway.")]
 DEFAULT_URL = "http://127.0.0.1:8080"

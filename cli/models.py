@@ -11,16 +11,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from cli.options import AsJson
 from cli.progress import downloading
 from surveilnav.perception import models
 
 app = typer.Typer(no_args_is_help=True, help="Detectors, segmenters, embedders: list, pull, check.")
 console = Console(stderr=True, highlight=False)
 
-AsJson = Annotated[
-    bool,
-    typer.Option("--json", help='One JSON object on stdout, {"error": ...} if it fails; everything else on stderr.'),
-]
 Names = Annotated[list[str], typer.Argument(help="Models, as `surveilnav models list` calls them.")]
 
 

@@ -89,7 +89,7 @@ def _goals_of(building: SimulatedBuilding) -> dict[str, Goals]:
     """By our label, in Habitat's order of categories; those that the building lacks are left out."""
     found = {}
     for label in files.CATEGORIES.values():
-        if not building.scene.called(label):
+        if not building.scene.called(label):  # else ``find_goals`` looks for what it might name instead
             continue
         try:
             found[label] = find_goals(building.scene, building.navigation, label, caster=building.caster)

@@ -34,7 +34,7 @@ def clearance_m(blocked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.f
 
 
 def fits(clearance: NDArray[np.float32], radius_m: float = RADIUS_M, spare_m: float = 0.0) -> NDArray[np.bool_]:
-    """Where the robot's centre may be, by ``clearance_m``: THE rule, for the planner and for the judge.
+    """Where the robot's centre may be, by ``clearance_m``: one rule for the planner and for the judge.
 
     A corridor along the grid must have seven open cells of 5 cm. ``spare_m``: how much thicker obstacles may be in the map
     than they are; a map made of views spills over by a cell.

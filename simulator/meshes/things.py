@@ -33,12 +33,11 @@ MIN_SHARED_GROUND = 0.5
 SAME_SIZE = 0.05
 #: Of one class; more are left as they are.
 MAX_PARTS = 2_000
-#: Low and high corners (N, 2, 3) [m].
-Boxes = NDArray[np.float64]
-
-
 #: From a body to the last part that hangs on it: a pillow may lie on a pillow that lies on the bed.
 MAX_STEPS = 3
+
+#: Low and high corners (N, 2, 3) [m].
+Boxes = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -160,10 +160,7 @@ class Shell:
         known: dict[str, tuple[Material, float, float]],
     ) -> None:
         """Floor and ceiling of tiles; no ceiling where the plan hides those of all the level's rooms."""
-        material, tile_u, tile_v = self._covering(None, title, known)
-        floor = build_slabs(tiles, level.z_m - _BEHIND_M, material, self._holes_at(level.z_m), up=True)
-        floor.uvs[...] /= np.array([tile_u, tile_v], np.float32)
-        self._add(floor, f"Floor of {title}", "floor", level, room=title)
+        self._lay_floor(tiles, level.z_m - _BEHIND_M, level, title, self._covering(None, title, known))
         plans = {plan.level for plan in self.home.rooms if self._level(plan.level).id == level.id}
         if not plans or plans & self._with_ceilings:
             z = level.z_m + level.height_m
@@ -174,15 +171,25 @@ class Shell:
         self, outline: NDArray[np.float64], level: Level, title: str, covering: tuple[Material, float, float]
     ) -> None:
         """A room's floor, with the holes of staircases and their edges."""
-        material, tile_u, tile_v = covering
-        holes = self._holes_at(level.z_m)
-        slab = build_slab(outline, level.z_m, material, holes, up=True)
-        slab.uvs[...] /= np.array([tile_u, tile_v], np.float32)
-        self._add(slab, f"Floor of {title}", "floor", level, room=title)
-        for hole in holes:
+        self._lay_floor([outline], level.z_m, level, title, covering)
+        for hole in self._holes_at(level.z_m):
             if contains(outline, hole.mean(axis=0)):
                 edge = build_skirt(hole, level.z_m - max(level.slab_m, 0.01), level.z_m, _EDGE)
                 self._add(edge, f"Edge of {title}", "floor", level, room=title)
+
+    def _lay_floor(
+        self,
+        polygons: Sequence[Polygon],
+        z_m: float,
+        level: Level,
+        title: str,
+        covering: tuple[Material, float, float],
+    ) -> None:
+        """A floor of polygons at ``z_m``, without the level's stairwells."""
+        material, tile_u, tile_v = covering
+        slab = build_slabs(polygons, z_m, material, self._holes_at(level.z_m), up=True)
+        slab.uvs[...] /= np.array([tile_u, tile_v], np.float32)
+        self._add(slab, f"Floor of {title}", "floor", level, room=title)
 
     def _covering(
         self, plan: PlanRoom | None, title: str, known: dict[str, tuple[Material, float, float]]

@@ -1,4 +1,4 @@
-"""Words by which people name roofs, and doors that stay shut, in the languages of Sweet Home 3D (``data/words.json``)."""
+"""Words by which people name roofs, and doors that stay shut: ``data/doors_and_roofs.json``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from importlib import resources
 
 _WORDS: dict[str, list[str]] = json.loads(
-    resources.files("simulator.plans").joinpath("data/words.json").read_text("utf-8")
+    resources.files("simulator.plans").joinpath("data/doors_and_roofs.json").read_text("utf-8")
 )
 
 

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.world.cameras import CAMERA, MOUNTING_M, TILT_RAD
 from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Instance, Scene
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
@@ -25,10 +26,10 @@ Kind = Literal["robot", "camera"]
 #: What training packs hold: the robot's picture at half of its resolution, and a camera's as detectors see it.
 TRAINING_SIZES: dict[Kind, tuple[int, int]] = {"robot": (320, 240), "camera": (416, 416)}
 #: What the sensors take.
-SENSOR_SIZES: dict[Kind, tuple[int, int]] = {"robot": (640, 480), "camera": (1280, 1280)}
+SENSOR_SIZES: dict[Kind, tuple[int, int]] = {"robot": (640, 480), "camera": (CAMERA.width_px, CAMERA.height_px)}
 ROBOT_HFOV_RAD = math.radians(79.0)
 #: The camera plan's own kind of view (height, tilt, field of view), and what else hangs on walls.
-_USUAL = (1.8, math.radians(-30.0), math.radians(100.0))
+_USUAL = (MOUNTING_M, TILT_RAD, CAMERA.hfov_rad)
 _HEIGHTS_M, _TILTS_RAD, _HFOVS_RAD = (1.8, 2.6), np.radians((-50.0, -15.0)), np.radians((70.0, 110.0))
 _USUAL_SHARE, _AIMED_SHARE = 0.4, 0.8
 _BELOW_CEILING_M = 0.15

@@ -19,6 +19,8 @@ _RECEIVE = {"max_message_size": MAX_MESSAGE_BYTES + 2**16}  # with the key and w
 #: How long bulk data waits for the message before it [ms], then it is left out (docs/results/bus.md). A process waits for
 #: its own messages. The router is everybody's: at one reader's link it waits just as long as a burst of frames takes.
 _OWN_TURN_MS, _ROUTER_TURN_MS = 5000, 50
+#: Of the router, and of whoever doesn't say another.
+_LEASE_MS = 2000
 #: Signs of life a lease; Zenoh has 4. One's interval (0.1 s) is also how long the router tries to get rid of what it still
 #: has for a reader that is gone, and whoever sent to it waits meanwhile.
 _ROUTER_KEEP_ALIVE = 20
@@ -33,7 +35,7 @@ class BusSettings(BaseSettings):
     router: str = Field(f"tcp/127.0.0.1:{DEFAULT_PORT}", description="the router's endpoint, tcp/HOST:PORT")
     building: str = Field("building", pattern=ID_PATTERN, description="the building's name in every key")
     connect_timeout_s: float = Field(30.0, description="how long to wait for the router at start; -1: for ever")
-    lease_ms: int = Field(2000, description="a peer silent for so long counts as gone")
+    lease_ms: int = Field(_LEASE_MS, description="a peer silent for so long counts as gone")
     health_file: Path | None = Field(None, description="touched every second while the service is healthy")
     log_format: Literal["console", "json"] = Field("console", description="how a log line is written")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="lines below it are left out")
@@ -64,18 +66,19 @@ class BusSettings(BaseSettings):
                     "retry": {"period_init_ms": 200, "period_max_ms": 500},
                 },
                 "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-                "transport": {
-                    "shared_memory": {"enabled": False},
-                    "unicast": {"max_links": 4},
-                    "link": {"tx": _sending(self.lease_ms, _OWN_TURN_MS), "rx": _RECEIVE},
-                },
+                "transport": _transport(self.lease_ms, _OWN_TURN_MS),
             }
         )
 
 
-def _sending(lease_ms: int, turn_ms: int) -> dict[str, object]:
-    """Zenoh's ``tx``: its microseconds before a drop are, for BLOCK_FIRST, the wait for the message before."""
-    return {"lease": lease_ms, "queue": {"congestion_control": {"drop": {"wait_before_drop": turn_ms * 1000}}}}
+def _transport(lease_ms: int, turn_ms: int, **sending: int) -> dict[str, object]:
+    """Zenoh's ``transport``. Its microseconds before a drop are, for BLOCK_FIRST, the wait for the message before."""
+    queue = {"congestion_control": {"drop": {"wait_before_drop": turn_ms * 1000}}}
+    return {
+        "shared_memory": {"enabled": False},
+        "unicast": {"max_links": 4},
+        "link": {"tx": {"lease": lease_ms, "queue": queue, **sending}, "rx": _RECEIVE},
+    }
 
 
 def router_config(listen: str) -> str:
@@ -86,10 +89,6 @@ def router_config(listen: str) -> str:
             "listen": {"endpoints": [listen]},
             "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
             "adminspace": {"enabled": True},
-            "transport": {
-                "shared_memory": {"enabled": False},
-                "unicast": {"max_links": 4},
-                "link": {"tx": _sending(2000, _ROUTER_TURN_MS) | {"keep_alive": _ROUTER_KEEP_ALIVE}, "rx": _RECEIVE},
-            },
+            "transport": _transport(_LEASE_MS, _ROUTER_TURN_MS, keep_alive=_ROUTER_KEEP_ALIVE),
         }
     )
