@@ -43,7 +43,7 @@ def _pick(name: str, colors: tuple[Color, ...], rng: np.random.Generator) -> Mat
     return Material(name, colors[int(rng.integers(len(colors)))])
 
 
-def _prism(
+def prism(
     mesh: MeshBuilder, x: float, y: float, r_low: float, r_high: float, z0: float, z1: float, material: Material,
     stretch_y: float = 1.0, sides: int = 12,
 ) -> None:  # fmt: skip
@@ -102,9 +102,9 @@ def _toilet(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generat
     del rng
     m.box((-w / 2, d / 2 - 0.2, 0.4 * h), (w / 2, d / 2, h), _CERAMIC)
     y, stretch = -0.1 * d, (0.39 * d) / (0.46 * w)
-    _prism(m, 0, y + 0.06, 0.28 * w, 0.36 * w, 0.0, 0.32 * h, _CERAMIC, stretch)
-    _prism(m, 0, y, 0.38 * w, 0.46 * w, 0.32 * h, 0.5 * h, _CERAMIC, stretch)
-    _prism(m, 0, y, 0.47 * w, 0.45 * w, 0.5 * h, 0.54 * h, _LINEN, stretch)
+    prism(m, 0, y + 0.06, 0.28 * w, 0.36 * w, 0.0, 0.32 * h, _CERAMIC, stretch)
+    prism(m, 0, y, 0.38 * w, 0.46 * w, 0.32 * h, 0.5 * h, _CERAMIC, stretch)
+    prism(m, 0, y, 0.47 * w, 0.45 * w, 0.5 * h, 0.54 * h, _LINEN, stretch)
 
 
 def _tv(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator) -> None:
@@ -119,8 +119,8 @@ def _tv(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator) 
 def _plant(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator) -> None:
     pot = _pick("pot", ((0.62, 0.33, 0.22), (0.85, 0.83, 0.78), (0.30, 0.30, 0.32)), rng)
     radius = min(w, d) / 2
-    _prism(m, 0, 0, 0.35 * radius, 0.5 * radius, 0.0, 0.28 * h, pot)
-    _prism(m, 0, 0, 0.03, 0.02, 0.28 * h, 0.6 * h, Material("stem", (0.30, 0.22, 0.12)), sides=5)
+    prism(m, 0, 0, 0.35 * radius, 0.5 * radius, 0.0, 0.28 * h, pot)
+    prism(m, 0, 0, 0.03, 0.02, 0.28 * h, 0.6 * h, Material("stem", (0.30, 0.22, 0.12)), sides=5)
     greens = tuple(Material("leaf", (0.10 + 0.05 * i, 0.32 + 0.08 * i, 0.10 + 0.03 * i)) for i in range(3))
     for i in range(42):
         turn, rise = 2.399963 * i, 0.36 + 0.5 * i / 42
@@ -146,7 +146,7 @@ def _table(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generato
 
 def _sink(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator) -> None:
     del rng
-    _prism(m, 0, 0.1 * d, 0.16 * w, 0.2 * w, 0.0, h - 0.16, _CERAMIC)
+    prism(m, 0, 0.1 * d, 0.16 * w, 0.2 * w, 0.0, h - 0.16, _CERAMIC)
     rim = 0.05
     m.box((-w / 2, -d / 2, h - 0.16), (w / 2, d / 2, h - 0.1), _CERAMIC)
     m.box((-w / 2, -d / 2, h - 0.1), (w / 2, -d / 2 + rim, h), _CERAMIC)
@@ -171,7 +171,7 @@ def _oven(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator
     m.box((-w / 2 + 0.04, -d / 2 - 0.04, 0.76 * h), (w / 2 - 0.04, -d / 2 - 0.01, 0.79 * h), _METAL)
     for x in (-w / 4, w / 4):
         for y in (-d / 4, d / 4):
-            _prism(m, x, y, 0.09, 0.09, h, h + 0.01, _BLACK)
+            prism(m, x, y, 0.09, 0.09, h, h + 0.01, _BLACK)
 
 
 def _bathtub(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator) -> None:
@@ -204,9 +204,9 @@ def _bookshelf(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Gene
 def _lamp(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator) -> None:
     del rng
     r = min(w, d) / 2
-    _prism(m, 0, 0, 0.7 * r, 0.7 * r, 0, 0.03, _METAL)
-    _prism(m, 0, 0, 0.015, 0.015, 0.03, 0.75 * h, _METAL, sides=6)
-    _prism(m, 0, 0, r, 0.65 * r, 0.75 * h, h, _LINEN)
+    prism(m, 0, 0, 0.7 * r, 0.7 * r, 0, 0.03, _METAL)
+    prism(m, 0, 0, 0.015, 0.015, 0.03, 0.75 * h, _METAL, sides=6)
+    prism(m, 0, 0, r, 0.65 * r, 0.75 * h, h, _LINEN)
 
 
 def _box(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generator) -> None:

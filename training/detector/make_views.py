@@ -1,7 +1,7 @@
 """Renders the views of a split's buildings into packs, a file a building; what is there already is kept.
 
     python -m training.detector.make_views --split train --out data/views/train --robot 120 --camera 60 \\
-        [--light baked] [--scenes 12::7] [--quality 75]
+        [--light baked] [--scenes 12::7] [--vary 1] [--quality 75]
 """
 
 from __future__ import annotations
@@ -15,9 +15,12 @@ from pathlib import Path
 from benchmark.dataset.splits import SPLITS, SceneSpec
 from simulator.render.picture import Lighting
 from simulator.sources import open_building
+from simulator.world.navigation import NavigationMap
+from surveilnav.config import cache_dir
 from training.detector import classes
 from training.detector.pack import SUFFIX, write_pack
 from training.detector.poses import Kind
+from training.detector.variation import varied_scene
 from training.detector.views import TrainingView, ViewSource
 
 LIGHTS: tuple[Lighting, ...] = ("baked", "shadowed", "flat")
@@ -25,17 +28,23 @@ LIGHTS: tuple[Lighting, ...] = ("baked", "shadowed", "flat")
 
 def make_pack(
     spec: SceneSpec, light: Lighting, counts: dict[Kind, int], out: Path, quality: int, *, as_sensed: bool = False,
-    seed: int = 0,
+    vary: int = 0,
 ) -> str:  # fmt: skip
-    """One building's file; returns what was made and what it cost, for people."""
+    """One building's file; returns what was made and what it cost, for people. ``vary``: seed of other furniture, 0: none."""
     names, timed = classes.load(), _Timed()
     scene = open_building(spec.building, seed=spec.seed, models=spec.models)
-    source = ViewSource(scene, light, names, as_sensed=as_sensed)
+    navigation = NavigationMap.load_or_build(scene, cache_dir())
+    source = ViewSource(varied_scene(scene, vary) if vary else scene, navigation, light, names, as_sensed=as_sensed)
     opened_s = timed.lap()
-    views = chain.from_iterable(timed.views(source, kind, n, seed) for kind, n in counts.items())
-    size = write_pack(out / f"{spec.scene}{SUFFIX}", spec.scene, views, names.names, names.rooms, quality)
+    views = chain.from_iterable(timed.views(source, kind, n, vary) for kind, n in counts.items())
+    size = write_pack(pack_path(out, spec, vary), spec.scene, views, names.names, names.rooms, quality)
     each = ", ".join(f"{kind} {timed.ms[kind] / max(1, n):.0f} ms" for kind, n in counts.items())
     return f"{spec.scene}: {light}, opened in {opened_s:.1f} s; a view: {each}, {size / max(1, sum(counts.values())):.0f} bytes"
+
+
+def pack_path(out: Path, spec: SceneSpec, vary: int) -> Path:
+    """The file of a building's views."""
+    return out / f"{spec.scene}{f'-v{vary}' if vary else ''}{SUFFIX}"
 
 
 class _Timed:
@@ -70,15 +79,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--camera", type=int, default=60, help="views of cameras per building")
     parser.add_argument("--light", choices=LIGHTS, default="baked")
     parser.add_argument("--scenes", type=_slice, default=slice(None), help="some of the split's: START:STOP:STEP")
+    parser.add_argument("--vary", type=int, default=0, help="other furniture and colours of this seed; 0: as they are")
     parser.add_argument("--as-sensed", action="store_true", help="at the sensors' own size, for evaluation")
     parser.add_argument("--quality", type=int, default=75, help="of WebP")
     args = parser.parse_args(argv)
     specs = SPLITS[args.split].scenes[args.scenes]
     for done, spec in enumerate(specs, start=1):
-        if (args.out / f"{spec.scene}{SUFFIX}").exists():
+        if pack_path(args.out, spec, args.vary).exists():
             continue
         counts: dict[Kind, int] = {"robot": args.robot, "camera": args.camera}
-        said = make_pack(spec, args.light, counts, args.out, args.quality, as_sensed=args.as_sensed)
+        said = make_pack(spec, args.light, counts, args.out, args.quality, as_sensed=args.as_sensed, vary=args.vary)
         print(f"{done} of {len(specs)} {said}", flush=True)
 
 

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.furniture.labels import TARGETS
 from simulator.world.cameras import CAMERA, MOUNTING_M, TILT_RAD
 from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Instance, Scene
@@ -32,6 +33,8 @@ ROBOT_HFOV_RAD = math.radians(79.0)
 _USUAL = (MOUNTING_M, TILT_RAD, CAMERA.hfov_rad)
 _HEIGHTS_M, _TILTS_RAD, _HFOVS_RAD = (1.8, 2.6), np.radians((-50.0, -15.0)), np.radians((70.0, 110.0))
 _USUAL_SHARE, _AIMED_SHARE = 0.4, 0.8
+#: Of aimed views: at one of the searches' goals.
+_GOAL_SHARE = 0.5
 _BELOW_CEILING_M = 0.15
 #: Things are aimed at from these distances, and lie at most this share of half the field of view off the middle.
 _NEAR_M, _FAR_M = 0.7, {"robot": 6.0, "camera": 9.0}
@@ -69,12 +72,14 @@ class PoseSource:
             if instance.floor in self._floors and (number := number_of(instance)) >= 0:
                 by_class[number].append(instance)
         self._by_class = [by_class[number] for number in sorted(by_class)]
+        self._goals = [things for things in self._by_class if things[0].label in TARGETS]
 
     def draw(self, kind: Kind, rng: np.random.Generator) -> ViewPose:
         """One pose, aimed or not."""
         height_m, pitch, hfov = self._how(kind, rng)
         if self._by_class and rng.random() < _AIMED_SHARE:
-            things = self._by_class[rng.integers(len(self._by_class))]
+            kinds = self._goals if self._goals and rng.random() < _GOAL_SHARE else self._by_class
+            things = kinds[rng.integers(len(kinds))]
             thing = things[rng.integers(len(things))]
             place = self._place_near(thing, kind, rng)
             if place is not None:

@@ -64,17 +64,19 @@ class TrainingView:
 class ViewSource:
     """Renders views of one building.
 
-    ``light``: of the renderer. ``as_sensed``: at the size that sensors take, for evaluation. Otherwise pictures are rendered
-    at twice their size and reduced, as a network's input is reduced; rays for shadows are too dear for that.
+    ``navigation``: of the building as it was furnished first. ``light``: of the renderer. ``as_sensed``: at the size that
+    sensors take, for evaluation. Otherwise pictures are rendered at twice their size and reduced, as a network's input is
+    reduced; rays for shadows are too dear for that.
     """
 
-    def __init__(self, scene: Scene, light: Lighting, classes: Classes, *, as_sensed: bool = False) -> None:
-        self._scene, self._light, self._classes = scene, light, classes
-        self._navigation = NavigationMap.load_or_build(scene, cache_dir())
+    def __init__(
+        self, scene: Scene, navigation: NavigationMap, light: Lighting, classes: Classes, *, as_sensed: bool = False
+    ) -> None:
+        self._light, self._classes = light, classes
         self._renderer = Renderer(scene, lighting=light, cache_dir=cache_dir())
         numbers = [classes.number_of(word_for(i.name, i.label)) for i in scene.instances]
         self._number = np.array([-1, *numbers], np.int64)
-        self._poses = PoseSource(scene, self._navigation, self._number_of)
+        self._poses = PoseSource(scene, navigation, self._number_of)
         self._rooms = _Rooms(scene, self._number, classes)
         self._sizes = SENSOR_SIZES if as_sensed else TRAINING_SIZES
         self._scale = 1.0 if as_sensed or light == "shadowed" else 2.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from simulator.sources import open_building
+from simulator.world.navigation import NavigationMap
 from surveilnav.errors import PerceptionError
 from training.detector import classes
 from training.detector.pack import Pack, read_pack, read_packs, write_pack
@@ -20,7 +21,8 @@ NAMES = classes.load()
 def source(home_cache: Path) -> ViewSource:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SURVEILNAV_CACHE_DIR", str(home_cache))
-        return ViewSource(open_building("parametric_flat", seed=1), "flat", NAMES)
+        scene = open_building("parametric_flat", seed=1)
+        return ViewSource(scene, NavigationMap.load_or_build(scene, home_cache), "flat", NAMES)
 
 
 @pytest.fixture(scope="module")
