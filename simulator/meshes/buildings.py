@@ -14,7 +14,7 @@ from simulator.meshes.flights import find_stairs
 from simulator.meshes.floors import find_floors, outlines
 from simulator.meshes.gltf import MAX_TRIANGLES, Glb, read_glb
 from simulator.meshes.names import label_of_extra, label_of_node
-from simulator.meshes.things import ANY_SIZE_M, Piece, box_of, whole_things
+from simulator.meshes.things import ANY_SIZE_M, MeshPart, box_of, whole_things
 from simulator.meshes.walkable import find_spots
 from simulator.meshes.wavefront import read_obj_building
 from simulator.plans.assembly import Mesh, SceneBuilder
@@ -48,7 +48,7 @@ def open_mesh(path: Path, *, up: str = "y", scale: float = 1.0) -> Scene:
         raise BuildingError(f"up is 'y' or 'z', got {up!r}")
     notes: tuple[str, ...] = ()
     if path.suffix.lower() == ".obj":
-        pieces = [Piece(name, None, (mesh.moved(T),)) for name, mesh in read_obj_building(path)]
+        pieces = [MeshPart(name, None, (mesh.moved(T),)) for name, mesh in read_obj_building(path)]
     else:
         glb = read_glb(path)
         pieces, notes = _pieces(glb, T), glb.notes
@@ -60,7 +60,7 @@ def scene_name(stem: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.]+", "_", stem)[:40].strip("_.") or "building"
 
 
-def _pieces(glb: Glb, T_world_file: NDArray[np.float64]) -> list[Piece]:
+def _pieces(glb: Glb, T_world_file: NDArray[np.float64]) -> list[MeshPart]:
     """One piece per mesh node; a part without a class of its own joins the nearest node above that has one."""
     stated = {n: _stated_label(glb.extras[n]) for mesh in glb.meshes for n in mesh.way}
     classed = {n for n in stated if stated[n] or (stated[n] is None and label_of_node(glb.names[n], ANY_SIZE_M))}
@@ -75,7 +75,7 @@ def _pieces(glb: Glb, T_world_file: NDArray[np.float64]) -> list[Piece]:
         extras = glb.extras[number]
         room, model = (str(extras[k])[:80] if isinstance(extras.get(k), str) else "" for k in ("room", "model"))
         name = glb.names[number][:80] or f"node {number}"
-        pieces.append(Piece(name, stated[number], tuple(meshes), room, model))
+        pieces.append(MeshPart(name, stated[number], tuple(meshes), room, model))
     return pieces
 
 
@@ -85,13 +85,15 @@ def _stated_label(extras: dict[str, Any]) -> str | None:
     return next((label for label in found if label is not None), None)
 
 
-def building_of(pieces: Sequence[Piece], name: str, source: str, notes: Sequence[str] = ()) -> Scene:
+def building_of(pieces: Sequence[MeshPart], name: str, source: str, notes: Sequence[str] = ()) -> Scene:
     """The scene of some pieces in the world (z up, metres).
 
     Raises:
         BuildingError: nothing there, not of a building's size, or nowhere to stand.
     """
-    pieces = [Piece(p.name, p.label, tuple(m for m in p.meshes if len(m.triangles)), p.room, p.model) for p in pieces]
+    pieces = [
+        MeshPart(p.name, p.label, tuple(m for m in p.meshes if len(m.triangles)), p.room, p.model) for p in pieces
+    ]
     pieces = [p for p in pieces if p.meshes]
     if not pieces:
         raise BuildingError(f"{name} has no triangles: expected the mesh of a building")
@@ -112,7 +114,7 @@ def building_of(pieces: Sequence[Piece], name: str, source: str, notes: Sequence
     return _assembled(pieces, name, source, floors, rooms, stairs, found)
 
 
-def _check_size(pieces: Sequence[Piece], name: str) -> None:
+def _check_size(pieces: Sequence[MeshPart], name: str) -> None:
     low = np.min([m.vertices.min(axis=0) for p in pieces for m in p.meshes], axis=0)
     high = np.max([m.vertices.max(axis=0) for p in pieces for m in p.meshes], axis=0)
     width, depth, height = (float(v) for v in high - low)
@@ -131,7 +133,7 @@ def _about(floors: Sequence[Floor], stairs: Sequence[Stair]) -> list[str]:
 
 
 def _assembled(
-    pieces: Sequence[Piece], name: str, source: str, floors: tuple[Floor, ...], rooms: list[Room],
+    pieces: Sequence[MeshPart], name: str, source: str, floors: tuple[Floor, ...], rooms: list[Room],
     stairs: tuple[Stair, ...], notes: list[str],
 ) -> Scene:  # fmt: skip
     builder = SceneBuilder(name, rooms=list(rooms), floors=list(floors), stairs=list(stairs), notes=list(notes))

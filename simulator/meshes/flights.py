@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -14,9 +13,10 @@ from simulator.meshes.floors import FloorGround
 from simulator.meshes.walkable import Spots
 from simulator.world.geodesic import mark_triangles
 from simulator.world.scene import Scene, Stair
+from surveilnav.robot_body import clearance_m, fits
 
-#: The robot that must find room where a stair begins and ends: see ``NavigationMap.build``.
-_RADIUS_M, _LOW_M, _HIGH_M = 0.2, 0.1, 1.0
+#: What lies between these heights above the ground is in a robot's way: see ``NavigationMap.build`` [m].
+_LOW_M, _HIGH_M = 0.1, 1.0
 #: The way over a stair runs at most so far over the floors at its ends [m].
 _REACH_M = 2.0
 
@@ -57,7 +57,7 @@ def _free(scene: Scene, spots: Spots, ground: FloorGround) -> NDArray[np.bool_]:
         z + _HIGH_M,
     )  # fmt: skip
     room = np.pad(cells.reshape(grid.shape) & ~blocked, 1)
-    free = ndimage.distance_transform_edt(room)[1:-1, 1:-1] * grid.resolution_m > _RADIUS_M
+    free = fits(clearance_m(~room, grid.resolution_m))[1:-1, 1:-1]
     return np.asarray(ground.on & free.ravel()[spots.column])
 
 

@@ -23,7 +23,7 @@ from simulator.meshes.buildings import building_of, scene_name
 from simulator.meshes.gltf import read_glb
 from simulator.meshes.layout import stem_of
 from simulator.meshes.names import label_of_hm3d
-from simulator.meshes.things import Piece
+from simulator.meshes.things import MeshPart
 from simulator.plans.assembly import Mesh
 from simulator.world.scene import Scene
 from surveilnav.errors import BuildingError
@@ -73,7 +73,7 @@ def open_hm3d(path: Path) -> Scene:
         notes += [*about, *seen, *more]
     else:
         missing = " and ".join(p.name for p in (painted, text) if not p.exists())
-        pieces = [Piece("building", "", tuple(meshes))]
+        pieces = [MeshPart("building", "", tuple(meshes))]
         notes.append(
             f"{missing} isn't there: nothing in the building has a name (HM3D: the *-semantic-annots-v0.2 tar)"
         )
@@ -117,7 +117,7 @@ def read_annotations(path: Path) -> tuple[list[Annotation], list[str]]:
 
 def _pieces(
     meshes: list[Mesh], rows: list[Annotation], colors: list[NDArray[np.int64]]
-) -> tuple[list[Piece], list[str]]:
+) -> tuple[list[MeshPart], list[str]]:
     """One piece per annotated thing that has triangles, and one of all the rest."""
     parts: dict[int, list[Mesh]] = {}
     unlisted: Counter[int] = Counter()
@@ -129,12 +129,12 @@ def _pieces(
                 unlisted[value] += int(chosen.sum())
             parts.setdefault(value if value in known else -1, []).append(_cut(mesh, chosen))
     pieces = [
-        Piece(f"{row.name} {row.id}", label_of_hm3d(row.name), tuple(parts[row.color]), f"region {row.region}")
+        MeshPart(f"{row.name} {row.id}", label_of_hm3d(row.name), tuple(parts[row.color]), f"region {row.region}")
         for row in rows
         if row.color in parts
     ]
     if -1 in parts:
-        pieces.append(Piece("not annotated", "", tuple(parts[-1])))
+        pieces.append(MeshPart("not annotated", "", tuple(parts[-1])))
     notes = []
     if unlisted:
         notes.append(

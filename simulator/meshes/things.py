@@ -41,7 +41,7 @@ Boxes = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
+class MeshPart:
     """A thing in the world. ``label`` None: the name decides."""
 
     name: str
@@ -78,7 +78,7 @@ def thing_sizes() -> dict[str, Sizes]:
     }
 
 
-def whole_things(pieces: Sequence[Piece]) -> list[Piece]:
+def whole_things(pieces: Sequence[MeshPart]) -> list[MeshPart]:
     """The pieces, parts of one thing put together. What a file states itself (``label``) is left as it is."""
     kinds: dict[str, list[int]] = {}
     for number, piece in enumerate(pieces):
@@ -86,7 +86,7 @@ def whole_things(pieces: Sequence[Piece]) -> list[Piece]:
         kind = whole_of_node(piece.name, ANY_SIZE_M) if solid and piece.label is None else ""
         if kind in thing_sizes():
             kinds.setdefault(kind, []).append(number)
-    changed: dict[int, Piece | None] = {}
+    changed: dict[int, MeshPart | None] = {}
     for kind, numbers in kinds.items():
         if not 1 < len(numbers) <= MAX_PARTS:
             continue
@@ -160,7 +160,7 @@ def _are_two(boxes: Boxes, names: Sequence[str], n: int, others: Sequence[int]) 
     return bool((alike & (apart[:, :2].any(axis=1) | (apart[:, 2] & namesakes))).any())
 
 
-def _whole(parts: Sequence[Piece], kind: str) -> Piece | None:
+def _whole(parts: Sequence[MeshPart], kind: str) -> MeshPart | None:
     """One piece of all parts, by the words that all names begin with; None where its size isn't the class's."""
     meshes = tuple(mesh for part in parts for mesh in part.meshes)
     low, high = box_of(meshes)

@@ -1,7 +1,7 @@
 """Ground that a plan means and doesn't draw: what its walls enclose and no room covers.
 
 Many people draw walls and no rooms, or rooms for some of the floor only. All of it happens on cells of 5 cm on multiples
-of 5 cm, the cells in which robots' ground is measured too.
+of 5 cm, the cells in which robots' ground is measured too; on larger ones where a storey spans more than 100 m.
 """
 
 from __future__ import annotations
@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from simulator.plans.polygons import Polygon, signed_area
+from simulator.plans.polygons import Polygon, contains, signed_area
+from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
 
-CELL_M = 0.05
-#: A storey of more cells than this isn't filled: 100 x 100 m. Of its parts the largest are.
+#: Sides of cells that are tried [m]; a storey of more than ``MAX_CELLS`` of the largest isn't filled: 400 x 400 m.
+_CELLS_M = (0.05, 0.1, 0.2)
+#: Of a storey's parts the largest are laid.
 MAX_CELLS, MAX_PARTS = 4_000_000, 500
 #: Gaps of at most these widths count as closed [m], tried one after the other: drawn carelessly, a passage without a
 #: door, an open front.
@@ -54,20 +56,23 @@ class Ground:
 def find_ground(
     walls: Sequence[Polygon], rooms: Sequence[Polygon], voids: Sequence[Polygon] = ()
 ) -> tuple[Ground, ...]:
-    """The ground of one storey, the largest part first; nothing where the storey is too large to fill.
+    """The ground of one storey, the largest part first.
 
     Args:
         walls: outlines of its walls, openings not cut out.
         rooms: outlines of whatever has a floor already.
         voids: outlines of what must stay open.
+
+    Raises:
+        BuildingError: the storey is too large to fill.
     """
-    grid = _grid_around([*walls, *rooms])
-    if grid is None or not walls:
+    if not walls:
         return ()
+    grid = _grid_around([*walls, *rooms])
     covered = inside([*rooms, *walls, *voids], grid)
     bare = _enclosed([*walls, *rooms], grid) & ~covered
     label, count = ndimage.label(bare, np.ones((3, 3)))
-    size_m2 = np.bincount(label.ravel(), minlength=count + 1)[1:] * CELL_M**2
+    size_m2 = np.bincount(label.ravel(), minlength=count + 1)[1:] * grid.resolution_m**2
     where = ndimage.find_objects(label)
     largest = np.argsort(-size_m2, kind="stable")[:MAX_PARTS]
     return tuple(
@@ -75,16 +80,34 @@ def find_ground(
     )
 
 
-def without_voids(parts: Sequence[Ground], rooms: Sequence[Polygon], holes: Sequence[Polygon]) -> tuple[Ground, ...]:
-    """Without the areas that are open to the storey below.
+def without_voids(
+    parts: Sequence[Ground], rooms: Sequence[Polygon], holes: Sequence[Polygon], below: Sequence[Polygon]
+) -> tuple[Ground, ...]:
+    """Without the areas of an upper storey that are open to the one below.
 
-    Where rooms are drawn for most of an upper storey, what is left out is left out on purpose, but for the landing of a
+    Where rooms are drawn for most of it, what is left out over a room is left out on purpose, but for the landing of a
     staircase.
+
+    Args:
+        parts: what no room covers.
+        rooms: outlines of the storey's own rooms; ``holes``: of the staircases that come up; ``below``: of the rooms and
+            grounds of the storey below.
     """
     areas_m2 = sum(part.area_m2 for part in parts if part.is_area)
     if sum(abs(signed_area(room)) for room in rooms) < areas_m2:
         return tuple(parts)
-    return tuple(part for part in parts if not part.is_area or any(_beside(part.outline, hole) for hole in holes))
+
+    def stays(part: Ground) -> bool:
+        return not part.is_area or not _is_over(part, below) or any(_beside(part.outline, hole) for hole in holes)
+
+    return tuple(part for part in parts if stays(part))
+
+
+def _is_over(part: Ground, below: Sequence[Polygon]) -> bool:
+    """Whether half of a part or more, by its tiles' middles, lies over one of the polygons."""
+    over = [any(contains(room, tile.mean(axis=0)) for room in below) for tile in part.tiles]
+    sizes = np.array([abs(signed_area(tile)) for tile in part.tiles])
+    return bool(sizes[over].sum() >= sizes.sum() / 2)
 
 
 def _beside(a: Polygon, b: Polygon) -> bool:
@@ -92,23 +115,23 @@ def _beside(a: Polygon, b: Polygon) -> bool:
     return bool(np.all(a.min(axis=0) - 0.1 <= b.max(axis=0)) and np.all(b.min(axis=0) - 0.1 <= a.max(axis=0)))
 
 
-def _grid_around(polygons: Sequence[Polygon]) -> Grid | None:
-    """A grid two cells wider than all of them; None where there is nothing, or too much."""
-    if not polygons:
-        return None
+def _grid_around(polygons: Sequence[Polygon]) -> Grid:
+    """A grid two cells wider than all of them."""
     points = np.concatenate(polygons)
-    low = np.floor(points.min(axis=0) / CELL_M) - 2
-    cols, rows = np.ceil(points.max(axis=0) / CELL_M) + 2 - low
-    if not (cols <= 65536 and rows <= 65536 and rows * cols <= MAX_CELLS):
-        return None
-    return Grid(float(low[0]) * CELL_M, float(low[1]) * CELL_M, CELL_M, int(rows), int(cols))
+    for cell_m in _CELLS_M:
+        low = np.floor(points.min(axis=0) / cell_m) - 2
+        cols, rows = np.ceil(points.max(axis=0) / cell_m) + 2 - low
+        if cols <= 65536 and rows <= 65536 and rows * cols <= MAX_CELLS:
+            return Grid(float(low[0]) * cell_m, float(low[1]) * cell_m, cell_m, int(rows), int(cols))
+    width, depth = np.ptp(points, axis=0)
+    raise BuildingError(f"walls span {width:.0f} x {depth:.0f} m, too much to lay a floor between them: draw rooms")
 
 
 def inside(polygons: Sequence[Polygon], grid: Grid) -> Cells:
     """The cells whose centres lie in one of the polygons (even-odd rule, row by row)."""
     cells = np.zeros(grid.shape, dtype=np.bool_)
     for polygon in polygons:
-        p = (np.asarray(polygon, dtype=np.float64) - (grid.origin_x_m, grid.origin_y_m)) / CELL_M - 0.5
+        p = (np.asarray(polygon, dtype=np.float64) - (grid.origin_x_m, grid.origin_y_m)) / grid.resolution_m - 0.5
         (x0, y0), (x1, y1) = p.T, np.roll(p, -1, axis=0).T
         for row in range(max(0, math.ceil(y0.min())), min(grid.rows, math.floor(y0.max()) + 1)):
             crosses = (y0 > row) != (y1 > row)
@@ -126,16 +149,16 @@ def _enclosed(solid: Sequence[Polygon], grid: Grid) -> Cells:
     thick = np.zeros(grid.shape, dtype=np.uint8)
     scale = 16  # of a pixel, for OpenCV; it paints whatever an outline touches, so that thin walls leave no gap
     for polygon in solid:
-        p = (np.asarray(polygon) - (grid.origin_x_m, grid.origin_y_m)) / CELL_M - 0.5
+        p = (np.asarray(polygon) - (grid.origin_x_m, grid.origin_y_m)) / grid.resolution_m - 0.5
         cv2.fillPoly(thick, [np.round(p * scale).astype(np.int32)], 1, shift=4)
-    found = [_closed(thick > 0, gap_m) for gap_m in _GAPS_M]
+    found = [_closed(thick > 0, gap_m / grid.resolution_m) for gap_m in _GAPS_M]
     enough = _ENOUGH * float(found[-1].sum())
     return next(cells for cells in found if cells.sum() >= enough)
 
 
-def _closed(solid: Cells, gap_m: float) -> Cells:
-    """Solid cells and all that they enclose when gaps up to ``gap_m`` are none: a closing that fills holes."""
-    reach = math.ceil(gap_m / 2 / CELL_M)
+def _closed(solid: Cells, gap: float) -> Cells:
+    """Solid cells and all that they enclose when gaps up to ``gap`` cells are none: a closing that fills holes."""
+    reach = math.ceil(gap / 2)
     wide = cv2.distanceTransform((~np.pad(solid, reach + 1)).astype(np.uint8), cv2.DIST_L2, 5) <= reach
     filled = ndimage.binary_fill_holes(wide).astype(np.uint8)
     # One cell more than was added: whatever an outline touched was painted.
@@ -145,16 +168,17 @@ def _closed(solid: Cells, gap_m: float) -> Cells:
 
 def _ground_of(part: Cells, where: tuple[slice, slice], grid: Grid) -> Ground:
     """One connected part, whose box of cells in the grid is ``where``."""
-    origin = np.array([grid.origin_x_m, grid.origin_y_m]) + CELL_M * np.array([where[1].start - 1, where[0].start - 1])
+    cell_m = grid.resolution_m
+    origin = np.array([grid.origin_x_m, grid.origin_y_m]) + cell_m * np.array([where[1].start - 1, where[0].start - 1])
     padded = np.pad(part, 1)
     wide = cv2.dilate(padded.astype(np.uint8), np.ones((3, 3), np.uint8))
     contours, _ = cv2.findContours(padded.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     outline = cv2.approxPolyDP(max(contours, key=len), 1.0, True)[:, 0]
-    clear = cv2.distanceTransform(padded.astype(np.uint8), cv2.DIST_L2, 5).max() * CELL_M
-    area_m2 = float(part.sum()) * CELL_M**2
+    clear = cv2.distanceTransform(padded.astype(np.uint8), cv2.DIST_L2, 5).max() * cell_m
+    area_m2 = float(part.sum()) * cell_m**2
     return Ground(
-        (outline + 0.5) * CELL_M + origin,
-        tuple(tile * CELL_M + origin for tile in _tiles(wide > 0)),
+        (outline + 0.5) * cell_m + origin,
+        tuple(tile * cell_m + origin for tile in _tiles(wide > 0)),
         area_m2,
         bool(len(outline) >= 3 and clear >= _AREA_WIDTH_M / 2 and area_m2 >= _AREA_M2),
     )

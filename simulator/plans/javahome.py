@@ -79,10 +79,7 @@ class _Writer:
 
     def _piece(self, piece: JavaObject, depth: int) -> ET.Element:
         """A piece of furniture; a group has others in it."""
-        if depth >= self._max_depth:
-            raise BuildingError(
-                f"{self._source}: groups nested deeper than {self._max_depth}, or in themselves: refused"
-            )
+        self._refuse_depth(depth)
         element = self._element(_TAGS.get(piece.class_name.removeprefix(_MODEL), "pieceOfFurniture"), piece)
         for child in self._objects(piece, "furniture") if element.tag == "furnitureGroup" else ():
             element.append(self._piece(child, depth + 1))
@@ -97,18 +94,25 @@ class _Writer:
             ET.SubElement(element, "point", x=_text(point[0]), y=_text(point[1]))
         return element
 
-    def _element(self, tag: str, of: JavaObject) -> ET.Element:
+    def _refuse_depth(self, depth: int) -> None:
+        if depth >= self._max_depth:
+            raise BuildingError(
+                f"{self._source}: things nested deeper than {self._max_depth}, or in themselves: refused"
+            )
+
+    def _element(self, tag: str, of: JavaObject, depth: int = 0) -> ET.Element:
         """An element with the object's plain fields as attributes, its textures and parts below."""
+        self._refuse_depth(depth)
         self._take()
         element = ET.Element(tag)
         for name, value in of.fields.items():
             if name in _PARTS and value is not None:
                 for part in self._objects(of, name):
-                    element.append(self._element(_PARTS[name], part))
+                    element.append(self._element(_PARTS[name], part, depth + 1))
             elif name == "modelRotation" and value is not None:
                 element.set(name, self._rotation(of))
             elif isinstance(value, JavaObject) and value.class_name == f"{_MODEL}HomeTexture":
-                element.append(self._element("texture", value))
+                element.append(self._element("texture", value, depth + 1))
                 element[-1].set("attribute", name)
             elif (text := self._attribute(name, value)) is not None:
                 element.set(name, text)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simulator.plans.plan import Opening
 from simulator.plans.sweethome import Piece
-from simulator.plans.words import OUTER, SHUT
+from simulator.plans.words import OUTER, SHUT, words_of
 
 #: An opening reaches this far to both sides of its piece, so that a wall thicker than the model is cut through.
 _REACH_M = 0.02
@@ -20,16 +20,21 @@ _DOOR_HEIGHT_M = 1.8
 
 _OPENING = re.compile(r"sweethome3d_(opening|hinge|window_pane)|window_pane", re.IGNORECASE)
 _PANE = re.compile(r"window_pane", re.IGNORECASE)
-_DOOR = re.compile(r"door|gate|frame", re.IGNORECASE)
-_WINDOW = re.compile(r"window", re.IGNORECASE)
+#: A French window is one that people walk through.
+_KINDS = (
+    (re.compile(r"\b(?:\w*doors?|doorways?|french)\b", re.IGNORECASE), True),
+    (re.compile(r"\b(?:windows?|fixed)\b", re.IGNORECASE), False),
+    (re.compile(r"\b(?:gates?|frames?)\b", re.IGNORECASE), True),
+)
 
 
 def is_door(piece: Piece) -> bool:
-    """Whether an opening is a door: whatever one can walk through, in any language, and what is called so in English."""
-    if piece.z_m < 0.05 and piece.size_m[2] >= _DOOR_HEIGHT_M:
-        return True
-    words = f"{piece.catalog_id} {piece.name}"
-    return bool(_DOOR.search(words)) and not _WINDOW.search(words)
+    """Whether an opening is a door: by its catalogue id, else by its English name, else whatever one can walk through."""
+    for words in (_id_words(piece), words_of(piece.name)):
+        for kind, is_one in _KINDS:
+            if kind.search(words):
+                return is_one
+    return piece.z_m < 0.05 and piece.size_m[2] >= _DOOR_HEIGHT_M
 
 
 def stands_open(piece: Piece, *, indoors: bool = False) -> bool:
@@ -39,8 +44,13 @@ def stands_open(piece: Piece, *, indoors: bool = False) -> bool:
         piece: a door or window.
         indoors: there are rooms with a ceiling on both sides of it, so that a front door leads to no street.
     """
-    words = f"{piece.catalog_id} {piece.name}"
+    words = f"{_id_words(piece)} {words_of(piece.name)}"
     return is_door(piece) and not SHUT.search(words) and (indoors or not OUTER.search(words))
+
+
+def _id_words(piece: Piece) -> str:
+    """The words of a catalogue id without its author: a translation leaves them as they were."""
+    return words_of(piece.catalog_id.rpartition("#")[2])
 
 
 def beside(piece: Piece) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

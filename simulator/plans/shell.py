@@ -17,7 +17,7 @@ from simulator.plans.openings import is_door, is_stairs, opening_of, stair_cut_o
 from simulator.plans.plan import Wall, build_wall, wall_outline
 from simulator.plans.polygons import Polygon, contains, signed_area
 from simulator.plans.slabs import build_skirt, build_slab, build_slabs
-from simulator.plans.storeys import SAME_M, is_storey, number_storeys
+from simulator.plans.storeys import SAME_M, is_low_or_roof, is_upper, number_storeys, why_no_storey
 from simulator.plans.straight_walls import WallPart, joined, near, parts_of
 from simulator.plans.sweethome import Color, Home, Level, Picture, Piece, PlanRoom
 from simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
@@ -51,6 +51,7 @@ class Shell:
         if not self.levels:
             self.levels = {"": Level("", "Ground floor", 0.0, home.wall_height_m, 0.12)}
         self.lowest = min(self.levels.values(), key=lambda level: level.z_m)
+        self.storeys: set[str] = set()
         self.floor_of_level: dict[str, str] = {}
         self.rooms: list[_DrawnRoom] = []
         self.cuts: list[tuple[NDArray[np.float64], float, float]] = []
@@ -61,7 +62,8 @@ class Shell:
 
     def build_shell(self) -> None:
         """Floors, then rooms, then walls, then the ground that lies between those."""
-        self.builder.floors, self.floor_of_level = number_storeys(list(self.levels.values()), self._used_levels())
+        self.storeys = self._find_storeys()
+        self.builder.floors, self.floor_of_level = number_storeys(list(self.levels.values()), self.storeys)
         self.cuts = [self._cut(piece) for piece in self.home.pieces if is_stairs(piece)]
         if len(self.cuts) > MAX_STAIRS:
             raise BuildingError(f"{self.name} has {len(self.cuts)} staircases; at most {MAX_STAIRS}")
@@ -78,14 +80,28 @@ class Shell:
     def _level(self, level_id: str) -> Level:
         return self.levels.get(level_id, self.lowest)
 
-    def _used_levels(self) -> set[str]:
-        """Ids of the levels with rooms, or with walls and something between them or above: else walls may be a roof's."""
+    def _find_storeys(self) -> set[str]:
+        """Ids of the levels that are floors; what else has rooms or walls is noted with the reason."""
         rooms = {self._level(room.level).id for room in self.home.rooms if len(room.outline_m) >= 3}
         walled = {self._level(wall.level).id for wall in self.home.walls}
         furnished = {self._level(p.level).id for p in self.home.pieces if not p.is_opening or is_door(p)}
-        used = rooms | (walled & furnished)
-        top_m = max((self.levels[level].z_m for level in used), default=0.0)
-        return used | {level for level in walled if self.levels[level].z_m < top_m}
+        top_m = max((self.levels[level].z_m for level in rooms | (walled & furnished)), default=0.0)
+        why_not = {
+            id_: why_no_storey(
+                level, roomed=id_ in rooms, walled=id_ in walled, inhabited=id_ in furnished or level.z_m < top_m
+            )
+            for id_, level in self.levels.items()
+        }
+        if all(why_not.values()):  # a plan has a floor: walls alone, say
+            levels = sorted(self.levels.values(), key=lambda level: (is_low_or_roof(level), level.z_m))
+            why_not[next((level for level in levels if level.id in walled), levels[0]).id] = ""
+        storeys = {id_ for id_, why in why_not.items() if not why}
+        altitudes = [self.levels[id_].z_m for id_ in storeys]
+        for id_, level in self.levels.items():
+            apart = all(abs(level.z_m - z_m) > SAME_M for z_m in altitudes)
+            if apart and id_ in rooms | walled:
+                self.builder.notes.append(f"level {level.name or id_!r} is no floor: {why_not[id_]}")
+        return storeys
 
     def _cut(self, piece: Piece) -> tuple[NDArray[np.float64], float, float]:
         """Outline, foot and top of a staircase."""
@@ -130,18 +146,24 @@ class Shell:
         own = [
             (outline, level)
             for outline, level in zip(walls, levels, strict=True)
-            if abs(level.z_m - floor.z_m) <= SAME_M and is_storey(level)
+            if abs(level.z_m - floor.z_m) <= SAME_M and (level.id in self.storeys or not is_low_or_roof(level))
         ]
         if not own:
             return
         level = own[0][1]
-        lowest = floor is self.builder.floors[0]
-        # Above the lowest storey a room without a floor is open to below, as are staircases.
-        rooms = [room.outline for room in self._rooms_at(floor.z_m) if room.has_floor or not lowest]
+        # On an upper storey a room without a floor is open to below, as are staircases.
+        upper = is_upper(floor)
+        rooms = [room.outline for room in self._rooms_at(floor.z_m) if room.has_floor or not upper]
         holes = self._holes_at(floor.z_m)
-        parts = find_ground([outline for outline, _ in own], [*rooms, *holes])
-        if not lowest:
-            parts = without_voids(parts, rooms, holes)
+        try:
+            parts = find_ground([outline for outline, _ in own], [*rooms, *holes])
+        except BuildingError as error:
+            self.builder.notes.append(f"level {floor.id}: {error}")
+            return
+        if upper:
+            below = [f.z_m for f in self.builder.floors if f.z_m < floor.z_m]
+            under = [room.outline for room in self._rooms_at(max(below, default=floor.z_m))]
+            parts = without_voids(parts, rooms, holes, under)
         areas = [part for part in parts if part.is_area]
         strips = [tile for part in parts if not part.is_area for tile in part.tiles]
         known: dict[str, tuple[Material, float, float]] = {}

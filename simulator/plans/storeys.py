@@ -16,9 +16,33 @@ SAME_M = 0.1
 _GROUND_M = -0.3
 
 
-def is_storey(level: Level) -> bool:
-    """Whether a level can be a floor at all: high enough, and no roof by its name."""
-    return level.height_m >= MIN_HEIGHT_M and not ROOF.search(level.name)
+def why_no_storey(level: Level, *, roomed: bool, walled: bool, inhabited: bool) -> str:
+    """Why a level is no floor, for people; empty if it may be one.
+
+    Args:
+        level: of the plan.
+        roomed: whether a room is drawn on it; ``walled``: whether walls stand on it.
+        inhabited: whether something stands between walls without rooms, or a floor lies above them.
+    """
+    if level.height_m < MIN_HEIGHT_M:
+        return f"it is {level.height_m:.2g} m high, and nobody walks on less than {MIN_HEIGHT_M:g} m"
+    if roomed:
+        return ""
+    if ROOF.search(level.name):
+        return "its name says roof, and no room is drawn on it"
+    if not walled:
+        return "neither rooms nor walls are drawn on it"
+    return "" if inhabited else "nothing stands between its walls, and no room is drawn: they are taken for a roof's"
+
+
+def is_low_or_roof(level: Level) -> bool:
+    """Whether a level is one that people walk on least of all."""
+    return level.height_m < MIN_HEIGHT_M or bool(ROOF.search(level.name))
+
+
+def is_upper(floor: Floor) -> bool:
+    """Whether a floor lies above the one on the ground."""
+    return floor.id.isdigit() and floor.id != "0"
 
 
 def number_storeys(levels: Sequence[Level], used: Collection[str]) -> tuple[list[Floor], dict[str, str]]:
@@ -28,19 +52,17 @@ def number_storeys(levels: Sequence[Level], used: Collection[str]) -> tuple[list
 
     Args:
         levels: of the plan, at least one.
-        used: ids of the levels that have rooms, or walls that aren't just a roof's.
+        used: ids of those that are floors (``why_no_storey``), at least one.
     """
     ordered = sorted(levels, key=lambda level: level.z_m)
     storeys: list[list[Level]] = []
     for level in ordered:
-        if level.id not in used or not is_storey(level):
+        if level.id not in used:
             continue
-        if storeys and level.z_m - storeys[-1][0].z_m < SAME_M:
+        if storeys and level.z_m - storeys[-1][0].z_m <= SAME_M:
             storeys[-1].append(level)
         else:
             storeys.append([level])
-    if not storeys:
-        storeys = [[next((level for level in ordered if is_storey(level)), ordered[0])]]
     ground = next((i for i, group in enumerate(storeys) if group[0].z_m > _GROUND_M), len(storeys) - 1)
     floors = []
     for i, (first, *_) in enumerate(storeys):

@@ -9,17 +9,30 @@ from importlib import resources
 _WORDS: dict[str, list[str]] = json.loads(
     resources.files("simulator.plans").joinpath("data/doors_and_roofs.json").read_text("utf-8")
 )
+#: From here on scripts put no spaces between words.
+_SPACELESS = "\u2e80"
 
 
-def _any_of(words: list[str], *, alone: bool) -> re.Pattern[str]:
-    """Matches any of the words; ``alone`` wants no letter beside them, where a language puts spaces between words."""
-    edge = [rf"\b{re.escape(word)}\b" if alone and word[0] < "\u2e80" else re.escape(word) for word in words]
-    return re.compile("|".join(edge), re.IGNORECASE)
+def words_of(*names: str) -> str:
+    """Names as single words: "eTeks#frontDoor2" is "e Teks front Door"."""
+    text = re.sub(r"([^\W\d_])[\W\d_]+", r"\1 ", " ".join(names))
+    return re.sub(r"([^\W\d_A-Z])([A-Z])", r"\1 \2", text)
+
+
+def _any_of(words: list[str]) -> re.Pattern[str]:
+    """Matches any of the words, or what begins like those that end in a hyphen."""
+    edged = (
+        re.escape(word)
+        if word[0] >= _SPACELESS
+        else rf"\b{re.escape(word.removesuffix('-'))}" + r"\b" * (word[-1] != "-")
+        for word in words
+    )
+    return re.compile("|".join(edged), re.IGNORECASE)
 
 
 #: In the name of a level that is a roof.
-ROOF = _any_of(_WORDS["roof"], alone=True)
-#: In the name or catalogue id of a door that is made to lead out of the home.
-OUTER = _any_of(_WORDS["outer"], alone=False)
+ROOF = _any_of(_WORDS["roof"])
+#: In the words of a door that is made to lead out of the home (``words_of`` its name and catalogue id).
+OUTER = _any_of(_WORDS["outer"])
 #: In those of a door that stays shut wherever it is: of a garage, a lift.
-SHUT = _any_of(_WORDS["shut"], alone=False)
+SHUT = _any_of(_WORDS["shut"])

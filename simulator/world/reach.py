@@ -22,8 +22,10 @@ from simulator.world.scene import Floor, Room, Scene
 
 #: Smaller pieces of floor are gaps between furniture, not places that somebody misses [m2].
 _PIECE_M2 = 1.0
-#: So many reasons and so many rooms of one are said.
-_MOST_REASONS, _MOST_ROOMS = 6, 3
+#: So many reasons, and so many rooms and doors of one, are said.
+_MOST_REASONS, _MOST_NAMES = 6, 3
+#: Ground so near to a door is beside it [m]: a robot's radius, and half a wall.
+_BESIDE_DOOR_M = 0.4
 _LONGEST_NAME = 40
 
 
@@ -117,7 +119,7 @@ def _why_not(scene: Scene, navigation: NavigationMap, floor: Floor, f: FloorNavi
     """Why robots can't get to a level, up to its number; empty: its stairs' notes say it."""
     if _m2(f, f.free) < _PIECE_M2:
         bare = not any(room.floor == floor.id for room in scene.rooms) or _m2(f, f.supported) < _PIECE_M2
-        return "no floor is drawn on" if bare else "there is no room for a robot on"
+        return "no floor is drawn on" if bare else "there is hardly room for a robot on"
     if not any(floor.id in (s.lower_floor, s.upper_floor) for s in scene.stairs):
         return "no stair leads to"
     joined = any(floor.id in (t.lower_floor, t.upper_floor) for t in navigation.transits)
@@ -139,9 +141,34 @@ def _shut_off(scene: Scene, navigation: NavigationMap, floor: Floor, f: FloorNav
         {room.name.strip()[:_LONGEST_NAME] for room in scene.rooms if room.floor == floor.id and _holds(room, f, shut)}
         - {""}
     )
-    more = len(rooms) - _MOST_ROOMS
-    names = ", ".join([*rooms[:_MOST_ROOMS], *([f"{more} more"] if more > 0 else [])])
-    yield f"no way leads to {_m2(f, shut):.0f} m² of level {floor.id}" + (f" ({names})" if names else "")
+    names, doors = _listed(rooms), _listed(_doors_between(scene, floor, f, shut, area))
+    yield (
+        f"no way leads to {_m2(f, shut):.0f} m² of level {floor.id}"
+        + (f" ({names})" if names else "")
+        + (f", for a robot can't pass {doors}" if doors else "")
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    """The first few names, and how many more there are."""
+    more = len(names) - _MOST_NAMES
+    return ", ".join([*names[:_MOST_NAMES], *([f"{more} more"] if more > 0 else [])])
+
+
+def _doors_between(
+    scene: Scene, floor: Floor, f: FloorNavigation, shut: NDArray[np.bool_], area: NDArray[np.bool_]
+) -> list[str]:
+    """Names of the doors with ground of both kinds beside them."""
+    found = []
+    for door in scene.instances:
+        if door.label != "door" or door.floor != floor.id:
+            continue
+        low, high = np.subtract(door.p_min[:2], _BESIDE_DOOR_M), np.add(door.p_max[:2], _BESIDE_DOOR_M)
+        (row0, col0), (row1, col1) = f.grid.cells_of(np.stack([low, high])).astype(int).tolist()
+        beside = np.s_[max(0, row0) : max(0, row1 + 1), max(0, col0) : max(0, col1 + 1)]
+        if shut[beside].any() and area[beside].any():
+            found.append(f"{door.name.strip()[:_LONGEST_NAME] or 'a door'!r}")
+    return sorted(set(found))
 
 
 def _holds(room: Room, f: FloorNavigation, cells: NDArray[np.bool_]) -> bool:

@@ -18,6 +18,9 @@ from surveilnav.messages import Stair
 from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.sensing.views import TrueInstances
 
+#: Of a building's notes so many are told to whoever asks for the robot.
+_MOST_NOTES = 8
+
 
 class SimulatedBody:
     """A ``Body`` in a simulated building, beginning in ``state``. Every state is handed to ``keep`` before it is told."""
@@ -31,7 +34,7 @@ class SimulatedBody:
         self._building, self._state, self._keep = building, state, keep
         self._labels = building.scene.truth_labels
         self.stairs: Sequence[Stair] = core.stairs_of(building.navigation)
-        self.notes: Sequence[str] = [said] if (said := building.reach.sentence) else []
+        self.notes: Sequence[str] = [*building.notes[:_MOST_NOTES]]
 
     @property
     def state(self) -> core.RobotState:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from simulator.meshes.buildings import Piece, building_of
+from simulator.meshes.buildings import MeshPart, building_of
 from simulator.plans.assembly import Mesh, MeshBuilder
 from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Material, Scene
@@ -34,7 +34,7 @@ def shell(width: float, depth: float, z: float, height: float = 2.6) -> Mesh:
 
 
 def build(*meshes: Mesh) -> Scene:
-    return building_of([Piece(f"part {i}", "", (mesh,)) for i, mesh in enumerate(meshes)], "test", "test")
+    return building_of([MeshPart(f"part {i}", "", (mesh,)) for i, mesh in enumerate(meshes)], "test", "test")
 
 
 def levels(scene: Scene) -> list[float]:
@@ -138,8 +138,8 @@ def test_a_model_inside_out_has_floors_too() -> None:
 def test_things_stand_on_the_floor_below_them() -> None:
     lamp = boxes(((1, 4, 2.2), (1.3, 4.3, 2.4)))
     bed = boxes(((5, 3, 2.6), (7, 5, 3.1)))
-    pieces = [Piece(f"part {i}", "", (mesh,)) for i, mesh in enumerate(two_floors())]
-    scene = building_of([*pieces, Piece("Lamp", None, (lamp,)), Piece("Bed.002", None, (bed,))], "test", "test")
+    pieces = [MeshPart(f"part {i}", "", (mesh,)) for i, mesh in enumerate(two_floors())]
+    scene = building_of([*pieces, MeshPart("Lamp", None, (lamp,)), MeshPart("Bed.002", None, (bed,))], "test", "test")
     assert {i.name: (i.label, i.floor) for i in scene.instances[-2:]} == {"Lamp": ("", "0"), "Bed.002": ("bed", "1")}
 
 

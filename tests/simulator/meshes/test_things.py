@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simulator.meshes.things import Piece, groups_of, thing_sizes, whole_things
+from simulator.meshes.things import MeshPart, groups_of, thing_sizes, whole_things
 from simulator.plans.assembly import Mesh
 from simulator.sources import open_building
 from simulator.world.scene import Material
 
 #: Name, low corner, size [m].
-Part = tuple[str, tuple[float, float, float], tuple[float, float, float]]
+Row = tuple[str, tuple[float, float, float], tuple[float, float, float]]
 PAINT = (Material("paint", (1, 1, 1)),)
 
 
@@ -26,11 +26,11 @@ def box(low: Sequence[float], size: Sequence[float]) -> Mesh:
     )  # fmt: skip
 
 
-def pieces(parts: Sequence[Part]) -> list[Piece]:
-    return [Piece(name, None, (box(low, size),)) for name, low, size in parts]
+def pieces(parts: Sequence[Row]) -> list[MeshPart]:
+    return [MeshPart(name, None, (box(low, size),)) for name, low, size in parts]
 
 
-def moved(parts: Sequence[Part], x: float, y: float = 0.0, number: int = 0) -> list[Part]:
+def moved(parts: Sequence[Row], x: float, y: float = 0.0, number: int = 0) -> list[Row]:
     """The same parts elsewhere, "Bed_frame" as "Bed_2_frame"."""
     return [
         (name.replace("_", f"_{number}_", 1) if number else name, (low[0] + x, low[1] + y, low[2]), size)
@@ -38,18 +38,18 @@ def moved(parts: Sequence[Part], x: float, y: float = 0.0, number: int = 0) -> l
     ]
 
 
-BED: list[Part] = [
+BED: list[Row] = [
     ("Bed_frame", (0, 0, 0), (1.65, 2.05, 0.3)), ("Bed_mattress", (0.02, 0.02, 0.3), (1.6, 2.0, 0.25)),
     ("Bed_pillow_1", (0.1, 1.5, 0.55), (0.6, 0.4, 0.12)), ("Bed_pillow_2", (0.9, 1.5, 0.55), (0.6, 0.4, 0.12)),
     ("Bed_head", (0, 2.05, 0), (1.65, 0.05, 1.1)),
 ]  # fmt: skip
-CHAIR: list[Part] = [
+CHAIR: list[Row] = [
     ("Chair_seat", (0, 0, 0.42), (0.45, 0.45, 0.05)), ("Chair_back", (0, 0.43, 0.47), (0.45, 0.03, 0.45)),
     *((f"Chair_leg_{i}", (0.4 * (i % 2), 0.4 * (i // 2), 0), (0.04, 0.04, 0.42)) for i in range(4)),
 ]  # fmt: skip
-WHOLE_CHAIR: list[Part] = [("Chair", (0, 0, 0), (0.45, 0.48, 0.9))]
+WHOLE_CHAIR: list[Row] = [("Chair", (0, 0, 0), (0.45, 0.48, 0.9))]
 
-CASES: dict[str, tuple[list[Part], list[str]]] = {
+CASES: dict[str, tuple[list[Row], list[str]]] = {
     "a bed of parts": (BED, ["Bed"]),
     "two beds side by side": (moved(BED, 0, number=1) + moved(BED, 1.65, number=2), ["Bed_1", "Bed_2"]),
     "twin beds pushed together": (
@@ -104,7 +104,7 @@ def test_parts_that_are_one_thing(case: str) -> None:
 
 
 def test_what_a_file_states_is_left_alone() -> None:
-    stated = [Piece(name, "bed", (box(low, size),)) for name, low, size in BED]
+    stated = [MeshPart(name, "bed", (box(low, size),)) for name, low, size in BED]
     assert whole_things(stated) == stated
 
 

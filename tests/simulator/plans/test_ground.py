@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.plans.ground import CELL_M, MAX_PARTS, find_ground, inside
+from simulator.plans.ground import MAX_PARTS, find_ground, inside
 from simulator.plans.polygons import contains, signed_area
+from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
 
 
@@ -38,7 +39,7 @@ def ring(x0: float, y0: float, x1: float, y1: float, t: float = 0.2, gap_m: floa
 def test_cells_are_inside_by_their_centres(corners: list[float], shift: tuple[float, float]) -> None:
     angles = np.arange(len(corners)) * 2 * math.pi / len(corners)
     polygon = np.column_stack([np.array(corners) * np.cos(angles), np.array(corners) * np.sin(angles)]) + shift
-    grid = Grid(-3.5, -3.5, CELL_M, 140, 140)
+    grid = Grid(-3.5, -3.5, 0.05, 140, 140)
     cells = inside([polygon], grid)
     for row, col in np.ndindex(14, 14):
         here = (row * 10 + 3, col * 10 + 7)
@@ -86,7 +87,14 @@ def test_a_courtyard_open_to_the_street_is_none_of_the_building() -> None:
 def test_a_plan_too_large_or_without_walls_gets_none() -> None:
     assert find_ground([], []) == ()
     assert find_ground([], [box(0, 0, 1, 1)]) == ()
-    assert find_ground(ring(0, 0, 150, 150), []) == ()
+
+
+def test_large_storeys_are_filled_by_larger_cells_and_too_large_ones_refused() -> None:
+    for side in (90.0, 150.0, 350.0):
+        (part,) = find_ground(ring(0, 0, side, side), [])
+        assert part.area_m2 == pytest.approx(side**2, rel=0.01)
+    with pytest.raises(BuildingError, match="450 x 450 m, too much"):
+        find_ground(ring(0, 0, 450, 450), [])
 
 
 def test_a_lattice_of_walls_gives_no_more_parts_than_the_limit() -> None:

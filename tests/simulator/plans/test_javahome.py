@@ -209,7 +209,12 @@ HOSTILE: dict[str, tuple[bytes | Callable[[], bytes], str]] = {
     ),
     "a group that holds itself": (
         # Handles: class Home 0, "Lx;" 1, home 2, class ArrayList 3, list 4, class group 5, "Lx;" 6, group 7.
-        home("L:furniture", listing(thing(f"{MODEL}HomeFurnitureGroup", "L:furniture", reference(4)))), "groups nested",
+        home("L:furniture", listing(thing(f"{MODEL}HomeFurnitureGroup", "L:furniture", reference(4)))), "things nested",
+    ),
+    "a texture of itself": (
+        # ... class piece 5, "Lx;" 6, piece 7, class texture 8, "Lx;" 9, texture 10.
+        home("L:furniture", listing(thing(PIECE, "L:texture", thing(f"{MODEL}HomeTexture", "L:texture", reference(10))))),
+        "things nested",
     ),
 }  # fmt: skip
 

@@ -141,6 +141,20 @@ def test_an_open_well_on_an_upper_storey_stays_open() -> None:
     assert {room.floor: room.name for room in scene.rooms} == {"0": "Room 1", "1": "Room 2"}
 
 
+def test_an_entrance_storey_over_a_basement_has_a_floor_where_no_room_is_drawn() -> None:
+    levels = level("cellar", -262) + level("entrance", 0)
+    walls = walls_around(0, 0, 820, 420, "cellar") + walls_around(0, 0, 820, 420, "entrance")
+    scene = scene_of(levels + walls + room(10, 10, 810, 410, "cellar") + room(10, 10, 500, 410, "entrance"))
+    assert [room.name for room in scene.rooms if room.floor == "0"] == ["Room 2", "Unnamed area on entrance"]
+
+
+def test_an_upper_storey_has_a_floor_where_nothing_is_below() -> None:
+    levels = level("down", 0) + level("up", 262)
+    walls = walls_around(0, 0, 500, 420, "down") + walls_around(0, 0, 820, 420, "up")
+    scene = scene_of(levels + walls + room(10, 10, 490, 410, "down") + room(10, 10, 500, 410, "up"))
+    assert [room.name for room in scene.rooms if room.floor == "1"] == ["Room 2", "Unnamed area on up"]
+
+
 def test_an_upper_storey_without_rooms_has_a_floor_where_something_stands_on_it() -> None:
     levels = level("down", 0) + level("up", 262) + level("Dach", 524)
     walls = "".join(walls_around(0, 0, 820, 420, name) for name in ("down", "up", "Dach"))
@@ -148,6 +162,26 @@ def test_an_upper_storey_without_rooms_has_a_floor_where_something_stands_on_it(
     scene = scene_of(levels + walls + bed.format("up") + bed.format("Dach"))
     assert [floor.id for floor in scene.floors] == ["0", "1"]
     assert {room.floor for room in scene.rooms} == {"0", "1"}
+
+
+@pytest.mark.parametrize(
+    ("name", "height", "drawn", "why"),
+    [
+        ("Dach", 250, "", "no room is drawn"),
+        ("Attic", 120, room(10, 10, 810, 410, "Attic"), "it is 1.2 m high"),
+        ("Top", 250, "", "nothing stands between its walls"),
+        ("Roof", 250, room(10, 10, 810, 410, "Roof"), ""),
+    ],
+)
+def test_a_level_that_is_no_floor_is_named_with_the_reason(name: str, height: float, drawn: str, why: str) -> None:
+    levels = level("down", 0) + level(name, 262, height)
+    walls = "".join(walls_around(0, 0, 820, 420, each) for each in ("down", name))
+    scene = scene_of(levels + walls + room(10, 10, 810, 410, "down") + drawn)
+    assert [floor.name for floor in scene.floors] == (["down"] if why else ["down", name])
+    assert [note for note in scene.notes if "is no floor" in note] == [
+        note for note in scene.notes if why and note.startswith(f"level {name!r} is no floor:") and why in note
+    ]
+    assert bool(why) == any("is no floor" in note for note in scene.notes)
 
 
 def test_levels_at_one_altitude_are_one_floor() -> None:

@@ -46,7 +46,7 @@ def test_why_levels_cant_be_reached(room, said) -> None:
     assert said(bare(room, "0", 0.0)) == "robots reach 0 of 0 m²: no floor is drawn on level 0"
     full = [*room(1, 1), ("", "0", (0.0, 0.0, 0.0), (1.0, 0.8, 2.0))]
     outline = Room("Store", "0", ((0, 0), (1, 0), (1, 1), (0, 1)))
-    assert said(full, rooms=[outline]) == "robots reach 0 of 0 m²: there is no room for a robot on level 0"
+    assert said(full, rooms=[outline]) == "robots reach 0 of 0 m²: there is hardly room for a robot on level 0"
 
 
 def test_upper_levels_that_are_joined_to_each_other_alone(room, said) -> None:
@@ -65,6 +65,10 @@ def test_shut_off_rooms_are_named_and_gaps_are_not(room, said) -> None:
         "robots reach 13 of 19 m²: no way leads to 6 m² of level 0 (Garage)"
     )
     assert said([*room(6, 4), wall]) == "robots reach 13 of 19 m²: no way leads to 6 m² of level 0"
+    leaf = ("door", "0", (3.95, 1.0, 0.0), (4.15, 1.9, 2.0))
+    assert said([*room(6, 4), wall, leaf]).endswith("of level 0, for a robot can't pass 'door-8'")
+    away = ("door", "0", (2.0, 0.0, 0.0), (2.9, 0.05, 2.0))
+    assert said([*room(6, 4), wall, away]).endswith("of level 0")
     many = [dataclasses.replace(garage, name=f"Room {n}") for n in range(5)]
     assert said([*room(6, 4), wall], rooms=many).endswith("(Room 0, Room 1, Room 2, 2 more)")
     niche = ("wall", "0", (5.2, 0.0, 0.0), (5.3, 4.0, 2.5))  # 0.7 m wide behind it: 1.2 m² of free ground

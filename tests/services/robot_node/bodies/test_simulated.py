@@ -37,7 +37,7 @@ class Navigation:
 class Building:
     navigation = Navigation()
     scene = SimpleNamespace(name="home", truth_labels={5: "bed"}, content_hash="abc")
-    reach = SimpleNamespace(sentence="robots reach 16 of 20 m²")
+    notes = ("robots reach 16 of 20 m²",)
     settings = SimpleNamespace(seed=3)
 
     def robot_view(self, T_world_camera, camera, depth_range_m, seq):
