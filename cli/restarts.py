@@ -4,25 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 
 @dataclass(frozen=True, slots=True)
 class RestartPolicy:
-    """After ``first_s``, each time after twice as long, at most ``longest_s``. Given up after more than ``most`` ends within
-    ``within_s``; ends longer ago are forgiven."""
+    """After ``first_s``, each time in a row after twice as long, at most ``longest_s``. Given up after ``most`` restarts in a
+    row; who lives for ``settled_s`` begins a new row, as with Docker's and systemd's counts."""
 
     first_s: float = 0.5
-    longest_s: float = 8.0
-    most: int = 5
-    within_s: float = 60.0
+    longest_s: float = 30.0
+    most: int = 8
+    settled_s: float = 120.0
 
-    def wait_s(self, ends_s: Sequence[float]) -> float | None:
+    def wait_s(self, lives_s: Sequence[float]) -> float | None:
         """How long to wait after the last of a service's ends; None: give up.
 
         Args:
-            ends_s: the times of all its ends, in order, at least one [s].
+            lives_s: how long it lived each time, in order, at least one [s].
         """
-        recent = sum(ends_s[-1] - end_s < self.within_s for end_s in ends_s)
-        if recent > self.most:
+        row = sum(1 for _ in takewhile(lambda life_s: life_s < self.settled_s, reversed(lives_s))) or 1
+        if row > self.most:
             return None
-        return min(self.longest_s, self.first_s * 2.0 ** (recent - 1))
+        return min(self.longest_s, self.first_s * 2.0 ** (row - 1))

@@ -13,6 +13,7 @@ from types import TracebackType
 
 from services.gateway.core.resources import NEEDED
 from surveilnav.bus import BusSettings, Node
+from surveilnav.bus.main import ENDS_WITH_STDIN
 from surveilnav.errors import SurveilNavError
 
 
@@ -77,9 +78,14 @@ class Stack:
         with self.log_of(name).open("ab") as log:
             self.processes[name] = subprocess.Popen(
                 [sys.executable, "-m", program.module, *program.arguments],
-                env={**os.environ, **self.environment, **program.more},
-                stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                env={**os.environ, **self.environment, **program.more, ENDS_WITH_STDIN: "1"},
+                # Nobody writes to it: it breaks when this process is gone, also by `kill -9`, and the service ends.
+                stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
+
+    def can_do_without(self, name: str) -> bool:
+        """Whether the rest can search without that service: a camera."""
+        return name.startswith("camera-")
 
     def log_of(self, name: str) -> Path:
         """The file that the service of that name logs to."""

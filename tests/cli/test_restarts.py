@@ -17,24 +17,21 @@ from tests.waiting import until
 
 
 @pytest.mark.parametrize(
-    ("ends_s", "wait_s"),
+    ("lives_s", "wait_s"),
     [
-        ([0.0], 0.5),
-        ([0.0, 1.0], 1.0),
-        ([0.0, 1.0, 3.0], 2.0),
-        ([0.0, 1.0, 3.0, 6.0], 4.0),
-        ([0.0, 1.0, 3.0, 6.0, 11.0], 8.0),
-        ([0.0, 1.0, 3.0, 6.0, 11.0, 20.0], None),
-        ([0.0, 1.0, 3.0, 6.0, 11.0, 60.0], 8.0),  # the first is forgiven
-        ([0.0, 1.0, 3.0, 6.0, 11.0, 80.0], 0.5),  # all are
+        ([1.0], 0.5),
+        ([1.0] * 2, 1.0),
+        ([1.0] * 6, 16.0),
+        ([1.0] * 8, 30.0),  # the longest
+        ([1.0] * 9, None),
+        ([100.0] * 9, None),  # slowly, but again and again
+        ([1.0] * 7 + [121.0], 0.5),  # it had settled
+        ([1.0] * 7 + [500.0, 1.0], 0.5),
+        ([1.0] * 7 + [500.0, 1.0, 1.0], 1.0),
     ],
 )
-def test_the_wait_doubles_and_ends_by_giving_up(ends_s, wait_s):
-    assert RestartPolicy().wait_s(ends_s) == wait_s
-
-
-def test_the_wait_has_a_longest():
-    assert RestartPolicy(first_s=3.0, longest_s=5.0, most=9).wait_s([0.0, 0.0]) == 5.0
+def test_the_wait_doubles_and_ends_by_giving_up(lives_s, wait_s):
+    assert RestartPolicy().wait_s(lives_s) == wait_s
 
 
 @pytest.mark.parametrize(
@@ -45,11 +42,11 @@ def test_how_it_ended(code, said):
 
 
 class FakeStack(Stack):
-    """Two services that end when the test says so; ``started`` are those that were started again."""
+    """Services that end when the test says so; ``started`` are those that were started again."""
 
     def __init__(self, log_dir: Path) -> None:
         super().__init__({}, log_dir)
-        self.codes: dict[str, int | None] = {"router": None, "fusion": None}
+        self.codes: dict[str, int | None] = {"router": None, "fusion": None, "camera-c0": None}
         self.started: list[str] = []
         self.processes = {name: SimpleNamespace(poll=lambda name=name: self.codes[name]) for name in self.codes}  # type: ignore[misc]
 
@@ -97,14 +94,26 @@ def test_the_others_are_watched_while_one_waits(supervised):
 
 def test_what_ends_again_and_again_ends_it_all_with_the_end_of_its_log(supervised):
     stack, supervisor, _, now = supervised
-    with pytest.raises(SurveilNavError, match=r"fusion ended more than 5 times within 60 s.*exit code 3") as gave_up:  # noqa: PT012
-        for _ in range(1000):
+    with pytest.raises(SurveilNavError, match=r"fusion ended 9 times in a row, last by exit code 3") as gave_up:  # noqa: PT012
+        for _ in range(2000):
             stack.codes["fusion"] = 3
             supervisor.tend()
             now.s += 0.1
     assert "the last words" in str(gave_up.value)
-    assert stack.started == ["fusion"] * 5
-    assert now.s < 100 + 20
+    assert stack.started == ["fusion"] * 8
+
+
+def test_a_camera_that_ends_again_and_again_is_given_up_and_the_rest_goes_on(supervised):
+    stack, supervisor, said, now = supervised
+    (stack.log_dir / "camera-c0.log").write_text("no lens\n")
+    for _ in range(2000):
+        stack.codes["camera-c0"] = 3
+        supervisor.tend()
+        now.s += 0.1
+    assert stack.started == ["camera-c0"] * 8
+    assert sum("given up; the rest goes on without it" in line and "no lens" in line for line in said) == 1
+    state = next(s for s in supervisor._services().services if s.name == "camera-c0")
+    assert (state.running, state.given_up, state.restarts, state.why) == (False, True, 8, "exit code 3")
 
 
 def test_everybody_may_know(supervised, make_node):

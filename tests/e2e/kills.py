@@ -40,6 +40,7 @@ class Up:
     process: subprocess.Popen[bytes]
     gateway: httpx.Client
     console: Path
+    killed: bool = False
 
     def pid(self, name: str) -> int | None:
         """The process of a service; None while it has none."""
@@ -66,6 +67,14 @@ class Up:
             60,
         )
         return time.monotonic() - began_s
+
+    def kill_itself(self) -> None:
+        """SIGKILL to ``up``; returns when all of its services have ended."""
+        pids = [pid for name in SERVICES if (pid := self.pid(name)) is not None]
+        assert len(pids) == len(SERVICES), self.said
+        self.process.kill()
+        self.killed = True
+        until(lambda: not any(_runs(pid) for pid in pids), "services outlive `up`", 20)
 
     def _heard(self, name: str) -> bool:
         """Whether the gateway says that a service is there."""
@@ -132,6 +141,14 @@ class Up:
         return self.console.read_text()
 
 
+def _runs(pid: int) -> bool:
+    """Whether a process is there; one that ended and that nobody waited for isn't."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 @contextmanager
 def up(folder: Path, building: str = "parametric_flat", perception: str = "oracle", cameras: int = 2) -> Iterator[Up]:
     """Starts ``surveilnav up`` and waits until it is ready; stopped at the end. ``folder``: console, logs and state."""
@@ -151,7 +168,7 @@ def up(folder: Path, building: str = "parametric_flat", perception: str = "oracl
             assert process.poll() is None, system.said
             until(lambda: system._heard("robot"), timeout_s=30)
             yield system
-            assert process.poll() is None, system.said
+            assert process.poll() is None or system.killed, system.said
     finally:
         process.terminate()
         process.wait(30)

@@ -39,3 +39,4 @@ def test_searches_survive_the_death_of_any_service(tmp_path, home_cache, monkeyp
         system_status(str(system.gateway.base_url), Console(file=(shown := io.StringIO()), width=500), as_json=False)
         assert "id=router  running=True  restarts=1" in shown.getvalue()
         assert "why=SIGKILL" in shown.getvalue()
+        system.kill_itself()

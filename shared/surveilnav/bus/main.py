@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import threading
+import time
 from collections.abc import Callable
 
 from pydantic import ValidationError
@@ -13,10 +16,16 @@ from surveilnav.bus import logs
 from surveilnav.bus.settings import BusSettings
 from surveilnav.errors import SurveilNavError
 
+#: In the environment of a service that whoever started it keeps its standard input open for: it ends when that is closed.
+ENDS_WITH_STDIN = "SURVEILNAV_ENDS_WITH_STDIN"
+#: A service that doesn't end by SIGTERM within this is ended hard [s].
+_LAST_WORDS_S = 5.0
+
 
 def run_service(main: Callable[[], None]) -> int:
     """Runs ``main``; returns the process's exit code."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until ``Node.run`` takes over
+    end_with_stdin()
     try:
         settings = BusSettings()
         logs.configure(settings.log_format, settings.log_level)
@@ -30,6 +39,20 @@ def run_service(main: Callable[[], None]) -> int:
     except KeyboardInterrupt:
         return 130
     return 0
+
+
+def end_with_stdin() -> None:
+    """Has the process end when its standard input is closed, if it was told so: who started it is gone then."""
+    if os.environ.get(ENDS_WITH_STDIN):
+        threading.Thread(target=_wait_for_the_end, name="stdin", daemon=True).start()
+
+
+def _wait_for_the_end() -> None:
+    while os.read(0, 1024):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(_LAST_WORDS_S)
+    os._exit(1)
 
 
 def explain(error: ValidationError) -> str:

@@ -17,6 +17,7 @@ from pathlib import Path
 import zenoh
 
 from surveilnav.bus import logs
+from surveilnav.bus.main import end_with_stdin
 from surveilnav.bus.settings import DEFAULT_PORT, router_config
 from surveilnav.errors import BusError, ConfigError, SurveilNavError
 
@@ -73,6 +74,7 @@ def main(argv: list[str] | None = None) -> int:
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
+    end_with_stdin()
     try:
         if arguments.config:
             if not arguments.config.is_file():

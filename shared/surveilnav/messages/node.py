@@ -30,7 +30,7 @@ class ServiceState(msgspec.Struct, frozen=True):
     """A process that somebody keeps running.
 
     ``running``: it isn't waiting for its next start. ``restarts``: how often it was started again, ``restarted_ns`` the last
-    time (0: never). ``why``: how it had ended, such as "SIGKILL" or "exit code 1".
+    time (0: never). ``why``: how it had ended, such as "SIGKILL" or "exit code 1". ``given_up``: it isn't started any more.
     """
 
     name: str
@@ -38,6 +38,7 @@ class ServiceState(msgspec.Struct, frozen=True):
     restarts: int = 0
     restarted_ns: int = 0
     why: str = ""
+    given_up: bool = False
 
 
 class ServiceList(Message, frozen=True, kw_only=True):

@@ -10,10 +10,11 @@ from surveilnav.messages import ServiceState
 
 class Service(Resource):
     id: str = Field(validation_alias="name")
-    running: bool = Field(description="false: it ended, and its next start is waited for")
+    running: bool = Field(description="false: it ended; its next start is waited for, or it was given up")
     restarts: int = Field(description="how often it was started again")
     restarted: Time = Field(validation_alias="restarted_ns", description="when that was last")
     why: Text = Field(description="how it had ended: a signal or an exit code")
+    given_up: bool = Field(description="it ended too often in a row, and isn't started any more")
 
     @classmethod
     def from_state(cls, state: ServiceState, seen_ns: int, stale: bool) -> Service:

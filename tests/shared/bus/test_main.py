@@ -1,0 +1,38 @@
+"""How a service's process ends with whoever started it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from surveilnav.bus.main import ENDS_WITH_STDIN
+
+_PROGRAM = """
+import sys, time
+from surveilnav.bus.main import run_service
+def main():
+    print("up", flush=True)
+    time.sleep(60)
+sys.exit(run_service(main))
+"""
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_service_ends_when_its_standard_input_is_closed_if_it_was_told_so(told):
+    environment = {**os.environ, ENDS_WITH_STDIN: "1" if told else ""}
+    with subprocess.Popen(
+        [sys.executable, "-c", _PROGRAM], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as service:
+        assert service.stdin
+        assert service.stdout
+        assert service.stdout.readline() == "up\n"
+        service.stdin.close()
+        try:
+            code = service.wait(3.0 if told else 1.0)
+        except subprocess.TimeoutExpired:
+            code = None
+            service.kill()
+    assert code == (0 if told else None)
