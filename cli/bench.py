@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from cli.dataset import DEFAULT_ROOT, Root
 from cli.options import AsJson
+from cli.terminal import Terminal
 
 if TYPE_CHECKING:
     from benchmark.runner.run import Finished
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from benchmark.tables.make import Made
 
 app = typer.Typer(no_args_is_help=True, help="The benchmark: policies on the dataset.")
-console = Console(stderr=True, highlight=False)
+console = Terminal(stderr=True, highlight=False)
 
 
 @app.command()

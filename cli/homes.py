@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import time
 from collections.abc import Callable
@@ -13,12 +14,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from cli.terminal import plain
 from simulator.meshes import is_mesh
 from simulator.meshes.layout import is_hm3d
 from simulator.sources import open_building
 from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
-from simulator.world.reach import HomeSurvey, survey
+from simulator.world.reach import Survey, survey
 from surveilnav.errors import ConfigError, SurveilNavError
 
 
@@ -27,9 +29,10 @@ class Line:
     """A file, and what was found in it or why it can't be read."""
 
     file: str
-    survey: HomeSurvey | None
+    survey: Survey | None
     error: str = ""
     seconds: float = 0.0
+    sha256: str = ""
 
 
 def look_at(folder: Path, on_file: Callable[[int, int, str], None] = lambda done, of, which: None) -> list[Line]:
@@ -82,29 +85,47 @@ def _is_home(path: Path) -> bool:
 
 
 def _line(path: Path, name: str) -> Line:
-    began_s = time.monotonic()
+    began_s, sha256 = time.monotonic(), _sha256(path)
+
+    def line(found: Survey | None, error: str = "") -> Line:
+        return Line(name, found, error, time.monotonic() - began_s, sha256)
+
     try:
         scene = open_building(str(path))
         caster = RayCaster(scene)
-        found = survey(scene, NavigationMap.build(scene, caster=caster), caster)
-        return Line(name, found, seconds=time.monotonic() - began_s)
+        return line(survey(scene, NavigationMap.build(scene, caster=caster), caster))
     except (SurveilNavError, OSError) as error:
-        return Line(name, None, str(error), time.monotonic() - began_s)
+        return line(None, str(error))
     except (Exception, MemoryError) as error:  # a bug of ours, which shouldn't hide the other files
-        what = f"can't be opened by a mistake of this program: {type(error).__name__}: {error}"
-        return Line(name, None, what, time.monotonic() - began_s)
+        return line(None, f"can't be opened by a mistake of this program: {type(error).__name__}: {error}")
+
+
+def _sha256(path: Path) -> str:
+    """Of a file's bytes; empty for a folder, or what can't be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""
 
 
 def as_dict(line: Line) -> dict[str, Any]:
     """As ``--json`` says it: areas in m², ``targets`` as [those that robots can get to, all] by class."""
     if line.survey is None:
-        return {"file": line.file, "error": line.error, "seconds": round(line.seconds, 1)}
+        return {"file": line.file, "sha256": line.sha256, "error": line.error, "seconds": round(line.seconds, 1)}
     found = line.survey
     return {
         "file": line.file,
+        "sha256": line.sha256,
         "levels": [_rounded(asdict(floor)) for floor in found.reach.floors],
         "rooms": found.rooms,
-        **_rounded({"free_m2": found.reach.free_m2, "reached_m2": found.reach.reached_m2}),
+        **_rounded(
+            {
+                "free_m2": found.reach.free_m2,
+                "reached_m2": found.reach.reached_m2,
+                "reached_open_m2": found.reached_open_m2,
+            }
+        ),
         "targets": {label: list(counts) for label, counts in found.targets.items()},
         "says": found.reach.sentence,
         "notes": list(found.notes),
@@ -124,7 +145,7 @@ def show(lines: list[Line], console: Console) -> None:
     for column in ("levels", "rooms", "reached", "of m²", "%", "targets"):
         table.add_column(column, justify="right", no_wrap=True)
     for line in lines:
-        table.add_row(escape(line.file), *_cells(line))
+        table.add_row(escape(plain(line.file)), *_cells(line))
     console.print(table)
     for line in lines:
         for text in [line.error] if line.survey is None else [line.survey.reach.sentence, *line.survey.notes]:

@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from pydantic import ValidationError
-from pydantic_settings import SettingsError
-from rich.console import Console
+from typer.rich_utils import rich_format_error
 
 from cli import bench, dataset, models
-from cli.mistakes import as_object, in_words
+from cli.mistakes import as_object, in_words, usage_of
 from cli.options import BUILDING_KINDS, AsJson
-from surveilnav.errors import SurveilNavError
+from cli.terminal import Terminal
 from surveilnav.perception.names import BackendName
 
 app = typer.Typer(
@@ -28,7 +26,8 @@ app = typer.Typer(
 app.add_typer(dataset.app, name="dataset")
 app.add_typer(bench.app, name="bench")
 app.add_typer(models.app, name="models")
-console = Console(stderr=True, highlight=False)
+console = Terminal(stderr=True, highlight=False)
+results = Terminal(highlight=False)
 
 
 DEFAULT_CAMERAS = 4
@@ -138,7 +137,7 @@ def objects(
     """List what the running system has seen; with TEXT, what looks most like it first."""
     from cli.remote import list_objects
 
-    list_objects(url, text, label, floor, console, as_json)
+    list_objects(url, text, label, floor, results, as_json)
 
 
 @app.command()
@@ -146,7 +145,7 @@ def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """What the running system is doing: services, robots, cameras, missions."""
     from cli.remote import system_status
 
-    system_status(url, console, as_json)
+    system_status(url, results, as_json)
 
 
 @app.command()
@@ -159,9 +158,9 @@ def doctor(
 
     findings = examine(building)
     if as_json:
-        print(json.dumps([f.as_dict() for f in findings]))
+        print(json.dumps({"findings": [f.as_dict() for f in findings]}))
     else:
-        show(findings, console)
+        show(findings, results)
     raise typer.Exit(1 if any(f.level == "missing" for f in findings) else 0)
 
 
@@ -172,10 +171,10 @@ def buildings(as_json: AsJson = False) -> None:
 
     rows = list_buildings()
     if as_json:
-        print(json.dumps([asdict(row) for row in rows]))
+        print(json.dumps({"buildings": [asdict(row) for row in rows]}))
     else:
         for row in rows:
-            console.print(f"[bold]{row.name}[/]  {row.about}")
+            results.print(f"[bold]{row.name}[/]  {row.about}")
 
 
 @app.command()
@@ -192,7 +191,7 @@ def homes(folder: Annotated[Path, typer.Argument(help="A folder, or one file.")]
     if as_json:
         print(json.dumps({"folder": str(folder), "homes": [as_dict(line) for line in lines]}))
     else:
-        show(lines, console)
+        show(lines, results)
     raise typer.Exit(0 if any(line.survey for line in lines) else 1)
 
 
@@ -213,16 +212,22 @@ def prepare() -> None:
 def main() -> None:
     """The console script: a user's mistake is one line, never a traceback."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that whatever was started is stopped
+    as_json = "--json" in sys.argv[1:]
     try:
-        app(standalone_mode=True)
-    except KeyboardInterrupt:
+        sys.exit(app(prog_name="surveilnav", standalone_mode=False) or 0)
+    except (KeyboardInterrupt, typer.Abort):
         print("interrupted", file=sys.stderr)
         sys.exit(130)
-    except (ValidationError, SettingsError, SurveilNavError, OSError) as error:
-        if (words := in_words(error)) is None:
+    except Exception as error:
+        usage = usage_of(error)
+        words = usage if usage is not None else in_words(error)
+        if words is None:
             raise
-        if "--json" in sys.argv[1:]:
+        if as_json:
             print(json.dumps(as_object(error, words)))
+        if usage is not None:
+            rich_format_error(error)  # type: ignore[arg-type]
+            sys.exit(2)
         print(words, file=sys.stderr)
         sys.exit(1)
 

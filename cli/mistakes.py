@@ -6,21 +6,34 @@ import errno
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic_settings import SettingsError
 
 from surveilnav.bus.main import explain
+from surveilnav.errors import SurveilNavError
 
 
 def in_words(error: Exception) -> str | None:
     """A line for each thing that is wrong; None: a bug, which wants its traceback."""
     if isinstance(error, ValidationError):
         return explain(error)
-    if not isinstance(error, OSError):
+    if isinstance(error, SettingsError | SurveilNavError):
         return f"error: {error}"
+    if not isinstance(error, OSError):
+        return None
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     if error.filename is None and not full:  # not about a file that the user named
         return None
     where = f"{error.filename}: " if error.filename else ""
     return f"error: {where}{error.strerror}{'; make room and run again' if full else ''}"
+
+
+def usage_of(error: Exception) -> str | None:
+    """What is wrong with the command as it was typed, if that is what the parser says; None: another error.
+
+    Typer shows its parser's errors by itself and names only some of their classes, so they are known by what they can do.
+    """
+    format_message = getattr(error, "format_message", None)
+    return str(format_message()) if callable(format_message) else None
 
 
 def as_object(error: Exception, words: str) -> dict[str, Any]:

@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from cli.options import AsJson
 from cli.progress import downloading
+from cli.terminal import Terminal
 from surveilnav.perception import models
 
 app = typer.Typer(no_args_is_help=True, help="Detectors, segmenters, embedders: list, pull, check.")
-console = Console(stderr=True, highlight=False)
+console = Terminal(stderr=True, highlight=False)
 
 Names = Annotated[list[str], typer.Argument(help="Models, as `surveilnav models list` calls them.")]
 
@@ -33,7 +33,7 @@ def list_models(as_json: AsJson = False) -> None:
         size = f"{row['bytes'] / 1e6:,.0f}" if row["bytes"] else "?"
         here = f"[red]{escape(row['fault'])}[/]" if row["fault"] else escape(row["path"] or "-")
         table.add_row(row["name"], row["kind"], size, row["licence"], row["hash"], here)
-    wide = console if console.is_terminal else Console(stderr=True, highlight=False, width=200)
+    wide = console if console.is_terminal else Terminal(stderr=True, highlight=False, width=200)
     wide.print(table)
     wide.print(
         "\nhash: `known` stands in the catalogue. `first pull` is trusted when it first comes, and written into "

@@ -1,10 +1,12 @@
 """How much of homes that other people drew robots can search: two runs of ``surveilnav homes``, and searches in them.
 
     surveilnav homes FOLDER --json > AFTER.json
-    python -m benchmark.studies.others BEFORE.json AFTER.json --index INDEX.tsv --on RUN --off RUN
+    python -m benchmark.studies.others BEFORE.json AFTER.json --index INDEX.tsv --drawn BEFORE.json AFTER.json --on RUN --off RUN
 
-The homes themselves stay out of the repository: the index (tab-separated, with the columns file, owner/repo, path) names
-them. The runs are folders of ``surveilnav bench run`` over a split of some of these homes, with and without cameras.
+The homes themselves stay out of the repository: the index (tab-separated, with the columns file, owner/repo, path,
+left_out) names them. ``left_out`` says why a home doesn't count; of two files with the same bytes one doesn't. ``--drawn``:
+the same for the plans of ``python -m tests.simulator.plans.drawn``. The runs are folders of ``surveilnav bench run`` over
+a split of some of these homes, with and without cameras.
 """
 
 from __future__ import annotations
@@ -36,56 +38,115 @@ def survey_of(path: Path) -> dict[str, Home]:
         raise ConfigError(f"{path} isn't what `surveilnav homes FOLDER --json` prints: {error!r}") from error
 
 
-def names_of(index: Path | None) -> dict[str, str]:
-    """By file, how the page calls a home: "owner/repo: path". Without an index nobody has another name."""
-    if index is None:
-        return {}
-    with index.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file, delimiter="\t"))
-    try:
-        return {row["file"]: f"{row['owner/repo']}: {row['path']}" for row in rows}
-    except KeyError as error:
-        raise ConfigError(f"{index} has no column {error}: expected file, owner/repo and path, by tabs") from error
+class Index:
+    """How the page calls files, and which it leaves out. Without a table nobody has another name."""
+
+    def __init__(self, path: Path | None) -> None:
+        rows = []
+        if path is not None:
+            with path.open(encoding="utf-8", newline="") as file:
+                rows = list(csv.DictReader(file, delimiter="\t"))
+        try:
+            self._names = {row["file"]: f"{row['owner/repo']}: {row['path']}" for row in rows}
+            self._left_out = {row["file"]: row["left_out"] for row in rows if row["left_out"]}
+        except KeyError as error:
+            raise ConfigError(
+                f"{path} has no column {error}: expected file, owner/repo, path and left_out, by tabs"
+            ) from error
+
+    def name(self, file: str) -> str:
+        """ "owner/repo: path"."""
+        return _cell(self._names.get(file, file))
+
+    def sorted(self, homes: Mapping[str, Home]) -> tuple[list[str], dict[str, str]]:
+        """(files that count, in the order of their names; why each of the others doesn't)."""
+        out, seen = dict[str, str](), dict[str, str]()
+        for file in sorted(homes, key=lambda file: self.name(file).lower()):
+            sha256 = homes[file].get("sha256", "")
+            if file in self._left_out:
+                out[file] = self._left_out[file]
+            elif sha256 and sha256 in seen:
+                out[file] = f"the same bytes as {self.name(seen[sha256])}"
+            else:
+                seen[sha256 or file] = file
+        return list(seen.values()), out
 
 
 def page(
-    before: Mapping[str, Home], after: Mapping[str, Home], names: Mapping[str, str],
-    runs: Mapping[str, Sequence[EpisodeRecord]],
+    before: Mapping[str, Home], after: Mapping[str, Home], index: Index, runs: Mapping[str, Sequence[EpisodeRecord]],
+    drawn: tuple[Mapping[str, Home], Mapping[str, Home]] | None = None,
 ) -> str:  # fmt: skip
-    """The page, in Markdown. ``runs``: searches with cameras ("on") and without ("off"), if there are any."""
-    files = sorted(after, key=lambda file: names.get(file, file).lower())
-    parts = [_head(before, after, files), _areas(before, after, names, files), _reasons(after, names, files)]
+    """The page, in Markdown. ``runs``: searches with cameras ("on") and without ("off"), if there are any; ``drawn``: plans of
+    our own before and after."""
+    files, left_out = index.sorted(after)
+    parts = [_head(before, after, files), _drawn(*drawn) if drawn else "", _areas(before, after, index, files)]
+    parts += [_reasons(after, index, files), _left_out(index, left_out)]
     if any(runs.values()):
         parts += [_searches(runs), _failures(runs)]
-    return "\n".join(parts)
+    return "\n".join(part for part in parts if part)
 
 
 def _head(before: Mapping[str, Home], after: Mapping[str, Home], files: Sequence[str]) -> str:
     then, now = ([s for f in files if (s := _share(homes.get(f))) is not None] for homes in (before, after))
+    ways = [after[f] for f in files if (_open_share(after[f]) or 0.0) >= _ENOUGH]
+    kept = sum((_share(home) or 0.0) >= _ENOUGH for home in ways)
     return "\n".join([
         "# Homes of others", "",
         f"**In {sum(s >= _ENOUGH for s in now)} of {len(files)} homes robots reach at least {_ENOUGH:.0%} of the free floor; "
-        f"before in {sum(s >= _ENOUGH for s in then)}.** {len(now)} could be read and have floor, before {len(then)}.", "",
+        f"before in {sum(s >= _ENOUGH for s in then)}.** {len(now)} could be read and have floor, before {len(then)}. "
+        f"In {len(ways)} homes the plan's own doors and stairs lead to so much, if all doors stood open: "
+        f"robots reach it in {kept}.",
+        "",
         "Other people published these homes in public repositories. None of them is in this one. "
         "`surveilnav homes FOLDER --json` surveyed them, *before* by the program of dataset v1. "
         "`python -m benchmark.studies.others` wrote the page.", "",
     ])  # fmt: skip
 
 
-def _areas(
-    before: Mapping[str, Home], after: Mapping[str, Home], names: Mapping[str, str], files: Iterable[str]
-) -> str:
+def _drawn(before: Mapping[str, Home], after: Mapping[str, Home]) -> str:
     lines = [
-        "## Floor reached", "", "Of the m² indoors where a robot could stand, those that robots get to. Targets: things with a "
+        "## Plans drawn for each fault", "",
+        "Small plans of our own (`python -m tests.simulator.plans.drawn FOLDER`), each with one fault that people's plans "
+        "have.", "",
+        "| fault | reached before, m² | after, m² | targets before | after |", "|---|---|---|---|---|",
+    ]  # fmt: skip
+    for file in sorted(after):
+        then, now = (_reached(homes.get(file)) for homes in (before, after))
+        lines.append(
+            f"| {_cell(Path(file).stem)} | {then} | {now} | {_targets(before.get(file))} | {_targets(after[file])} |"
+        )
+    return "\n".join([*lines, ""])
+
+
+def _reached(home: Home | None) -> str:
+    if home is None or "error" in home:
+        return "can't be read"
+    return f"{home['reached_m2']:.0f}"
+
+
+def _left_out(index: Index, why: Mapping[str, str]) -> str:
+    if not why:
+        return ""
+    lines = ["## Left out", "", "| file | why |", "|---|---|"]
+    lines += [f"| {index.name(file)} | {_cell(reason)} |" for file, reason in why.items()]
+    return "\n".join([*lines, ""])
+
+
+def _areas(before: Mapping[str, Home], after: Mapping[str, Home], index: Index, files: Iterable[str]) -> str:
+    lines = [
+        "## Floor reached", "", "Of the m² indoors where a robot could stand, those that robots get to. "
+        "*By its doors*: the share that they would get to if every door of the plan stood open. Targets: things with a "
         "class that they get to.", "",
-        "| home | levels | rooms | before, m² | % | after, m² | % | targets before | after |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| home | levels | rooms | before, m² | % | after, m² | % | by its doors, % | targets before | after |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     for file in files:
         then, now = before.get(file), after[file]
         levels, rooms = (len(now["levels"]), now["rooms"]) if "levels" in now else ("", "")
-        cells = [levels, rooms, *_area(then), *_area(now), _targets(then), _targets(now)]
-        lines.append(f"| {_name(file, names)} | {' | '.join(map(str, cells))} |")
+        by_doors = _open_share(now)
+        cells = [levels, rooms, *_area(then), *_area(now), "" if by_doors is None else f"{100 * by_doors:.0f}",
+                 _targets(then), _targets(now)]  # fmt: skip
+        lines.append(f"| {index.name(file)} | {' | '.join(map(str, cells))} |")
     return "\n".join([*lines, ""])
 
 
@@ -105,6 +166,14 @@ def _share(home: Home | None) -> float | None:
     return float(home["reached_m2"]) / float(home["free_m2"])
 
 
+def _open_share(home: Home) -> float | None:
+    """The same if every door stood open."""
+    if not home.get("free_m2") or "reached_open_m2" not in home:
+        return None
+    # A robot may stand where a leaf was, too.
+    return min(1.0, float(home["reached_open_m2"]) / float(home["free_m2"]))
+
+
 def _targets(home: Home | None) -> str:
     if home is None or "targets" not in home:
         return ""
@@ -112,7 +181,7 @@ def _targets(home: Home | None) -> str:
     return f"{near} of {of}"
 
 
-def _reasons(after: Mapping[str, Home], names: Mapping[str, str], files: Iterable[str]) -> str:
+def _reasons(after: Mapping[str, Home], index: Index, files: Iterable[str]) -> str:
     lines = ["## What can't be reached, and why", "", "| home | reason |", "|---|---|"]
     for file in files:
         home = after[file]
@@ -125,7 +194,7 @@ def _reasons(after: Mapping[str, Home], names: Mapping[str, str], files: Iterabl
             )
         else:
             continue
-        lines.append(f"| {_name(file, names)} | {_cell(why)} |")
+        lines.append(f"| {index.name(file)} | {_cell(why)} |")
     return "\n".join([*lines, ""])
 
 
@@ -173,10 +242,6 @@ def _failures(runs: Mapping[str, Sequence[EpisodeRecord]]) -> str:
     return "\n".join([*lines, ""])
 
 
-def _name(file: str, names: Mapping[str, str]) -> str:
-    return _cell(names.get(file, file))
-
-
 def _cell(text: str) -> str:
     """Other people's words in a cell of a table: no markup."""
     plain = " ".join(text.replace("`", "'").replace("|", "/").replace("<", "&lt;").split())
@@ -189,12 +254,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("before", type=Path, help="what `surveilnav homes --json` said before")
     parser.add_argument("after", type=Path, help="what it says now")
     parser.add_argument("--index", type=Path, help="a table of the files' repositories and paths")
+    parser.add_argument(
+        "--drawn", type=Path, nargs=2, metavar=("BEFORE", "AFTER"), help="the same of plans drawn by us"
+    )
     parser.add_argument("--on", type=Path, help="a run's folder: searches with cameras")
     parser.add_argument("--off", type=Path, help="a run's folder: searches without")
     parser.add_argument("--out", type=Path, default=Path("docs/results/homes_of_others.md"))
     options = parser.parse_args(argv)
     runs = {arm: read(folder) for arm, folder in (("on", options.on), ("off", options.off)) if folder}
-    text = page(survey_of(options.before), survey_of(options.after), names_of(options.index), runs)
+    drawn = (survey_of(options.drawn[0]), survey_of(options.drawn[1])) if options.drawn else None
+    text = page(survey_of(options.before), survey_of(options.after), Index(options.index), runs, drawn)
     options.out.write_text(text, encoding="utf-8")
     return 0
 

@@ -7,7 +7,7 @@ opens a building tells (``Reach.sentence``), before anybody wonders why a search
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -67,23 +67,40 @@ class Reach:
 
 
 @dataclass(frozen=True)
-class HomeSurvey:
+class Survey:
     """What there is to search in a building.
 
     ``targets``: by class, how many robots can get to, and how many there are. ``notes``: the building's.
+    ``reached_open_m2``: what robots would reach if every door were open: where not even that is all, the plan has no way.
     """
 
     reach: Reach
+    reached_open_m2: float
     rooms: int
     targets: dict[str, tuple[int, int]]
     notes: tuple[str, ...]
 
 
-def survey(scene: Scene, navigation: NavigationMap, caster: RayCaster | None = None) -> HomeSurvey:
+def survey(scene: Scene, navigation: NavigationMap, caster: RayCaster | None = None) -> Survey:
     """Floors, rooms, and which things robots can get to (Habitat's rule of viewpoints): 0.1 to some seconds."""
     caster = caster or RayCaster(scene)
     targets = within_reach(scene, navigation, scene.labels_by_id, caster)
-    return HomeSurvey(reach_of(scene, navigation), len(scene.rooms), targets, scene.notes)
+    reach = reach_of(scene, navigation)
+    open_m2 = reach.reached_m2
+    if reach.reached_m2 < reach.free_m2:
+        doorless = _without_doors(scene)
+        open_m2 = max(open_m2, reach_of(doorless, NavigationMap.build(doorless)).reached_m2)
+    return Survey(reach, open_m2, len(scene.rooms), targets, scene.notes)
+
+
+def _without_doors(scene: Scene) -> Scene:
+    """The building with every leaf and frame taken off."""
+    doors = [instance.id for instance in scene.instances if instance.label == "door"]
+    stays = ~np.isin(scene.instance_of_triangle, doors)
+    return replace(
+        scene, triangles=scene.triangles[stays], uvs=scene.uvs[stays],
+        material_of_triangle=scene.material_of_triangle[stays], instance_of_triangle=scene.instance_of_triangle[stays],
+    )  # fmt: skip
 
 
 def reach_of(scene: Scene, navigation: NavigationMap) -> Reach:

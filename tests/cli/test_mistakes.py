@@ -64,3 +64,39 @@ def test_a_wrong_setting_is_an_object_too(typed, monkeypatch):
     error = json.loads(out)["error"]
     assert (code, error["type"]) == (1, "ValidationError")
     assert "SimulationSettings.lighting" in error["message"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"), [(("find",), "target"), (("demo", "--nonsense"), "--nonsense"), (("nothing",), "nothing")]
+)
+def test_a_command_that_cant_be_is_an_object_too(typed, arguments, says):
+    code, out, err = typed(*arguments, "--json")
+    assert code == 2
+    assert says in json.loads(out)["error"]["message"]
+    assert "Usage: surveilnav" in err
+    code, out, err = typed(*arguments)
+    assert (code, out) == (2, "")
+    assert says in err
+
+
+def test_lists_are_objects_too(typed):
+    code, out, _ = typed("buildings", "--json")
+    assert code == 0
+    assert {"name", "about"} == set(json.loads(out)["buildings"][0])
+    _, out, _ = typed("doctor", "--json")
+    assert json.loads(out)["findings"]
+    code, out, err = typed("buildings")
+    assert (code, err) == (0, "")
+    assert "studio" in out
+
+
+def test_foreign_names_are_shown_and_not_obeyed(typed, tmp_path):
+    folder = tmp_path / "homes"
+    folder.mkdir()
+    name = "a\x1b[2J\x1b]0;owned\x07\u202edh3s.sh3d"
+    (folder / name).write_bytes(b"nothing")
+    code, out, err = typed("homes", str(folder))
+    assert code == 1
+    assert "owned" in out
+    assert "0 of 1 files could be read" in out
+    assert not set("\x1b\x07\u202e") & set(out + err)

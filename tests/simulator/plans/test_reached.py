@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -12,78 +11,17 @@ from simulator.archive import Archive
 from simulator.plans.homes import build_home
 from simulator.plans.sweethome import read_home
 from simulator.world.navigation import NavigationMap
+from simulator.world.reach import reach_of
 from simulator.world.scene import Scene
+from tests.simulator.plans.drawn import FAULTS, LEAF_DOOR, TWO_ROOMS, door, level, plan_of, room, wall, walls_around
 
-# A door of one width with the wall, its leaf in a group that says nothing: frame of 5 cm posts and a lintel, leaf between.
-_LEAF_DOOR = """
-g Rahmen
-v -50 0 -6
-v -45 0 -6
-v -45 203 -6
-v 45 203 -6
-v 45 0 -6
-v 50 0 -6
-v 50 208 -6
-v -50 208 -6
-f 1 2 3 4 5 6 7 8
-v -50 0 6
-v -45 0 6
-v -45 203 6
-v 45 203 6
-v 45 0 6
-v 50 0 6
-v 50 208 6
-v -50 208 6
-f 9 16 15 14 13 12 11 10
-g Porte
-v -45 1 -2
-v 45 1 -2
-v 45 203 -2
-v -45 203 -2
-f 17 18 19 20
-v -45 1 2
-v 45 1 2
-v 45 203 2
-v -45 203 2
-f 21 24 23 22
-"""
-
-
-def wall(x0: int, y0: int, x1: int, y1: int, level: str = "") -> str:
-    return f"<wall level='{level}' xStart='{x0}' yStart='{y0}' xEnd='{x1}' yEnd='{y1}' thickness='20' height='250'/>"
-
-
-def walls_around(x0: int, y0: int, x1: int, y1: int, level: str = "") -> str:
-    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
-    return "".join(wall(*a, *b, level=level) for a, b in pairwise(corners))
-
-
-def room(x0: int, y0: int, x1: int, y1: int, level: str = "", more: str = "") -> str:
-    points = "".join(f"<point x='{x}' y='{y}'/>" for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
-    return f"<room level='{level}' {more}>{points}</room>"
-
-
-def level(name: str, elevation: float, height: float = 250) -> str:
-    return f"<level id='{name}' name='{name}' elevation='{elevation}' floorThickness='12' height='{height}'/>"
-
-
-def door(x: int, y: int, more: str = "name='Door' catalogId='eTeks#door'", level: str = "") -> str:
-    """Across a wall that runs up and down the plan."""
-    return (
-        f"<doorOrWindow x='{x}' y='{y}' angle='1.5707963' width='100' depth='12' height='208' level='{level}' {more}/>"
-    )
-
-
-#: Two rooms of 4 x 4 m side by side, 0.2 m of wall between: the frame of most plans here.
-TWO_ROOMS = walls_around(0, 0, 820, 420) + wall(410, 0, 410, 420)
 #: A robot's centre keeps 0.18 m and a cell from walls: of 16 m² it can stand on this much.
 ONE_ROOM_M2 = pytest.approx(12.8, abs=0.5)
 BOTH_ROOMS_M2 = pytest.approx(26.0, abs=1.0)
 
 
 def scene_of(body: str, archive: Archive | None = None) -> Scene:
-    home = read_home(f"<home version='7000' wallHeight='250'>{body}</home>".encode(), "test")
-    return build_home(home, "test", 0, None, archive, "test")
+    return build_home(read_home(plan_of(body), "test"), "test", 0, None, archive, "test")
 
 
 def reached(scene: Scene) -> dict[str, float]:
@@ -210,7 +148,7 @@ def test_a_false_ceiling_is_no_floor_and_lets_the_stairs_through() -> None:
 def archive(tmp_path: Path) -> Archive:
     """A file with one model, a door whose leaf has no name that we know."""
     with zipfile.ZipFile(tmp_path / "home.sh3d", "w") as file:
-        file.writestr("door.obj", _LEAF_DOOR)
+        file.writestr("door.obj", LEAF_DOOR)
     return Archive(tmp_path / "home.sh3d")
 
 
@@ -244,3 +182,10 @@ def test_a_door_to_the_street_stays_shut(archive: Archive, words: str) -> None:
         TWO_ROOMS + room(10, 10, 400, 410) + terrace + door(410, 210, f"model='door.obj' {words}"), archive
     )
     assert reached(scene) == {"0": ONE_ROOM_M2}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_all_of_a_drawn_plan_is_reached(archive: Archive, fault: str) -> None:
+    scene = scene_of(FAULTS[fault], archive)
+    reach = reach_of(scene, NavigationMap.build(scene))
+    assert reach.reached_m2 > 0.98 * reach.free_m2 > 0.0, reach.sentence
