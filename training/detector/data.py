@@ -24,8 +24,9 @@ from training.detector.pack import Pack
 from training.detector.poses import Kind
 from training.detector.views import MIN_AREA_PX, MIN_SIDE_PX, TrainingView
 
-#: (width, height) of batches; multiples of 32.
+#: (width, height) of batches; multiples of 32. Training begins with small ones, which cost half.
 CANVAS: dict[Kind, tuple[int, int]] = {"robot": (320, 256), "camera": (320, 320)}
+SMALL_CANVAS: dict[Kind, tuple[int, int]] = {"robot": (224, 192), "camera": (224, 224)}
 _ROBOT_SHARE = 0.6
 _ZOOM = (0.75, 1.6)
 _GREY = 114
@@ -48,10 +49,10 @@ class Example:
 
 
 class Views:
-    """All views of some packs, drawn by seed and step."""
+    """All views of some packs, drawn by seed and step. Those of the first ``small_steps`` steps come on small canvases."""
 
-    def __init__(self, packs: Sequence[Pack], seed: int = 0) -> None:
-        self._packs, self._seed = packs, seed
+    def __init__(self, packs: Sequence[Pack], seed: int = 0, small_steps: int = 0) -> None:
+        self._packs, self._seed, self._small_steps = packs, seed, small_steps
         self._rows: dict[Kind, list[tuple[int, int]]] = {"robot": [], "camera": []}
         for p, pack in enumerate(packs):
             for i, view in enumerate(pack.views):
@@ -67,7 +68,8 @@ class Views:
         kind = kinds[0] if len(kinds) == 1 or rng.random() < _ROBOT_SHARE else kinds[1]
         rows = self._rows[kind]
         chosen = [rows[i] for i in rng.integers(len(rows), size=size)]
-        return collate([varied(self._packs[p].view(i), CANVAS[kind], rng) for p, i in chosen])
+        canvas = (SMALL_CANVAS if step < self._small_steps else CANVAS)[kind]
+        return collate([varied(self._packs[p].view(i), canvas, rng) for p, i in chosen])
 
     def batches(self, first: int, last: int, size: int, workers: int = 1) -> Iterator[Batch]:
         """The batches of steps ``first`` to ``last`` - 1, made ahead: on one thread, or by several processes."""

@@ -1,6 +1,6 @@
 """Trains ``compact`` on packed views; resumes where it was after any interruption.
 
-    python -m training.detector.train --views data/views/train --out runs/compact --steps 20000
+    python -m training.detector.train --views data/views/train ... --out runs/compact --steps 20000
 
 ``--out`` holds ``checkpoint.pt`` (written every few minutes, whole or not there), ``curve.csv`` and ``curve.png``. A step's
 views and their variations depend on the seed and the step alone, so a resumed run is the run that was never interrupted.
@@ -208,10 +208,13 @@ def _curve(path: Path, step: int) -> Iterator[Any]:
 def main(argv: Sequence[str] | None = None) -> None:
     """See the module's docstring."""
     parser = argparse.ArgumentParser(prog="training.detector.train", description=__doc__.partition("\n")[0])
-    parser.add_argument("--views", type=Path, required=True, help="folder of packs")
+    parser.add_argument("--views", type=Path, nargs="+", required=True, help="folders of packs")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")
     parser.add_argument("--steps", type=int, required=True)
     parser.add_argument("--batch", type=int, default=16)
+    parser.add_argument(
+        "--small-share", type=float, default=0.6, help="of the steps, on small canvases, which cost half"
+    )
     parser.add_argument("--rate", type=float, default=2e-3, help="highest learning rate")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=2)
@@ -220,7 +223,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     args = parser.parse_args(argv)
     torch.set_num_threads(args.threads)
-    views = Views(read_packs(args.views, classes.load().names), args.seed)
+    packs = [pack for folder in args.views for pack in read_packs(folder, classes.load().names)]
+    views = Views(packs, args.seed, round(args.small_share * args.steps))
     plan = Plan(args.steps, args.batch, args.rate, seed=args.seed, bf16=args.bf16, workers=args.workers)
     training = Training(plan, views, args.out, device=args.device)
     print(

@@ -44,6 +44,13 @@ def test_a_step_has_its_batch(pack: Pack) -> None:
     assert torch.equal(ahead[1].ids, other.ids)
 
 
+def test_training_begins_with_small_pictures(pack: Pack) -> None:
+    views = Views([pack], seed=1, small_steps=2)
+    sides = [views.batch(step, 2).pictures.shape[2:] for step in range(4)]
+    assert all(max(side) == 224 for side in sides[:2])
+    assert all(max(side) == 320 for side in sides[2:])
+
+
 @pytest.mark.slow
 def test_processes_make_the_same_batches(pack: Pack) -> None:
     views = Views([pack], seed=2)
