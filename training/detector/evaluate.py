@@ -23,11 +23,11 @@ from simulator.furniture.labels import TARGETS
 from surveilnav.perception import models
 from surveilnav.perception.boxes import Boxes, merged, overlaps
 from surveilnav.perception.detectors import coco
+from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.runtime import Runtime
 from training.detector import classes
 from training.detector.average_precision import ClassTally
-from training.detector.onnx_network import OnnxCompact
 from training.detector.pack import read_packs
 from training.detector.views import TrainingView
 
@@ -68,7 +68,7 @@ class Tally:
         return float(np.mean(values)) if values else float("nan")
 
 
-def mask_ious(network: OnnxCompact, view: TrainingView, min_pixels: int) -> Iterator[float]:
+def mask_ious(network: CompactNetwork, view: TrainingView, min_pixels: int) -> Iterator[float]:
     """IoU of each counted target's mask inside its true box, by the place whose box of its class fits best."""
     known, answer = classes.load().names, network.answer(view.rgb)
     iou, _ = overlaps(view.boxes, answer.xyxy)
@@ -76,9 +76,8 @@ def mask_ious(network: OnnxCompact, view: TrainingView, min_pixels: int) -> Iter
         if known[label] not in TARGETS or view.areas[i] < min_pixels:
             continue
         place = int(np.argmax(iou[i] * np.sqrt(answer.scores[:, label])))
-        box = tuple(float(v) for v in view.boxes[i])
-        mask = answer.mask(place, box, *view.ids.shape)  # type: ignore[arg-type]
-        true = view.ids == i + 1
+        x0, y0, x1, y1 = (int(v) for v in view.boxes[i])
+        mask, true = answer.mask(place, (x0, y0, x1, y1)), view.ids[y0:y1, x0:x1] == i + 1
         yield float((mask & true).sum() / max(1, (mask | true).sum()))
 
 
@@ -118,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--min-pixels", type=int, default=400)
     args = parser.parse_args(argv)
-    own = OnnxCompact(session(args.network, Runtime(threads=args.threads)))
+    own = CompactNetwork(session(args.network, Runtime(threads=args.threads)))
     detectors: list[Finds] = [own, *([beside(args.beside, args.threads)] if args.beside else [])]
     packs = read_packs(args.views, own.classes)
     tallies: dict[tuple[str, str], Tally] = {}

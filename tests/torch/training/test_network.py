@@ -9,15 +9,19 @@ import pytest
 import torch
 from torch import Tensor
 
+from surveilnav.geometry import Pinhole
+from surveilnav.perception.boxes import overlaps
+from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed
+from surveilnav.perception.detectors.compact import places as places_of_file
 from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.one_network import OneNetwork
 from surveilnav.perception.runtime import Runtime
+from surveilnav.sensing.views import box_cells
 from training.detector import classes
 from training.detector.assign import Targets, assign, pairwise_iou
 from training.detector.export import export
 from training.detector.losses import giou, in_boxes
 from training.detector.network import Compact, boxes_of, n_parameters, places
-from training.detector.onnx_network import OnnxCompact, letterboxed
-from training.detector.onnx_network import places as places_of_file
 
 NAMES = classes.load()
 C, R = len(NAMES.names), len(NAMES.rooms)
@@ -115,7 +119,7 @@ def test_its_file_says_what_it_says(network: Compact, tmp_path: Path) -> None:
     path = tmp_path / "compact.onnx"
     assert 4 * n_parameters(network) < export(network, path) <= 8_000_000
     rgb = np.random.default_rng(0).integers(0, 255, (60, 90, 3)).astype(np.uint8)
-    own = OnnxCompact(session(path, Runtime()), side_px=96)
+    own = CompactNetwork(session(path, Runtime()), side_px=96)
     answer = own.answer(rgb)
     box, ratio = letterboxed(rgb, 96)
     with torch.no_grad():
@@ -126,3 +130,59 @@ def test_its_file_says_what_it_says(network: Compact, tmp_path: Path) -> None:
     np.testing.assert_allclose(answer.xyxy, wanted, rtol=1e-3, atol=1e-2)
     np.testing.assert_allclose(answer.image, said.image[0].numpy(), atol=1e-4)
     np.testing.assert_allclose(answer.prototypes, said.prototypes[0].numpy(), atol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def file(network: Compact, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("onnx") / "compact.onnx"
+    export(network, path)
+    return path
+
+
+def test_a_mask_is_that_of_its_place_sampled_in_its_cells(file: Path) -> None:
+    rgb = np.random.default_rng(1).integers(0, 255, (60, 90, 3)).astype(np.uint8)
+    answer = CompactNetwork(session(file, Runtime()), side_px=96).answer(rgb)
+    logits = np.einsum("k,khw->hw", answer.coefficients[7], answer.prototypes)
+    mask = answer.mask(7, (20, 12, 50, 40))
+    assert mask.shape == (28, 30)
+    for row, column in ((0, 0), (5, 17), (27, 29)):
+        y, x = ((at + 0.5) * answer.ratio / 4 - 0.5 for at in (12 + row, 20 + column))
+        (i, dy), (j, dx) = divmod(y, 1), divmod(x, 1)
+        corner = logits[int(i) : int(i) + 2, int(j) : int(j) + 2]
+        value = np.array([1 - dy, dy]) @ corner @ np.array([1 - dx, dx])
+        assert mask[row, column] == (value > 0) or abs(value) < 0.05  # OpenCV rounds places to 1/32 of a pixel
+
+
+def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("surveilnav.perception.one_network._MIN_SCORE", 0.0)
+    network = CompactNetwork(session(file, Runtime()), side_px=96)
+    backend = OneNetwork("compact", "in a test", network, "compact@0")
+    rgb = np.random.default_rng(2).integers(0, 255, (60, 90, 3)).astype(np.uint8)
+    seen = backend.perceive(rgb, np.ones((60, 90), np.float32), Pinhole.from_hfov(90, 60, 1.2))
+    assert seen.words == NAMES.names
+    assert seen.detections
+    best = network.answer(rgb)
+    tv, bed = backend.embed_texts(["seems like there is a TV", "bed"])
+    vectors = np.stack([tv, bed, seen.image_embedding, *(d.embedding for d in seen.detections)])
+    assert vectors.shape[1] == backend.embedding_dim == 128
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, atol=1e-3)
+    wanted = best.image @ network.near_vectors[NAMES.names.index("tv")] / np.sqrt(2)
+    assert seen.image_embedding @ tv == pytest.approx(wanted, abs=1e-4)
+    for d in seen.detections:
+        x0, y0, x1, y1 = box_cells(d.box_px, 90, 60)
+        assert d.mask is None or d.mask.shape == (y1 - y0, x1 - x0)
+    assert "nearest to it: couch" in backend.refuses("couches")
+    assert backend.refuses("sofa") == ""
+
+
+def test_one_thing_has_one_box_and_the_place_that_speaks_for_it(file: Path) -> None:
+    network = CompactNetwork(session(file, Runtime()), side_px=96)
+    rgb = np.random.default_rng(3).integers(0, 255, (60, 90, 3)).astype(np.uint8)
+    answer = network.answer(rgb)
+    boxes, at = network.things(answer, 60, 90)
+    assert len(boxes) == len(at) > 0
+    assert (boxes.xyxy >= 0).all()
+    assert (boxes.xyxy <= [90, 60, 90, 60]).all()
+    np.testing.assert_allclose(np.clip(answer.xyxy[at], 0, [90, 60, 90, 60]), boxes.xyxy, atol=1e-4)
+    iou, _ = overlaps(answer.xyxy[at], answer.xyxy[at])
+    assert (iou[~np.eye(len(at), dtype=bool)] < 0.6).all()

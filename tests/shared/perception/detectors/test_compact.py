@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from training.detector.onnx_network import letterboxed, places
+from surveilnav.perception.detectors.compact import letterboxed, places
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,8 @@ MASK_STRIDE = 4
 _SAME_THING_IOU = 0.6
 #: More boxes than this aren't compared with each other.
 _MOST = 300
+#: Of the picture; smaller boxes are specks.
+_SMALLEST_PX = 4.0
 _GREY = 114
 
 
@@ -42,38 +44,46 @@ class Answer:
     near: Floats
     ratio: float
 
-    def mask(self, place: int, box: tuple[float, float, float, float], height: int, width: int) -> NDArray[np.bool_]:
-        """(height, width) of the picture: the mask of a place inside a box [pixels]."""
+    def mask(self, place: int, cells: tuple[int, int, int, int]) -> NDArray[np.bool_]:
+        """(y1 - y0, x1 - x0) the mask of a place in ``cells`` (x0, y0, x1, y1) [pixels of the picture]."""
         k, h, w = self.prototypes.shape
-        logits = (self.coefficients[place] @ self.prototypes.reshape(k, -1)).reshape(h, w)
-        move = np.array([[1, 0, 0], [0, 1, 0]], np.float64) * (MASK_STRIDE / self.ratio)
-        move[:, 2] = (MASK_STRIDE / self.ratio - 1) / 2
-        whole = cv2.warpAffine(logits.astype(np.float32), move, (width, height), flags=cv2.INTER_LINEAR) > 0
-        x0, y0, x1, y1 = (round(v) for v in box)
-        inside = np.zeros((height, width), bool)
-        inside[max(0, y0) : y1, max(0, x0) : x1] = True
-        return np.asarray(whole & inside)
+        logits = (self.coefficients[place] @ self.prototypes.reshape(k, -1)).reshape(h, w).astype(np.float32)
+        x0, y0, x1, y1 = cells
+        scale = self.ratio / MASK_STRIDE  # from the picture's pixels to the prototypes'
+        move = np.array([[scale, 0, scale * (x0 + 0.5) - 0.5], [0, scale, scale * (y0 + 0.5) - 0.5]], np.float64)
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        inside = cv2.warpAffine(logits, move, (x1 - x0, y1 - y0), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(inside > 0)
 
 
-class OnnxCompact:
+class CompactNetwork:
     """The network in an ONNX file (``export``). ``side_px``: the longer side of what it sees; a multiple of 32."""
 
     name = "compact"
 
     def __init__(self, session: onnxruntime.InferenceSession, side_px: int = 416) -> None:
         self._session, self._side = session, side_px
-        metadata = session.get_modelmeta().custom_metadata_map
-        self.classes: tuple[str, ...] = tuple(json.loads(metadata["classes"]))
+        said = session.get_modelmeta().custom_metadata_map
+        self.classes: tuple[str, ...] = tuple(json.loads(said["classes"]))
+        self.class_vectors, self.near_vectors = (
+            np.array(json.loads(said[key]), np.float32) for key in ("class_vectors", "near_vectors")
+        )
 
     def detect(self, rgb: NDArray[np.uint8]) -> Boxes:
         """Boxes of (height, width, 3) uint8 in its pixels, one a thing, the best first."""
-        answer = self.answer(rgb)
+        return self.things(self.answer(rgb), rgb.shape[0], rgb.shape[1])[0]
+
+    def things(self, answer: Answer, height: int, width: int) -> tuple[Boxes, NDArray[np.int64]]:
+        """(boxes in pixels of the picture, one a thing, the best first; the place that speaks for each)."""
         best = answer.scores.max(axis=1)
-        keep = np.argsort(-best, kind="stable")[:_MOST]
-        keep = keep[best[keep] >= LOWEST]
-        scores = np.where(answer.scores[keep] >= LOWEST, answer.scores[keep], np.float32(0.0))
-        boxes = Boxes(answer.xyxy[keep], scores, self.classes).clipped(rgb.shape[1], rgb.shape[0])
-        return merged(boxes, _SAME_THING_IOU)
+        places = np.argsort(-best, kind="stable")[:_MOST]
+        places = places[best[places] >= LOWEST]
+        scores = np.where(answer.scores[places] >= LOWEST, answer.scores[places], np.float32(0.0))
+        kept = merged(Boxes(answer.xyxy[places], scores, self.classes), _SAME_THING_IOU)
+        speaks = [int(places[np.flatnonzero((answer.xyxy[places] == box).all(axis=1))[0]]) for box in kept.xyxy]
+        inside = np.clip(kept.xyxy, 0, np.array([width, height, width, height], np.float32))
+        large = np.flatnonzero((inside[:, 2:] - inside[:, :2]).min(axis=1, initial=np.inf) >= _SMALLEST_PX)
+        return Boxes(inside[large], kept.scores[large], self.classes), np.array(speaks, np.int64)[large]
 
     def answer(self, rgb: NDArray[np.uint8]) -> Answer:
         """Everything it says of a picture."""
