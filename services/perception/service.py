@@ -103,5 +103,5 @@ class PerceptionService:
             stamp_ns=clock_ns(), worker=self._settings.worker, backend=self._backend.name, why=self._backend.why,
             queued=line.under_way, capacity=self._settings.capacity, latency_ms=line.latency_ms, ready=self.ready,
             models=self._backend.models, times=line.counts(), cached=self._views.cached,
-            open_vocabulary=self._backend.vocabulary is None,
+            open_vocabulary=self._backend.vocabulary is None, calibrated=self._backend.calibrated,
         )  # fmt: skip

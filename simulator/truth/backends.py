@@ -39,6 +39,7 @@ from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.messages import ModelIds
 from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.chances import table_of
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.segmenters.depth_in_box import mask_of
@@ -66,6 +67,11 @@ class Oracle(Backend):
         self.why, self._min_pixels = why, min_pixels
         self.stages = (Stage("detect", self._look),)
 
+    @property
+    def calibrated(self) -> bool:
+        """It is told the truth, so every chance is 1."""
+        return True
+
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return name_space.embed_texts(texts)
 
@@ -75,7 +81,7 @@ class Oracle(Backend):
             told = _told(work.truth, work.view.depth_m, self.name)
             things = visible_things(told, work.view.depth_m, self._min_pixels, words)
             detections = tuple(
-                Detected(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label)) for t in things
+                Detected(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label), chance=1.0) for t in things
             )
             image = name_space.embed_image([thing.label for thing in things])
             work.seen = ViewPerception(self.name, detections, image, self.models.embedder, words)
@@ -100,7 +106,8 @@ class Simulated(Backend):
     ) -> None:
         self.why, self._seed, self._model, self._harder = why, seed, model or error_model(), harder
         self._scene: tuple[dict[int, str], dict[int, str], int] = ({}, {}, 0)
-        self.stages = (Stage("detect", self._look),)
+        self.chances = table_of("onnx-coco")  # that is what it imitates
+        self.stages = (Stage("detect", self._look), Stage("judge", self.judge))
 
     def _look(self, batch: Sequence[Work]) -> None:
         for work in batch:

@@ -47,7 +47,8 @@ class Detection(msgspec.Struct, frozen=True):
     """One object: canonical label, score 0-1, box (x0, y0, x1, y1) in pixels, unit embedding (float16 bytes).
 
     ``mask`` holds the run lengths of the box rounded outwards to whole pixels, as ``surveilnav.sensing.rle`` writes
-    them; empty: the whole box.
+    them; empty: the whole box. ``chance``: how likely it is what it is called, 0-1; None: the worker's backend isn't
+    calibrated.
     """
 
     label: str
@@ -55,6 +56,7 @@ class Detection(msgspec.Struct, frozen=True):
     box_px: tuple[float, float, float, float]
     embedding: bytes
     mask: list[int] = []
+    chance: float | None = None
 
 
 class InferReply(Message, frozen=True, kw_only=True):
@@ -93,7 +95,7 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
     ``ready``: its answer to a probe picture was well-formed; before that it refuses views and texts. ``times``: by stage
     ("queue", "decode", then the backend's own), how many views took how long, in the buckets of
     ``surveilnav.histogram``, since it started. ``cached``: how many views were answered from memory.
-    ``open_vocabulary``: it looks for whatever words it is given.
+    ``open_vocabulary``: it looks for whatever words it is given. ``calibrated``: its detections have chances.
     """
 
     worker: str
@@ -107,3 +109,4 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
     times: dict[str, list[int]] = {}
     cached: int = 0
     open_vocabulary: bool = False
+    calibrated: bool = False

@@ -13,6 +13,7 @@ from surveilnav.errors import TargetError
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import ModelIds as ModelIds
 from surveilnav.perception.boxes import Boxes
+from surveilnav.perception.chances import ChanceTable, with_chances
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.sensing.views import TrueInstances, ViewPerception
@@ -26,7 +27,8 @@ class Work:
         view: the picture.
         prompts: words that an open-vocabulary detector should look for; closed-set ones ignore them.
         truth: what each pixel shows; only for backends that need it.
-        key: names the view (source, view, seq): what a backend draws by chance depends on nothing else.
+        key: names the view (source, view, seq): what a backend draws by chance depends on nothing else, and a source that
+            begins with "camera/" is a camera's.
         looked_for: after detecting, the words that were looked for; none if detecting was left out.
         boxes: after detecting, with all words' scores.
         rows: after segmenting, which of the boxes are reported; ``masks``: theirs.
@@ -64,6 +66,7 @@ class Backend(ABC):
         embedding_dim: D of every embedding.
         best_batch: so many views it looks at together faster than one after the other.
         needs_truth: it must be told what each pixel shows (simulation only).
+        chances: how likely its detections are what it calls them; None: it isn't calibrated.
         stages: what a view passes through, in order; views of a batch don't depend on each other.
     """
 
@@ -75,6 +78,7 @@ class Backend(ABC):
     embedding_dim: int
     best_batch: int = 1
     needs_truth: bool = False
+    chances: ChanceTable | None = None
     stages: tuple[Stage, ...]
 
     def perceive(
@@ -97,6 +101,19 @@ class Backend(ABC):
             stage.run([work])
         assert work.seen is not None, f"the last stage of {self.name} gives no answer"
         return work.seen
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether its detections have chances."""
+        return self.chances is not None
+
+    def judge(self, batch: Sequence[Work]) -> None:
+        """The last stage of a calibrated backend: gives each detection its chance."""
+        assert self.chances is not None, f"{self.name} isn't calibrated"
+        for work in batch:
+            assert work.seen is not None, f"nothing was seen before {self.name} judges it"
+            is_camera = bool(work.key) and str(work.key[0]).startswith("camera/")
+            work.seen = with_chances(work.seen, work.view.depth_m, work.view.camera, self.chances, is_camera=is_camera)
 
     def refuses(self, word: str) -> str:
         """Why it can't look for a word; empty: it can."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from surveilnav.messages import ModelIds
 from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.perception.boxes import Boxes
+from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.protocols import ChecksWords, Detector, Embedder, RgbdView, Segmenter
 from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
 from surveilnav.sensing.views import Detected, ViewPerception
@@ -35,18 +36,20 @@ class Pipeline(Backend):
         min_score: float,
         extents_m: Mapping[str, tuple[float, float]] | None = None,
         best_batch: int = 1,
+        chances: ChanceTable | None = None,
     ) -> None:
         self.name, self.why = name, why
         self.detector, self.segmenter, self.embedder = detector, segmenter, embedder
         self.models = ModelIds(detector.model, segmenter.model, embedder.model)
         self.vocabulary, self.embedding_dim = detector.vocabulary, embedder.dim
         self.needs_prompts = detector.vocabulary is None
-        self.best_batch = best_batch
+        self.best_batch, self.chances = best_batch, chances
         self._min_score, self._extents_m = min_score, extents_m or {}
         self.stages = (
             Stage("detect", self._detect),
             Stage("segment", self._segment),
             Stage("embed", self._embed),
+            *([Stage("judge", self.judge)] if chances else []),
         )
 
     def refuses(self, word: str) -> str:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models, parts
 from surveilnav.perception.backend import Backend
+from surveilnav.perception.chances import table_of
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.names import BackendName
@@ -78,7 +79,7 @@ def onnx_coco(networks: Networks, why: str) -> Backend:
     detector = coco.CocoDetector([loaded[n] for n in small], [loaded[n] for n in large], model=ids)
     return Pipeline(
         "onnx-coco", f"{kind} ({said}), {why}", detector, DepthInBox(), ClassSpace(), min_score=_COCO_MIN_SCORE,
-        extents_m=extents_of(COCO),
+        extents_m=extents_of(COCO), chances=table_of("onnx-coco"),
     )  # fmt: skip
 
 

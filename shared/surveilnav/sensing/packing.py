@@ -291,7 +291,7 @@ def perception_to_wire(perception: ViewPerception) -> tuple[list[Detection], byt
     detections = [
         Detection(
             label=d.label, score=float(d.score), box_px=d.box_px, embedding=pack_embedding(d.embedding),
-            mask=[] if d.mask is None else rle.encode(d.mask),
+            mask=[] if d.mask is None else rle.encode(d.mask), chance=d.chance,
         )
         for d in perception.detections
     ]  # fmt: skip
@@ -327,11 +327,13 @@ def _detected(d: Detection, camera: Pinhole, dim: int) -> Detected:
         raise WireError(f"a box (x0, y0, x1, y1) must have its pixels in a picture of {size}, got {d.box_px}")
     if not 0.0 <= d.score <= 1.0:
         raise WireError(f"a score lies between 0 and 1, got {d.score}")
+    if d.chance is not None and not 0.0 <= d.chance <= 1.0:
+        raise WireError(f"a chance lies between 0 and 1, got {d.chance}")
     if not 1 <= len(d.label) <= MAX_LABEL_CHARS:
         raise WireError(f"a label has 1 to {MAX_LABEL_CHARS} characters, got {len(d.label)}")
     left, top, right, bottom = box_cells((x0, y0, x1, y1), camera.width_px, camera.height_px)
     mask = rle.decode(d.mask, right - left, bottom - top) if d.mask else None
-    return Detected(d.label, d.score, (x0, y0, x1, y1), mask, unpack_embedding(d.embedding, dim))
+    return Detected(d.label, d.score, (x0, y0, x1, y1), mask, unpack_embedding(d.embedding, dim), d.chance)
 
 
 # --- arrays: map layers, truth ------------------------------------------------------------------------------------

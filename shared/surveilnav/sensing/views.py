@@ -68,6 +68,7 @@ class Detected:
         mask: (y1 - y0, x1 - x0) bool for the box rounded outwards to whole pixels and clipped to the image
             (``box_cells``), or None: the whole box.
         embedding: (D,) float32, unit length.
+        chance: how likely it is what it is called, 0-1, by the backend's table (``perception.chances``); None: it has none.
     """
 
     label: str
@@ -75,6 +76,7 @@ class Detected:
     box_px: tuple[float, float, float, float]
     mask: NDArray[np.bool_] | None
     embedding: NDArray[np.float32]
+    chance: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -220,7 +220,7 @@ def reply(**changes: object) -> InferReply:
     seen = ViewPerception(
         "oracle",
         (
-            Detected("bed", 0.9, (10.2, 5.0, 30.5, 15.1), mask, unit(1)),
+            Detected("bed", 0.9, (10.2, 5.0, 30.5, 15.1), mask, unit(1), chance=0.25),
             Detected("tv", 0.5, (0.0, 0.0, 64.0, 48.0), None, unit(2)),
         ),
         unit(3),
@@ -243,6 +243,7 @@ def reply(**changes: object) -> InferReply:
 
 def test_perception_round_trip() -> None:
     seen = packing.perception_from_wire(reply(), CAMERA)
+    assert [d.chance for d in seen.detections] == [0.25, None]
     assert [(d.label, d.score, d.box_px) for d in seen.detections] == [
         ("bed", 0.9, (10.2, 5.0, 30.5, 15.1)), ("tv", 0.5, (0.0, 0.0, 64.0, 48.0)),
     ]  # fmt: skip
@@ -268,6 +269,8 @@ def test_relevances_that_make_no_sense(relevance: float) -> None:
         ({"box_px": (10.2, 5.0, 40.0, 15.1)}, "mask"),
         ({"mask": [5, 5]}, "mask"),
         ({"score": 1.5}, "score"),
+        ({"chance": 1.5}, "chance"),
+        ({"chance": math.nan}, "chance"),
         ({"score": math.nan}, "score"),
         ({"label": ""}, "label"),
         ({"label": "x" * 1000}, "label"),

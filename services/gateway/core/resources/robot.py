@@ -43,6 +43,7 @@ class Worker(Resource):
     queued: int
     capacity: int
     latency_ms: Number
+    calibrated: bool = Field(description="its detections have chances; else raw scores stand for them")
     ready: bool = Field(description="its answer to a probe picture was well-formed")
     cached: int = Field(description="views answered from memory")
     models: dict[str, str] = Field(description="ids of its detector, segmenter and embedder")
