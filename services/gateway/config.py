@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Self
-
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from services.gateway.core.hosts import allowed_names
+from services.gateway.core.hosts import allowed_names, listen_address, names_of_address
 
 
 class GatewaySettings(BaseSettings):
@@ -15,20 +13,29 @@ class GatewaySettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_GATEWAY__", extra="ignore")
 
-    host: str = Field(default="127.0.0.1", description="the address to listen at; 0.0.0.0 in a container")
+    host: str = Field(
+        default="127.0.0.1", description="the address to listen at, without a port; 0.0.0.0 in a container"
+    )
     port: int = Field(default=8080, ge=0, le=65535, description="the TCP port; 0: any free one")
     allowed_hosts: str = Field(
         default="localhost,127.0.0.1,[::1]",
-        description="names that requests may be for (their Host), with commas between, beside the host; * for any",
+        description="names that requests may be for (their Host), without ports, with commas between, beside the host; * for any",
     )
     node_id: str = Field(default="gateway", description="its name on the bus")
+
+    @field_validator("host")
+    @classmethod
+    def _address(cls, value: str) -> str:
+        return listen_address(value)
+
+    @field_validator("allowed_hosts")
+    @classmethod
+    def _hosts(cls, value: str) -> str:
+        allowed_names(value)
+        return value
 
     @property
     def names(self) -> frozenset[str] | None:
         """The names that it answers under; None: any."""
-        return allowed_names(self.allowed_hosts, self.host)
-
-    @model_validator(mode="after")
-    def _readable(self) -> Self:
-        _ = self.names
-        return self
+        allowed = allowed_names(self.allowed_hosts)
+        return None if allowed is None else allowed | names_of_address(self.host)

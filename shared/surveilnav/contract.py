@@ -17,12 +17,13 @@ VERSION = 1
 ROOT = f"surveilnav/{VERSION}"
 LIVELINESS = "@surveilnav/" + str(VERSION) + "/{building}/{kind}/{id}"
 
-Priority = Literal["control", "data", "bulk"]
+#: From the most urgent on. A question and its answer have one priority.
+Priority = Literal["control", "data", "maps", "bulk"]
 #: What becomes of a message for which a link has no room: it waits, or it is left out.
 WhenFull = Literal["wait", "leave out"]
-#: Bulk data may be left out: it is put again, or asked for again, until it was processed or a newer one came. Nothing
-#: else may, and so nothing of what was acknowledged.
-WHEN_FULL: dict[Priority, WhenFull] = {"control": "wait", "data": "wait", "bulk": "leave out"}
+#: What is large may be left out: bulk data is put again until it was processed or a newer one came, and answers with maps
+#: are asked for again. Nothing else may, and so nothing of what was acknowledged.
+WHEN_FULL: dict[Priority, WhenFull] = {"control": "wait", "data": "wait", "maps": "leave out", "bulk": "leave out"}
 _FIELD = re.compile(r"\{(\w+)\}")
 #: What can stand in a key, and so be the id of anything; ``ID_PATTERN`` is the same for a whole string.
 ID = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
@@ -145,7 +146,7 @@ PERCEPTION_LOAD = Stream(
 )  # fmt: skip
 MAP_LAYER = Stream(
     "map_layer", "{building}/map/{floor}/{layer}", m.LayerHeader, "fusion", "query", None, 5_000,
-    "data", "occupancy, explored, frontier, value (parameter target=...), cloud, provenance of the cloud", payload=True,
+    "maps", "occupancy, explored, frontier, value (parameter target=...), cloud, provenance of the cloud", payload=True,
 )  # fmt: skip
 MAP_REVISION = Stream(
     "map_revision", "{building}/map_revision/{floor}", m.Revision, "fusion", "put+query", None, 5_000,

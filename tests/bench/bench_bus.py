@@ -28,15 +28,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import zenoh
 
-from surveilnav.bus import Answer, BusSettings, Node, clock_ns, connection, logs, router
+from surveilnav import contract
+from surveilnav.bus import Answer, BusSettings, Node, Request, clock_ns, connection, logs, router
 from surveilnav.bus.router import free_port
 from surveilnav.bus.settings import router_config
-from surveilnav.contract import CAMERA_FRAME, ROBOT_COMMAND, ROBOT_STATUS
+from surveilnav.contract import CAMERA_FRAME, MAP_LAYER, MAP_REVISION, ROBOT_COMMAND, ROBOT_STATUS, Priority
 from surveilnav.errors import SurveilNavError
-from surveilnav.geometry import Pinhole, Pose
-from surveilnav.messages import Command, CommandReply, FrameHeader, Part, RobotStatus
+from surveilnav.geometry import Grid, Pinhole, Pose
+from surveilnav.messages import Command, CommandReply, FrameHeader, LayerHeader, Part, Revision, RobotStatus
 
 FRAME_BYTES, FRAMES_HZ, STATES_HZ, COMMANDS_HZ = 1_500_000, 10.0, 50.0, 50.0
+#: Of a map: the cloud of a home.
+LAYER_BYTES = 5_000_000
 #: Where a reader is stopped, and goes on, as shares of a run.
 FREEZE, THAW = 0.2, 0.8
 HERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -46,7 +49,11 @@ BURST = 12
 
 
 class Choice(NamedTuple):
-    """Settings to compare: the congestion control of bulk data; waits [ms] at the clients and at the router."""
+    """Settings to compare: the congestion control of bulk data; waits [ms] at the clients and at the router.
+
+    Beside the shipped settings (``bulk`` is None): the congestion control of other priorities by ``full``, and with which
+    priority map layers travel.
+    """
 
     bulk: str | None = None
     client: dict[str, int] = {}
@@ -54,6 +61,8 @@ class Choice(NamedTuple):
     lease_ms: int = 2000
     threads: int | None = None
     keep_alive: int = 4
+    full: dict[Priority, str] = {}
+    layers: Priority | None = None
 
 
 _OWN = {"drop": 5000}
@@ -74,6 +83,14 @@ CHOICES = {
     "drop": Choice("DROP"),
     "drop, parts 0.3 s": Choice("DROP", _OWN | {"fragments": 5000}, {"drop": 20, "fragments": 300}),
     "drop, parts 1 s": Choice("DROP", _OWN | {"fragments": 5000}, {"drop": 20, "fragments": 1000}),
+    "control block first": Choice(full={"control": "BLOCK_FIRST"}),
+    "control drop": Choice(full={"control": "DROP"}),
+    "data block first": Choice(full={"data": "BLOCK_FIRST"}),
+    "data drop": Choice(full={"data": "DROP"}),
+    "layers as data, block": Choice(layers="data"),
+    "layers as bulk, block": Choice(full={"bulk": "BLOCK"}, layers="bulk"),
+    "layers as bulk, block first": Choice(layers="bulk"),
+    "layers as bulk, drop": Choice(full={"bulk": "DROP"}, layers="bulk"),
 }
 _WAITS = {
     "drop": ("drop", "wait_before_drop"),
@@ -201,6 +218,49 @@ def until_stopped(node: Node, paces: Sequence[Pace], together: threading.Barrier
     said({what: {"n": len(took), "longest_s": max(took)} for what, took in took_s.items()})
 
 
+def maps(bus: Tuned) -> None:
+    """Answers questions for layers as fusion does, says ten times a second that the maps changed, answers commands."""
+    layer, grid = bytes(LAYER_BYTES), Grid(0.0, 0.0, 0.05, 1, 1)
+
+    def answer(request: Request) -> Answer:
+        header = LayerHeader(
+            stamp_ns=clock_ns(), floor="0", layer="cloud", revision=1, grid=grid, dtype="float32", shape=(0, 6)
+        )
+        return Answer(header, layer)
+
+    with Node("fusion", "f", bus, alive=False) as node:
+        node.serve(ROBOT_COMMAND, lambda _: Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=0)), robot="r")
+        node.serve(MAP_LAYER, answer, workers=3)
+        revisions = node.publisher(MAP_REVISION, floor="0")
+
+        def put_revision(seq: int) -> None:
+            revisions.put(
+                Revision(
+                    stamp_ns=clock_ns(), floor="0", revision=seq, floor_z_m=0.0, robots={}, cameras=[], pending_views=0
+                )
+            )
+
+        until_stopped(node, [Pace("frame", FRAMES_HZ, put_revision)])
+
+
+def look(bus: Tuned) -> None:
+    """Asks for a layer ten times a second and hears of changes; prints when each came, and how often none did."""
+    came_s: list[float] = []
+    seqs: list[int] = []
+    lost = 0
+    with Node("gateway", "g", bus, alive=False) as node:
+        node.subscribe(MAP_REVISION, lambda received: seqs.append(received.message.revision), floor="0")
+        signal.signal(signal.SIGTERM, lambda *_: node.stop())
+        said("ready")
+        while not node.stopping.wait(0.0 if bus.receive_buffer else 0.1):
+            try:
+                node.ask(MAP_LAYER, floor="0", layer="cloud")
+                came_s.append(time.monotonic())
+            except SurveilNavError:
+                lost += 1
+        said({"frames_s": came_s, "states": seqs, "lost": lost})
+
+
 def read(bus: Tuned) -> None:
     """Takes every frame and every state; prints when each came, and the states' numbers."""
     came_s: list[float] = []
@@ -218,7 +278,7 @@ def said(what: Any) -> None:
     print(json.dumps(what), flush=True)
 
 
-ROLES = {"route": route, "send": send, "burst": burst, "read": read}
+ROLES = {"route": route, "send": send, "burst": burst, "read": read, "maps": maps, "look": look}
 
 
 # --- a run ------------------------------------------------------------------------------------------------------------
@@ -237,6 +297,7 @@ class Run:
     states_lost: int
     commands_s: list[float] = field(default_factory=list)
     unanswered: int = 0
+    layers_lost: int = 0
 
 
 class Role:
@@ -308,13 +369,17 @@ def play(scenario: str, choice: str, seconds: float, link: Link | None) -> Run:
 
     try:
         start("route")
-        healthy = start("read")
-        buffer = {"SURVEILNAV_BUS__RECEIVE_BUFFER": "262144"} if scenario == "frozen" else {}
-        other = start("read", scenario == "slow reader", **buffer) if scenario in ("frozen", "slow reader") else None
-        sender = start("burst" if scenario == "burst" else "send", slow=scenario == "slow sender")
+        reads, frozen = ("look" if "looks" in scenario else "read"), scenario.startswith("frozen")
+        if reads == "look":
+            sender = start("maps")
+        healthy = start(reads)
+        buffer = {"SURVEILNAV_BUS__RECEIVE_BUFFER": "262144"} if frozen else {}
+        other = start(reads, "slow" in scenario, **buffer) if frozen or scenario == "slow reader" else None
+        if reads == "read":
+            sender = start("burst" if scenario == "burst" else "send", slow=scenario == "slow sender")
         time.sleep(0.5)
         begin_s = time.monotonic()
-        if scenario == "frozen":
+        if frozen:
             assert other is not None
             for share, number in ((FREEZE, signal.SIGSTOP), (THAW, signal.SIGCONT)):
                 threading.Timer(share * seconds, other.process.send_signal, (number,)).start()
@@ -342,7 +407,7 @@ def outcome(came: Any, other: Any, put: Any, span_s: tuple[float, float], took_s
         delivered=len(came["frames_s"]),
         other=None if other is None else len(other["frames_s"]),
         states_lost=states[-1] - states[0] + 1 - len(set(states)) if states else 0,
-        commands_s=took_s, unanswered=unanswered,
+        commands_s=took_s, unanswered=unanswered, layers_lost=came.get("lost", 0),
     )  # fmt: skip
 
 
@@ -392,13 +457,15 @@ SCENARIOS = {
     "healthy": "A healthy link",
     "burst": f"{BURST} cameras at the same moments, a healthy link",
     "frozen": "One of two readers is frozen",
+    "looks": "Two ask for a layer of the map again and again, a healthy link",
+    "frozen looks": "One of two that ask for layers is frozen",
     "slow reader": "One of two readers has a slow link",
     "slow sender": "The sender has a slow link",
 }
 HEAD = (
     "| choice | runs | longest silence s, median / most | longest put s, frame / state | frames, of those put "
-    "| frames at the other reader | states lost | commands ms, p50 / p99 / most | unanswered |\n"
-    "|---|---|---|---|---|---|---|---|---|"
+    "| frames at the other reader | states lost | commands ms, p50 / p99 / most | unanswered | layers lost |\n"
+    "|---|---|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -414,8 +481,17 @@ def row(choice: str, runs: list[Run]) -> str:
         f"| {max(run.put_s for run in runs):.2f} / {max(run.state_put_s for run in runs):.2f} "
         f"| {sum(run.delivered for run in runs)} of {sum(run.offered for run in runs)} | {other} "
         f"| {sum(run.states_lost for run in runs)} | {p50:.1f} / {p99:.1f} / {most:.0f} "
-        f"| {sum(run.unanswered for run in runs)} |"
+        f"| {sum(run.unanswered for run in runs)} | {sum(run.layers_lost for run in runs)} |"
     )
+
+
+def choose(choice: Choice) -> None:
+    """Has this process send as the choice says."""
+    for priority, name in ({"bulk": choice.bulk} if choice.bulk else choice.full).items():
+        contract.WHEN_FULL[priority] = name  # type: ignore[assignment, index]
+        connection.CONGESTION[name] = getattr(zenoh.CongestionControl, name)
+    if choice.layers:
+        object.__setattr__(MAP_LAYER, "priority", choice.layers)
 
 
 def main() -> None:
@@ -429,9 +505,7 @@ def main() -> None:
     parser.add_argument("--choice", default="shipped", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.role:
-        bulk = CHOICES[arguments.choice].bulk
-        if bulk is not None:
-            connection.CONGESTION["leave out"] = getattr(zenoh.CongestionControl, bulk)
+        choose(CHOICES[arguments.choice])
         logs.configure()
         ROLES[arguments.role](Tuned(choice=arguments.choice))
         return

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from ipaddress import AddressValueError, IPv6Address
 
+_NAME = r"[a-z0-9_.-]+?"
 #: A host as it stands in a URL: a name, an IPv4 address, or an IPv6 address in brackets; then maybe a port.
-_HOST = re.compile(r"(?P<name>\[[0-9a-f:.%]+\]|[a-z0-9_.-]+?)\.?(?::\d{0,5})?", re.IGNORECASE)
+_HOST = re.compile(rf"(?P<name>\[(?P<ipv6>[0-9a-f:.]+)\]|{_NAME})\.?(?P<port>:\d{{0,5}})?", re.IGNORECASE)
 #: What binds every address of a machine is no name to reach it by.
 _ANY_ADDRESS = frozenset({"", "0.0.0.0", "::"})
 
@@ -18,28 +20,41 @@ _ANY_ADDRESS = frozenset({"", "0.0.0.0", "::"})
 def host_name(header: str) -> str | None:
     """The name in a ``Host`` header, in small letters, without port and final dot; None: it is no host."""
     match = _HOST.fullmatch(header)
-    return match["name"].lower() if match else None
+    return _spelled(match) if match else None
 
 
-def allowed_names(listed: str, listens_at: str) -> frozenset[str] | None:
-    """The names that are answered: those of a list with commas, and the address listened at; None: all, for ``*``.
+def listen_address(written: str) -> str:
+    """The address or name to listen at, an IPv6 address without the brackets that it has in URLs.
 
     Raises:
-        ValueError: an entry that is no host.
+        ValueError: it is neither, or has a port.
+    """
+    in_brackets = written.startswith("[") and written.endswith("]")
+    bare = written[1:-1] if in_brackets else written
+    address = _ipv6(bare)
+    if address is None and (in_brackets or not re.fullmatch(rf"({_NAME})?", bare, re.IGNORECASE)):
+        raise ValueError(
+            "expected an address or a name of this machine without a port, such as 127.0.0.1, ::1 or 0.0.0.0"
+        )
+    return str(address) if address else bare
+
+
+def allowed_names(listed: str) -> frozenset[str] | None:
+    """The names that are answered, of a list with commas; None: all, for ``*``.
+
+    Raises:
+        ValueError: an entry that is no host, has a port, or is every address of a machine.
     """
     entries = [entry.strip() for entry in listed.split(",") if entry.strip()]
-    if "*" in entries:
-        return None
-    if listens_at not in _ANY_ADDRESS:
-        entries.append(f"[{listens_at}]" if ":" in listens_at else listens_at)
-    return frozenset(map(_name_of, entries))
+    return None if "*" in entries else frozenset(map(_name_of, entries))
 
 
-def _name_of(entry: str) -> str:
-    name = host_name(f"[{entry}]" if entry.count(":") > 1 and not entry.startswith("[") else entry)
-    if name is None:
-        raise ValueError(f"expected names such as building.example or [::1] with commas between, got {entry!r}")
-    return name
+def names_of_address(listens_at: str) -> frozenset[str]:
+    """The name by which what listens at an address (of ``listen_address``) is reached; none where it is every address."""
+    if listens_at in _ANY_ADDRESS:
+        return frozenset()
+    bare = listens_at.partition("%")[0]  # clients leave out through which interface
+    return frozenset({f"[{bare}]" if ":" in bare else bare.lower().removesuffix(".")})
 
 
 def foreign(headers: Iterable[str], allowed: frozenset[str] | None) -> str | None:
@@ -48,3 +63,32 @@ def foreign(headers: Iterable[str], allowed: frozenset[str] | None) -> str | Non
         return None
     said = list(headers)
     return next((host for host in said if host_name(host) not in allowed), None if said else "")
+
+
+def _name_of(entry: str) -> str:
+    match = _HOST.fullmatch(f"[{entry}]" if _ipv6(entry) else entry)
+    name = _spelled(match) if match else None
+    if match is None or name is None:
+        raise ValueError(f"expected names such as building.example or [::1] with commas between, got {entry!r}")
+    if match["port"] is not None:
+        raise ValueError(f"expected names without a port (any is answered): write {name} instead of {entry}")
+    if name.strip("[]") in _ANY_ADDRESS:
+        raise ValueError(
+            f"{entry} stands for every address of a machine: write the names that people use, or * for any"
+        )
+    return name
+
+
+def _spelled(match: re.Match[str]) -> str | None:
+    """A host's name in one spelling; None: an IPv6 address that is none."""
+    if match["ipv6"] is None:
+        return match["name"].lower()
+    address = _ipv6(match["ipv6"])
+    return f"[{address}]" if address else None
+
+
+def _ipv6(text: str) -> IPv6Address | None:
+    try:
+        return IPv6Address(text)
+    except AddressValueError:
+        return None

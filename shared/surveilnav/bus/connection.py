@@ -27,6 +27,7 @@ M = TypeVar("M", bound=Message)
 PRIORITY = {
     "control": zenoh.Priority.INTERACTIVE_HIGH,
     "data": zenoh.Priority.DATA_HIGH,
+    "maps": zenoh.Priority.DATA,  # before bulk data: a question for a map is small and must not wait for frames
     "bulk": zenoh.Priority.DATA_LOW,
 }
 #: "Leave out" isn't Zenoh's DROP: that sends parts of a message before it gives it up. BLOCK_FIRST lets one message wait

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, field
@@ -30,6 +31,10 @@ from surveilnav.messages.base import Message
 
 #: A slot of a queryable that nobody could free: an honest error beats a silent wait.
 BUSY = "busy"
+#: Pause before an answer that was left out is asked for again.
+_ASK_AGAIN_S = 0.05
+#: The router tells within this who answers to a key (5 ms on one machine).
+_KNOWN_AFTER_MS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,24 +187,57 @@ def ask(
     connection: Connection, stream: Stream, key: str, request: Message | None = None, *, payload: bytes = b"",
     timeout_s: float, parameters: dict[str, str] | None = None,
 ) -> Received[Any]:  # fmt: skip
-    """The one answer to a query.
+    """The one answer to a query. Where answers may be left out, it is asked for until one comes.
 
     Raises:
         Refused: the other side answered with an error.
         Unanswered: nobody answers there, or (``timed_out``) not in time.
     """
+    until_s = time.monotonic() + timeout_s
+    while True:
+        if received := _asked_once(connection, stream, key, request, payload, timeout_s, parameters):
+            return received
+        if stream.when_full == "wait" or not _is_served(connection, key):
+            raise Unanswered(f"no answer from {key}: nobody is there", timed_out=False)
+        timeout_s = until_s - time.monotonic() - _ASK_AGAIN_S
+        if timeout_s <= 0 or connection.stopping.wait(_ASK_AGAIN_S):
+            raise Unanswered(f"no answer from {key}: a link on its way is full", timed_out=True)
+
+
+def _asked_once(
+    connection: Connection, stream: Stream, key: str, request: Message | None, payload: bytes, timeout_s: float,
+    parameters: dict[str, str] | None,
+) -> Received[Any] | None:  # fmt: skip
+    """The answer; None where nothing came, and nobody will answer any more."""
     refused: Refused | None = None
-    timed_out = False
+    timed_out = unreadable = False
     for reply in _replies(connection, stream, key, request, payload, timeout_s, parameters):
         if reply.ok is not None:
             if received := connection.received(stream, reply.ok):
                 return received
+            unreadable = True
         elif (refused := _refusal(reply.err)) is None:
             timed_out = True
     if refused:
         raise refused
-    why = f"not within {timeout_s:g} s" if timed_out else "nobody is there"
-    raise Unanswered(f"no answer from {key}: {why}", timed_out=timed_out)
+    if timed_out or unreadable:
+        why = f"not within {timeout_s:g} s" if timed_out else "what came can't be read"
+        raise Unanswered(f"no answer from {key}: {why}", timed_out=timed_out)
+    return None
+
+
+def _is_served(connection: Connection, key: str) -> bool:
+    """Whether somebody answers questions to ``key``: an answer that was left out looks like nobody."""
+    with bus_errors(key):
+        querier = connection.session.declare_querier(key)
+        try:
+            for _ in range(_KNOWN_AFTER_MS // 10):
+                if querier.matching_status.matching:  # type: ignore[attr-defined]
+                    return True
+                time.sleep(0.01)
+            return False
+        finally:
+            querier.undeclare()  # type: ignore[no-untyped-call]
 
 
 def ask_all(

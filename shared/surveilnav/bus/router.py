@@ -18,7 +18,7 @@ import zenoh
 
 from surveilnav.bus import logs
 from surveilnav.bus.main import end_with_stdin
-from surveilnav.bus.settings import DEFAULT_PORT, router_config
+from surveilnav.bus.settings import DEFAULT_PORT, host_and_port, router_config
 from surveilnav.errors import BusError, ConfigError, SurveilNavError
 
 #: Closing the link of a reader that doesn't read holds one of Zenoh's threads. It has one to send and two to receive, and
@@ -30,24 +30,24 @@ def open_router(listen: str) -> zenoh.Session:
     """A session that routes, listening at ``tcp/HOST:PORT``. Close it when done.
 
     Raises:
-        BusError: the port is taken, or the host isn't this machine's.
+        BusError: it is no such endpoint, the port is taken, or the host isn't this machine's.
     """
-    host, _, port = listen.removeprefix("tcp/").rpartition(":")
-    _check_free(host, port, listen)
+    try:
+        host, port = host_and_port(listen)
+    except ValueError as error:
+        raise BusError(f"the router's --listen: {error}, got {listen!r}") from None
+    _check_free(host, port)
     try:
         return zenoh.open(zenoh.Config.from_json5(router_config(listen)))
     except zenoh.ZError as error:
         raise BusError(f"the router can't listen at {listen}: {error}") from error
 
 
-def _check_free(host: str, port: str, listen: str) -> None:
+def _check_free(host: str, port: int) -> None:
     """Zenoh's own error doesn't say that the port is taken."""
-    if not port.isdigit() or not 0 < int(port) < 65536:
-        raise BusError(f"expected tcp/HOST:PORT with a port from 1 to 65535, got {listen!r}")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        with socket.create_server(
-            (host.strip("[]"), int(port)), family=socket.AF_INET6 if ":" in host else socket.AF_INET
-        ):
+        with socket.create_server((host, port), family=family):
             pass
     except OSError as error:
         raise BusError(

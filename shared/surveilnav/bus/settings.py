@@ -24,7 +24,22 @@ _LEASE_MS = 2000
 #: Signs of life a lease; Zenoh has 4. One's interval (0.1 s) is also how long the router tries to get rid of what it still
 #: has for a reader that is gone, and whoever sent to it waits meanwhile.
 _ROUTER_KEEP_ALIVE = 20
-_ENDPOINT = re.compile(r"tcp/[^/?#\s]+:\d{1,5}")
+_ENDPOINT = re.compile(r"tcp/(?P<host>\[[0-9A-Fa-f:.]+\]|[^][:/?#\s]+):(?P<port>[0-9]{1,5})")
+
+
+def host_and_port(endpoint: str) -> tuple[str, int]:
+    """Host (an IPv6 address without brackets) and port of an endpoint.
+
+    Raises:
+        ValueError: it isn't ``tcp/HOST:PORT``.
+    """
+    match = _ENDPOINT.fullmatch(endpoint)
+    if not match or not 0 < int(match["port"]) < 65536:
+        raise ValueError(
+            f"expected tcp/HOST:PORT with a port from 1 to 65535, such as tcp/127.0.0.1:{DEFAULT_PORT} or "
+            f"tcp/[::1]:{DEFAULT_PORT}"
+        )
+    return match["host"].strip("[]"), int(match["port"])
 
 
 class BusSettings(BaseSettings):
@@ -34,8 +49,10 @@ class BusSettings(BaseSettings):
 
     router: str = Field(f"tcp/127.0.0.1:{DEFAULT_PORT}", description="the router's endpoint, tcp/HOST:PORT")
     building: str = Field("building", pattern=ID_PATTERN, description="the building's name in every key")
-    connect_timeout_s: float = Field(30.0, description="how long to wait for the router at start; -1: for ever")
-    lease_ms: int = Field(_LEASE_MS, description="a peer silent for so long counts as gone")
+    connect_timeout_s: float = Field(
+        30.0, ge=-1, le=86_400, description="how long to wait for the router at start; 0: one try, -1: for ever"
+    )
+    lease_ms: int = Field(_LEASE_MS, ge=200, le=60_000, description="a peer silent for so long counts as gone")
     health_file: Path | None = Field(None, description="touched every second while the service is healthy")
     log_format: Literal["console", "json"] = Field("console", description="how a log line is written")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="lines below it are left out")
@@ -43,14 +60,20 @@ class BusSettings(BaseSettings):
     @field_validator("router")
     @classmethod
     def _endpoint(cls, value: str) -> str:
-        if not _ENDPOINT.fullmatch(value):
-            raise ValueError(f"expected tcp/HOST:PORT, got {value!r}")
+        host_and_port(value)
+        return value
+
+    @field_validator("connect_timeout_s")
+    @classmethod
+    def _for_ever_or_so_long(cls, value: float) -> float:
+        if -1 < value < 0:
+            raise ValueError("expected seconds from 0, or -1 to wait for ever")
         return value
 
     @property
     def router_port(self) -> int:
         """The TCP port of the router's endpoint."""
-        return int(self.router.rsplit(":", 1)[1])
+        return host_and_port(self.router)[1]
 
     def client_config(self) -> str:
         """Zenoh's JSON5 for a client: one router, no scouting, no shared memory (it hides bytes from the

@@ -10,8 +10,11 @@ import pytest
 import zenoh
 
 from surveilnav.bus import Answer, Refused, Unanswered
-from surveilnav.contract import CAMERA_SLOT, MISSION_CANCEL, MISSION_GOAL, ROBOT_STATUS, schema_of
-from surveilnav.messages import Ack, Command, MissionAck, MissionGoal, SlotClaim
+from surveilnav.bus.connection import encoding_of
+from surveilnav.bus.wire import encode
+from surveilnav.contract import CAMERA_SLOT, MAP_LAYER, MISSION_CANCEL, MISSION_GOAL, ROBOT_STATUS, schema_of
+from surveilnav.geometry import Grid
+from surveilnav.messages import Ack, Command, LayerHeader, MissionAck, MissionGoal, SlotClaim
 from tests.waiting import until, until_heard
 
 
@@ -156,3 +159,72 @@ def test_a_question_to_all_reaches_each_owner_of_a_key(make_node):
         return {(a.ids["slot"], a.message.message) for a in client.ask_all(CAMERA_SLOT, claim, timeout_s=0.5)}
 
     until(lambda: slots() == {("2", "2"), ("5", "5")})
+
+
+MAP = {"floor": "0", "layer": "cloud"}
+
+
+@pytest.fixture
+def answered(make_node, stranger):
+    """``client, asked = answered(stream, *answers)``: a stranger answers each query with the next of ``answers`` (None: with
+    nothing), then with nothing; ``asked`` grows by one a query."""
+    kept = []
+
+    def declare(stream, *answers):
+        client, asked = make_node("planner", "p"), []
+
+        def on_query(query):
+            asked.append(1)
+            if len(asked) <= len(answers) and (header := answers[len(asked) - 1]):
+                query.reply(query.key_expr, b"map", attachment=header, encoding=encoding_of(stream.message))
+            query.drop()
+
+        key = client.key(stream)
+        kept.append(stranger.declare_queryable(key, on_query))
+        querier = client._connection.session.declare_querier(key)
+        until(lambda: querier.matching_status.matching, "the router never heard of who answers")
+        return client, asked
+
+    yield declare
+    for queryable in kept:
+        queryable.undeclare()
+
+
+def layer():
+    grid = Grid(0.0, 0.0, 0.05, 1, 1)
+    return LayerHeader(stamp_ns=1, floor="0", layer="cloud", revision=7, grid=grid, dtype="float32", shape=(0, 6))
+
+
+def test_an_answer_that_was_left_out_is_asked_for_again(answered):
+    """It looks as if nobody had answered."""
+    client, asked = answered(MAP_LAYER, None, None, encode(layer()))
+    got = client.ask(MAP_LAYER, **MAP, timeout_s=10.0)
+    assert (got.message.revision, got.payload, len(asked)) == (7, b"map", 3)
+
+
+def test_who_never_answers_is_not_asked_for_ever(answered):
+    client, asked = answered(MAP_LAYER)
+    with pytest.raises(Unanswered, match="a link on its way is full") as unanswered:
+        client.ask(MAP_LAYER, **MAP, timeout_s=0.5)
+    assert unanswered.value.timed_out
+    assert len(asked) > 1
+
+
+def test_an_answer_that_cant_be_read_is_not_asked_for_again(answered):
+    client, asked = answered(MAP_LAYER, b"nonsense", encode(layer()))
+    with pytest.raises(Unanswered, match="can't be read"):
+        client.ask(MAP_LAYER, **MAP, timeout_s=5.0)
+    assert len(asked) == 1
+
+
+def test_what_is_never_left_out_is_asked_for_once(answered):
+    client, asked = answered(ROBOT_STATUS)
+    with pytest.raises(Unanswered, match="nobody is there"):
+        client.ask(ROBOT_STATUS, robot="r1", timeout_s=5.0)
+    assert len(asked) == 1
+
+
+def test_nobody_is_there_for_maps_either(make_node):
+    with pytest.raises(Unanswered, match="nobody is there") as unanswered:
+        make_node("planner", "p").ask(MAP_LAYER, **MAP, timeout_s=1e3)
+    assert not unanswered.value.timed_out

@@ -6,16 +6,18 @@ import pytest
 from pydantic import ValidationError
 
 from services.gateway.config import GatewaySettings
-from services.gateway.core.hosts import allowed_names, foreign
+from services.gateway.core.hosts import foreign
 
-LOOPBACK = "localhost,127.0.0.1,[::1]"
+
+def names(host="127.0.0.1", **settings):
+    return GatewaySettings(host=host, **settings).names
 
 
 @pytest.mark.parametrize(
-    "host", ["localhost", "localhost:8080", "LocalHost:1", "localhost.:80", "127.0.0.1:8080", "[::1]:8080", "[::1]"]
+    "host", ["localhost", "localhost:8080", "LocalHost:1", "localhost.:80", "127.0.0.1:8080", "[::1]:8080", "[0:0::1]"]
 )
 def test_loopback_is_answered_with_any_port(host):
-    assert foreign([host], allowed_names(LOOPBACK, "127.0.0.1")) is None
+    assert foreign([host], names()) is None
 
 
 @pytest.mark.parametrize(
@@ -27,12 +29,12 @@ def test_loopback_is_answered_with_any_port(host):
     ],
 )  # fmt: skip
 def test_any_other_is_named(host):
-    assert foreign([host], allowed_names(LOOPBACK, "0.0.0.0")) == host
-    assert foreign(["localhost", host], allowed_names(LOOPBACK, "0.0.0.0")) == host
+    assert foreign([host], names("0.0.0.0")) == host
+    assert foreign(["localhost", host], names("0.0.0.0")) == host
 
 
 def test_a_request_for_nobody_is_foreign():
-    assert foreign([], allowed_names(LOOPBACK, "127.0.0.1")) == ""
+    assert foreign([], names()) == ""
 
 
 @pytest.mark.parametrize(
@@ -42,18 +44,48 @@ def test_a_request_for_nobody_is_foreign():
         ("::1", "0.0.0.0", "[::1]:80"),
         ("localhost", "192.168.1.4", "192.168.1.4:8080"),
         ("", "fd00::5", "[FD00::5]:8080"),
+        ("localhost", "[fd00:0::5]", "[fd00::5]:8080"),
+        ("localhost", "fe80::1%eth0", "[fe80::1]:8080"),
+        ("localhost", "Building.example", "building.example"),
         ("localhost,*", "0.0.0.0", "evil.example"),
     ],
 )
 def test_more_names_by_the_settings_and_the_address_listened_at(listed, listens_at, host):
-    assert foreign([host], allowed_names(listed, listens_at)) is None
+    assert foreign([host], names(listens_at, allowed_hosts=listed)) is None
 
 
-def test_listening_at_every_address_allows_none_of_them():
-    assert allowed_names("localhost", "0.0.0.0") == allowed_names("localhost", "::") == {"localhost"}
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "[::]", "[0:0::0]", ""])
+def test_listening_at_every_address_allows_none_of_them(host):
+    assert names(host, allowed_hosts="localhost") == {"localhost"}
 
 
-@pytest.mark.parametrize("entry", ["http://localhost", "a b", "[x]", "*.example.org"])
-def test_an_entry_that_is_no_name_is_a_mistake_in_the_settings(entry):
-    with pytest.raises(ValidationError, match="expected names such as"):
-        GatewaySettings(allowed_hosts=f"localhost,{entry}")
+@pytest.mark.parametrize(
+    ("written", "host"), [("[::1]", "::1"), ("[::]", "::"), ("FD00::5", "fd00::5"), ("pc.lan", "pc.lan")]
+)
+def test_an_address_to_listen_at_may_stand_in_brackets(written, host):
+    assert GatewaySettings(host=written).host == host
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "words"),
+    [
+        ("host", "127.0.0.1:8080", "without a port"),
+        ("host", "[::1]:8080", "without a port"),
+        ("host", "[127.0.0.1]", "such as 127.0.0.1, ::1"),
+        ("host", "http://localhost", "such as 127.0.0.1, ::1"),
+        ("allowed_hosts", "localhost,http://localhost", "expected names such as"),
+        ("allowed_hosts", "a b", "expected names such as"),
+        ("allowed_hosts", "[x]", "expected names such as"),
+        ("allowed_hosts", "[1:2]", "expected names such as"),
+        ("allowed_hosts", "*.example.org", "expected names such as"),
+        ("allowed_hosts", "localhost,Building.example:8080", "write building.example instead"),
+        ("allowed_hosts", "[::1]:8080", r"write \[::1\] instead"),
+        ("allowed_hosts", "localhost:", "write localhost instead"),
+        ("allowed_hosts", "0.0.0.0", "every address of a machine"),
+        ("allowed_hosts", "::", "every address of a machine"),
+    ],
+)
+def test_a_mistake_names_the_setting_that_has_it(setting, value, words):
+    with pytest.raises(ValidationError, match=words) as caught:
+        GatewaySettings(**{setting: value})
+    assert [fault["loc"] for fault in caught.value.errors()] == [(setting,)]
