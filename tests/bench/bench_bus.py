@@ -88,9 +88,8 @@ CHOICES = {
     "data block first": Choice(full={"data": "BLOCK_FIRST"}),
     "data drop": Choice(full={"data": "DROP"}),
     "layers as data, block": Choice(layers="data"),
-    "layers as bulk, block": Choice(full={"bulk": "BLOCK"}, layers="bulk"),
-    "layers as bulk, block first": Choice(layers="bulk"),
-    "layers as bulk, drop": Choice(full={"bulk": "DROP"}, layers="bulk"),
+    "layers block": Choice(full={"maps": "BLOCK"}),
+    "layers drop": Choice(full={"maps": "DROP"}),
 }
 _WAITS = {
     "drop": ("drop", "wait_before_drop"),
@@ -246,8 +245,8 @@ def maps(bus: Tuned) -> None:
 def look(bus: Tuned) -> None:
     """Asks for a layer ten times a second and hears of changes; prints when each came, and how often none did."""
     came_s: list[float] = []
+    lost_s: list[float] = []
     seqs: list[int] = []
-    lost = 0
     with Node("gateway", "g", bus, alive=False) as node:
         node.subscribe(MAP_REVISION, lambda received: seqs.append(received.message.revision), floor="0")
         signal.signal(signal.SIGTERM, lambda *_: node.stop())
@@ -257,8 +256,8 @@ def look(bus: Tuned) -> None:
                 node.ask(MAP_LAYER, floor="0", layer="cloud")
                 came_s.append(time.monotonic())
             except SurveilNavError:
-                lost += 1
-        said({"frames_s": came_s, "states": seqs, "lost": lost})
+                lost_s.append(time.monotonic())
+        said({"frames_s": came_s, "states": seqs, "lost_s": lost_s})
 
 
 def read(bus: Tuned) -> None:
@@ -374,7 +373,8 @@ def play(scenario: str, choice: str, seconds: float, link: Link | None) -> Run:
             sender = start("maps")
         healthy = start(reads)
         buffer = {"SURVEILNAV_BUS__RECEIVE_BUFFER": "262144"} if frozen else {}
-        other = start(reads, "slow" in scenario, **buffer) if frozen or scenario == "slow reader" else None
+        slow = scenario.startswith("slow reader")
+        other = start(reads, slow, **buffer) if frozen or slow else None
         if reads == "read":
             sender = start("burst" if scenario == "burst" else "send", slow=scenario == "slow sender")
         time.sleep(0.5)
@@ -407,7 +407,7 @@ def outcome(came: Any, other: Any, put: Any, span_s: tuple[float, float], took_s
         delivered=len(came["frames_s"]),
         other=None if other is None else len(other["frames_s"]),
         states_lost=states[-1] - states[0] + 1 - len(set(states)) if states else 0,
-        commands_s=took_s, unanswered=unanswered, layers_lost=came.get("lost", 0),
+        commands_s=took_s, unanswered=unanswered, layers_lost=sum(begin_s < s < end_s for s in came.get("lost_s", [])),
     )  # fmt: skip
 
 
@@ -460,6 +460,7 @@ SCENARIOS = {
     "looks": "Two ask for a layer of the map again and again, a healthy link",
     "frozen looks": "One of two that ask for layers is frozen",
     "slow reader": "One of two readers has a slow link",
+    "slow reader looks": "One of two that ask for layers has a slow link",
     "slow sender": "The sender has a slow link",
 }
 HEAD = (
