@@ -474,7 +474,7 @@ def row(choice: str, runs: list[Run]) -> str:
     """A line of the table, over all runs of a choice."""
     silent = [run.silent_s for run in runs]
     took_ms = np.concatenate([run.commands_s for run in runs]) * 1e3
-    p50, p99, most = np.quantile(took_ms, [0.5, 0.99, 1.0])
+    p50, p99, most = np.quantile(took_ms, [0.5, 0.99, 1.0]) if took_ms.size else (np.nan,) * 3
     others = [run.other for run in runs if run.other is not None]
     other = f"{np.mean(others):.0f}" if others else ""
     return (

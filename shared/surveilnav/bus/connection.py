@@ -57,6 +57,7 @@ class Connection:
     Attributes:
         stopping: set when the process ends.
         wake: set whenever something arrived that a loop may wait for.
+        large_answer: held by who waits for an answer that may be left out.
     """
 
     def __init__(self, name: str, settings: BusSettings) -> None:
@@ -64,6 +65,7 @@ class Connection:
         self.log = structlog.get_logger().bind(node=name)
         self.traffic = TrafficMeter()
         self.stopping, self.wake = threading.Event(), threading.Event()
+        self.large_answer = threading.Lock()
         self._limit = RateLimit()
         self._threads: list[threading.Thread] = []
         self._kept: list[object] = []

@@ -6,6 +6,7 @@ import queue
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote, unquote
@@ -194,14 +195,30 @@ def ask(
         Unanswered: nobody answers there, or (``timed_out``) not in time.
     """
     until_s = time.monotonic() + timeout_s
-    while True:
-        if received := _asked_once(connection, stream, key, request, payload, timeout_s, parameters):
-            return received
-        if stream.when_full == "wait" or not _is_served(connection, key):
-            raise Unanswered(f"no answer from {key}: nobody is there", timed_out=False)
-        timeout_s = until_s - time.monotonic() - _ASK_AGAIN_S
-        if timeout_s <= 0 or connection.stopping.wait(_ASK_AGAIN_S):
-            raise Unanswered(f"no answer from {key}: a link on its way is full", timed_out=True)
+    with _turn(connection, stream, key, timeout_s):
+        while (left_s := until_s - time.monotonic()) > 0:
+            if received := _asked_once(connection, stream, key, request, payload, left_s, parameters):
+                return received
+            if stream.when_full == "wait" or not _is_served(connection, key):
+                raise Unanswered(f"no answer from {key}: nobody is there", timed_out=False)
+            if connection.stopping.wait(_ASK_AGAIN_S):
+                break
+    raise Unanswered(f"no answer from {key}: a link on its way is full", timed_out=True)
+
+
+@contextmanager
+def _turn(connection: Connection, stream: Stream, key: str, timeout_s: float) -> Iterator[None]:
+    """Waits until this process waits for no other answer that may be left out: on a slow link two would leave out each
+    other. Raises Unanswered: not in time."""
+    if stream.when_full == "wait":
+        yield
+        return
+    if not connection.large_answer.acquire(timeout=timeout_s):
+        raise Unanswered(f"no answer from {key}: this process waited {timeout_s:g} s for others", timed_out=True)
+    try:
+        yield
+    finally:
+        connection.large_answer.release()
 
 
 def _asked_once(
@@ -221,7 +238,7 @@ def _asked_once(
     if refused:
         raise refused
     if timed_out or unreadable:
-        why = f"not within {timeout_s:g} s" if timed_out else "what came can't be read"
+        why = f"not within {timeout_s:.3g} s" if timed_out else "what came can't be read"
         raise Unanswered(f"no answer from {key}: {why}", timed_out=timed_out)
     return None
 

@@ -228,3 +228,26 @@ def test_nobody_is_there_for_maps_either(make_node):
     with pytest.raises(Unanswered, match="nobody is there") as unanswered:
         make_node("planner", "p").ask(MAP_LAYER, **MAP, timeout_s=1e3)
     assert not unanswered.value.timed_out
+
+
+def test_answers_that_may_be_left_out_are_asked_for_one_at_a_time(make_node):
+    """On a slow link two of them would leave out each other."""
+    fusion, client = make_node("fusion", "f"), make_node("gateway", "g")
+    entered, leave = threading.Semaphore(0), threading.Semaphore(0)
+
+    def slowly(_):
+        entered.release()
+        leave.acquire()
+        return Answer(layer(), b"map")
+
+    fusion.serve(MAP_LAYER, slowly, workers=2)
+    with ThreadPoolExecutor(2) as pool:
+        ask = lambda: until_heard(lambda: client.ask(MAP_LAYER, **MAP, timeout_s=20.0))  # noqa: E731
+        answers = [pool.submit(ask) for _ in range(2)]
+        assert entered.acquire(timeout=10.0)
+        assert not entered.acquire(timeout=0.3), "both were asked for at once"
+        with pytest.raises(Unanswered, match=r"waited 0\.1 s for others") as unanswered:
+            client.ask(MAP_LAYER, **MAP, timeout_s=0.1)
+        assert unanswered.value.timed_out
+        leave.release(2)
+        assert [answer.result().payload for answer in answers] == [b"map"] * 2
