@@ -51,7 +51,7 @@ BURST = 12
 class Choice(NamedTuple):
     """Settings to compare: the congestion control of bulk data; waits [ms] at the clients and at the router.
 
-    Beside the shipped settings (``bulk`` is None): the congestion control of other priorities by ``full``, and with which
+    Where those are the shipped ones (``bulk`` is None): the congestion control of other priorities by ``full``, and with which
     priority map layers travel.
     """
 
@@ -457,7 +457,7 @@ SCENARIOS = {
     "healthy": "A healthy link",
     "burst": f"{BURST} cameras at the same moments, a healthy link",
     "frozen": "One of two readers is frozen",
-    "looks": "Two ask for a layer of the map again and again, a healthy link",
+    "looks": "One asks for a layer of the map again and again, a healthy link",
     "frozen looks": "One of two that ask for layers is frozen",
     "slow reader": "One of two readers has a slow link",
     "slow reader looks": "One of two that ask for layers has a slow link",
