@@ -129,6 +129,19 @@ def test_levels_at_one_altitude_are_one_floor() -> None:
     assert reached(scene) == {"0": ONE_ROOM_M2}
 
 
+@pytest.mark.parametrize("low", [0, 262, 275])
+@pytest.mark.parametrize(("apart", "floors"), [(9, 1), (10, 1), (11, 2)])
+def test_ten_centimetres_are_one_floor_everywhere(low: int, apart: int, floors: int) -> None:
+    """For the storeys, for the rooms on them and for the ground between: 2.62 and 2.72 m differ by more than 0.1 in floats."""
+    levels = level("ground", 0, 200) + level("lower", low) + level("upper", low + apart)
+    drawn = room(0, 0, 400, 400, "ground") + room(0, 0, 400, 400, "lower") + room(400, 0, 800, 400, "upper")
+    scene = scene_of(levels + drawn)
+    upper = scene.floors[-floors:]
+    assert len(scene.floors) == floors + (low > 0)
+    assert [room.floor for room in scene.rooms][-2:] == [upper[0].id, upper[-1].id]
+    assert {i.name: i.floor for i in scene.instances if i.label == "floor"}["Floor of Room 2"] == upper[0].id
+
+
 def test_a_false_ceiling_is_no_floor_and_lets_the_stairs_through() -> None:
     levels = level("down", 0) + level("false ceiling", 242, 18) + level("up", 262)
     drawn = "".join(room(0, 0, 800, 400, name) for name in ("down", "false ceiling", "up"))
