@@ -122,6 +122,13 @@ def test_a_level_that_is_no_floor_is_named_with_the_reason(name: str, height: fl
     assert bool(why) == any("is no floor" in note for note in scene.notes)
 
 
+@pytest.mark.parametrize("drawn", ["", room(10, 10, 410, 410, "low")])
+def test_where_the_only_level_is_too_low_its_ceiling_is_the_reason(drawn: str) -> None:
+    scene = scene_of(level("low", 0, 60) + walls_around(0, 0, 420, 420, "low") + drawn)
+    sentence = reach_of(scene, NavigationMap.build(scene)).sentence
+    assert sentence == "robots reach 0 of 0 m²: the ceiling is too low for a robot on level 0"
+
+
 def test_levels_at_one_altitude_are_one_floor() -> None:
     levels = level("walls", 0) + level("rooms", 0)
     scene = scene_of(levels + walls_around(0, 0, 420, 420, "walls") + room(10, 10, 410, 200, "rooms"))
