@@ -13,7 +13,18 @@ from simulator.plans.sweethome import read_home
 from simulator.world.navigation import NavigationMap
 from simulator.world.reach import reach_of
 from simulator.world.scene import Scene
-from tests.simulator.plans.drawn import FAULTS, LEAF_DOOR, TWO_ROOMS, door, level, plan_of, room, wall, walls_around
+from tests.simulator.plans.drawn import (
+    FAULTS,
+    LEAF_DOOR,
+    TWO_ROOMS,
+    door,
+    level,
+    plan_of,
+    room,
+    stairs,
+    wall,
+    walls_around,
+)
 
 #: A robot's centre keeps 0.18 m and a cell from walls: of 16 m² it can stand on this much.
 ONE_ROOM_M2 = pytest.approx(12.8, abs=0.5)
@@ -170,6 +181,14 @@ def archive(tmp_path: Path) -> Archive:
     with zipfile.ZipFile(tmp_path / "home.sh3d", "w") as file:
         file.writestr("door.obj", LEAF_DOOR)
     return Archive(tmp_path / "home.sh3d")
+
+
+def test_a_staircase_without_steps_is_named(archive: Archive) -> None:
+    levels = level("down", 0) + level("up", 262)
+    drawn = "".join(room(0, 0, 800, 400, name) for name in ("down", "up"))
+    hollow = stairs(400, "down").replace("name='Stairs'", "name='Shaft' model='door.obj'")
+    assert "'Shaft' has no steps from level 0 to 1: no stair" in scene_of(levels + drawn + hollow, archive).notes
+    assert scene_of(levels + drawn + stairs(400, "down"), archive).stairs
 
 
 _ROOMS = room(10, 10, 400, 410) + room(420, 10, 810, 410)

@@ -114,3 +114,5 @@ def test_where_nobody_knows_what_is_a_wall_nothing_is_said_of_walls(boxes, room)
     parts = [("", floor, low, high) for _, floor, low, high in [*room(7.1, 4), *wall_between()]]
     scene = boxes(parts)
     assert reach_of(scene, NavigationMap.build(scene)).gaps == ("no way leads to 10 m² of level 0",)
+    scene = boxes([*parts, SILL])
+    assert reach_of(scene, NavigationMap.build(scene)).gaps == ("no way leads to 10 m² of level 0",)
