@@ -88,7 +88,7 @@ class Shell:
         top_m = max((self.levels[level].z_m for level in rooms | (walled & furnished)), default=0.0)
         why_not = {
             id_: why_no_storey(
-                level, roomed=id_ in rooms, walled=id_ in walled, inhabited=id_ in furnished or level.z_m < top_m
+                level, roomed=id_ in rooms, walled=id_ in walled, furnished=id_ in furnished, is_below=level.z_m < top_m
             )
             for id_, level in self.levels.items()
         }
@@ -153,7 +153,7 @@ class Shell:
         level = own[0][1]
         # On an upper storey a room without a floor is open to below, as are staircases.
         upper = is_upper(floor)
-        rooms = [room.outline for room in self._rooms_at(floor.z_m) if room.has_floor or not upper]
+        rooms = [room.outline for room in self._rooms_at(floor.z_m) if room.has_floor or upper]
         holes = self._holes_at(floor.z_m)
         try:
             parts = find_ground([outline for outline, _ in own], [*rooms, *holes])

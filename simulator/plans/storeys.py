@@ -21,23 +21,23 @@ def at_one_altitude(a_m: float, b_m: float) -> bool:
     return abs(a_m - b_m) <= _SAME_M + _ROUNDING_M
 
 
-def why_no_storey(level: Level, *, roomed: bool, walled: bool, inhabited: bool) -> str:
+def why_no_storey(level: Level, *, roomed: bool, walled: bool, furnished: bool, is_below: bool) -> str:
     """Why a level is no floor, for people; empty if it may be one.
 
     Args:
         level: of the plan.
-        roomed: whether a room is drawn on it; ``walled``: whether walls stand on it.
-        inhabited: whether something stands between walls without rooms, or a floor lies above them.
+        roomed: whether a room is drawn on it; ``walled``: whether walls stand on it; ``furnished``: whether furniture or a
+            door does; ``is_below``: whether a floor lies above it.
     """
     if level.height_m < MIN_HEIGHT_M:
         return f"it is {level.height_m:.2g} m high, and nobody walks on less than {MIN_HEIGHT_M:g} m"
-    if roomed:
-        return ""
-    if ROOF.search(level.name):
-        return "its name says roof, and no room is drawn on it"
-    if not walled:
+    if ROOF.search(level.name) and not (roomed and furnished):
+        return "its name says roof, and nothing stands in a room on it"
+    if not roomed and not walled:
         return "neither rooms nor walls are drawn on it"
-    return "" if inhabited else "nothing stands between its walls, and no room is drawn: they are taken for a roof's"
+    if roomed or furnished or is_below:
+        return ""
+    return "nothing stands between its walls, and no room is drawn: they are taken for a roof's"
 
 
 def is_low_or_roof(level: Level) -> bool:

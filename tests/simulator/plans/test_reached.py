@@ -26,6 +26,7 @@ from tests.simulator.plans.drawn import (
     walls_around,
 )
 
+BED = "<pieceOfFurniture name='Bed' level='{}' x='200' y='200' width='90' depth='200' height='50'/>"
 #: A robot's centre keeps 0.18 m and a cell from walls: of 16 m² it can stand on this much.
 ONE_ROOM_M2 = pytest.approx(12.8, abs=0.5)
 BOTH_ROOMS_M2 = pytest.approx(26.0, abs=1.0)
@@ -97,6 +98,17 @@ def test_an_entrance_storey_over_a_basement_has_a_floor_where_no_room_is_drawn()
     assert [room.name for room in scene.rooms if room.floor == "0"] == ["Room 2", "Unnamed area on entrance"]
 
 
+def test_a_room_without_a_floor_has_ground_below_and_is_open_above() -> None:
+    hidden = "name='Hidden' floorVisible='false'"
+    ground = scene_of(TWO_ROOMS + door(410, 210) + room(10, 10, 400, 410) + room(420, 10, 810, 410, more=hidden))
+    assert reached(ground) == {"0": BOTH_ROOMS_M2}
+    levels = level("down", 0) + level("up", 262)
+    walls = "".join(TWO_ROOMS.replace("level=''", f"level='{name}'") for name in ("down", "up"))
+    drawn = room(10, 10, 810, 410, "down") + room(10, 10, 400, 410, "up") + room(420, 10, 810, 410, "up", hidden)
+    scene = scene_of(levels + walls + drawn)
+    assert [room.name for room in scene.rooms if room.floor == "1"] == ["Room 2"]
+
+
 def test_an_upper_storey_has_a_floor_where_nothing_is_below() -> None:
     levels = level("down", 0) + level("up", 262)
     walls = walls_around(0, 0, 500, 420, "down") + walls_around(0, 0, 820, 420, "up")
@@ -107,8 +119,7 @@ def test_an_upper_storey_has_a_floor_where_nothing_is_below() -> None:
 def test_an_upper_storey_without_rooms_has_a_floor_where_something_stands_on_it() -> None:
     levels = level("down", 0) + level("up", 262) + level("Dach", 524)
     walls = "".join(walls_around(0, 0, 820, 420, name) for name in ("down", "up", "Dach"))
-    bed = "<pieceOfFurniture name='Bed' level='{}' x='200' y='200' width='90' depth='200' height='50'/>"
-    scene = scene_of(levels + walls + bed.format("up") + bed.format("Dach"))
+    scene = scene_of(levels + walls + BED.format("up") + BED.format("Dach"))
     assert [floor.id for floor in scene.floors] == ["0", "1"]
     assert {room.floor for room in scene.rooms} == {"0", "1"}
 
@@ -116,10 +127,11 @@ def test_an_upper_storey_without_rooms_has_a_floor_where_something_stands_on_it(
 @pytest.mark.parametrize(
     ("name", "height", "drawn", "why"),
     [
-        ("Dach", 250, "", "no room is drawn"),
+        ("Dach", 250, "", "its name says roof"),
+        ("Roof", 250, room(10, 10, 810, 410, "Roof"), "nothing stands in a room on it"),
         ("Attic", 120, room(10, 10, 810, 410, "Attic"), "it is 1.2 m high"),
         ("Top", 250, "", "nothing stands between its walls"),
-        ("Roof", 250, room(10, 10, 810, 410, "Roof"), ""),
+        ("Roof", 250, room(10, 10, 810, 410, "Roof") + BED.format("Roof"), ""),
     ],
 )
 def test_a_level_that_is_no_floor_is_named_with_the_reason(name: str, height: float, drawn: str, why: str) -> None:
