@@ -110,9 +110,12 @@ class Recorder:
         return [row.message for row in self._infos.rows()]
 
     def perception(self) -> tuple[str, str]:
-        """(backend, why it was chosen)."""
+        """(backend, why it was chosen, and whether its chances are only scores)."""
         rows = self._loads.rows()
-        return (rows[0].message.backend, rows[0].message.why) if rows else ("unknown", "no worker said what it runs")
+        if not rows:
+            return "unknown", "no worker said what it runs"
+        load = rows[0].message
+        return load.backend, load.why if load.calibrated else f"{load.why}; uncalibrated: scores stand in for chances"
 
     def invoked_cameras(self) -> list[str]:
         """Names of the cameras of which fusion ever processed a view."""

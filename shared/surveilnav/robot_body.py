@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 #: Its footprint is a disc of this radius.
 RADIUS_M = 0.18
+#: It needs this much room above the floor, and drives over what is lower than ``CLIMB_M`` (Recast's "max climb"): carpets, sills.
+HEIGHT_M = 1.0
+CLIMB_M = 0.1
 #: Its camera's height above the floor.
 CAMERA_HEIGHT_M = 0.88
 #: How far ``move_forward`` goes, and ``turn_left``, ``turn_right``, ``look_up`` and ``look_down`` turn.

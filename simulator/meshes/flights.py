@@ -13,10 +13,8 @@ from simulator.meshes.floors import FloorGround
 from simulator.meshes.walkable import Spots
 from simulator.world.geodesic import mark_triangles
 from simulator.world.scene import Scene, Stair
-from surveilnav.robot_body import clearance_m, fits
+from surveilnav.robot_body import CLIMB_M, HEIGHT_M, clearance_m, fits
 
-#: What lies between these heights above the ground is in a robot's way: see ``NavigationMap.build`` [m].
-_LOW_M, _HIGH_M = 0.1, 1.0
 #: The way over a stair runs at most so far over the floors at its ends [m].
 _REACH_M = 2.0
 
@@ -53,8 +51,8 @@ def _free(scene: Scene, spots: Spots, ground: FloorGround) -> NDArray[np.bool_]:
     blocked = np.zeros(grid.shape, np.bool_)
     z = ground.floor.z_m
     mark_triangles(
-        blocked, scene.vertices, scene.triangles, grid.origin_x_m, grid.origin_y_m, grid.resolution_m, z + _LOW_M,
-        z + _HIGH_M,
+        blocked, scene.vertices, scene.triangles, grid.origin_x_m, grid.origin_y_m, grid.resolution_m, z + CLIMB_M,
+        z + HEIGHT_M,
     )  # fmt: skip
     room = np.pad(cells.reshape(grid.shape) & ~blocked, 1)
     free = fits(clearance_m(~room, grid.resolution_m))[1:-1, 1:-1]

@@ -264,9 +264,9 @@ class _Furnisher(Shell):
 
     def _connect_floors(self) -> None:
         """Stairs between floors, read off the treads."""
-        labelled = [(mesh, i.label) for mesh, i in zip(self.meshes, self.builder.instances, strict=True)]
-        solid = [mesh for mesh, label in labelled if label not in ("floor", "ceiling")]
-        for flight in (mesh for mesh, label in labelled if label == "stairs"):
+        placed = list(zip(self.meshes, self.builder.instances, strict=True))
+        solid = [mesh for mesh, i in placed if i.label not in ("floor", "ceiling")]
+        for flight, name in ((mesh, i.name) for mesh, i in placed if i.label == "stairs"):
             low, high = float(flight.vertices[:, 2].min()), float(flight.vertices[:, 2].max())
             reached = [f for f in self.builder.floors if low - 0.3 < f.z_m < high - 0.3]
             if len(reached) < 2:
@@ -276,6 +276,8 @@ class _Furnisher(Shell):
             stair = find_transit(flight, solid, (lower.id, lower.z_m), (upper.id, upper.z_m), on_floors)
             if stair is not None:
                 self.builder.stairs.append(stair)
+            else:
+                self.builder.notes.append(f"{name[:40]!r} has no steps from level {lower.id} to {upper.id}: no stair")
 
     def _is_floor(self, floor: Floor) -> IsFloor:
         outlines = [np.array(room.polygon_m) for room in self.builder.rooms if room.floor == floor.id]

@@ -17,7 +17,7 @@ from simulator.plans.openings import is_door, is_stairs, opening_of, stair_cut_o
 from simulator.plans.plan import Wall, build_wall, wall_outline
 from simulator.plans.polygons import Polygon, contains, signed_area
 from simulator.plans.slabs import build_skirt, build_slab, build_slabs
-from simulator.plans.storeys import SAME_M, is_low_or_roof, is_upper, number_storeys, why_no_storey
+from simulator.plans.storeys import at_one_altitude, is_low_or_roof, is_upper, number_storeys, why_no_storey
 from simulator.plans.straight_walls import WallPart, joined, near, parts_of
 from simulator.plans.sweethome import Color, Home, Level, Picture, Piece, PlanRoom
 from simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
@@ -88,7 +88,7 @@ class Shell:
         top_m = max((self.levels[level].z_m for level in rooms | (walled & furnished)), default=0.0)
         why_not = {
             id_: why_no_storey(
-                level, roomed=id_ in rooms, walled=id_ in walled, inhabited=id_ in furnished or level.z_m < top_m
+                level, roomed=id_ in rooms, walled=id_ in walled, furnished=id_ in furnished, is_below=level.z_m < top_m
             )
             for id_, level in self.levels.items()
         }
@@ -98,7 +98,7 @@ class Shell:
         storeys = {id_ for id_, why in why_not.items() if not why}
         altitudes = [self.levels[id_].z_m for id_ in storeys]
         for id_, level in self.levels.items():
-            apart = all(abs(level.z_m - z_m) > SAME_M for z_m in altitudes)
+            apart = not any(at_one_altitude(level.z_m, z_m) for z_m in altitudes)
             if apart and id_ in rooms | walled:
                 self.builder.notes.append(f"level {level.name or id_!r} is no floor: {why_not[id_]}")
         return storeys
@@ -135,25 +135,25 @@ class Shell:
         """Remembers a room for what stands in it; the building's rooms are those that one can walk on."""
         self.rooms.append(_DrawnRoom(title, level.z_m, outline, has_floor, is_roofed))
         floor = self.builder.floor(self.floor_of_level[level.id])
-        if has_floor and abs(level.z_m - floor.z_m) <= SAME_M:
+        if has_floor and at_one_altitude(level.z_m, floor.z_m):
             self.builder.rooms.append(Room(title, floor.id, tuple((float(x), float(y)) for x, y in outline)))
 
     def _rooms_at(self, z_m: float) -> list[_DrawnRoom]:
-        return [room for room in self.rooms if abs(room.z_m - z_m) <= SAME_M]
+        return [room for room in self.rooms if at_one_altitude(room.z_m, z_m)]
 
     def _build_ground(self, floor: Floor, walls: Sequence[Polygon], levels: Sequence[Level]) -> None:
         """Floor and ceiling where the storey's walls enclose what no room covers."""
         own = [
             (outline, level)
             for outline, level in zip(walls, levels, strict=True)
-            if abs(level.z_m - floor.z_m) <= SAME_M and (level.id in self.storeys or not is_low_or_roof(level))
+            if at_one_altitude(level.z_m, floor.z_m) and (level.id in self.storeys or not is_low_or_roof(level))
         ]
         if not own:
             return
         level = own[0][1]
         # On an upper storey a room without a floor is open to below, as are staircases.
         upper = is_upper(floor)
-        rooms = [room.outline for room in self._rooms_at(floor.z_m) if room.has_floor or not upper]
+        rooms = [room.outline for room in self._rooms_at(floor.z_m) if room.has_floor or upper]
         holes = self._holes_at(floor.z_m)
         try:
             parts = find_ground([outline for outline, _ in own], [*rooms, *holes])

@@ -10,29 +10,34 @@ from simulator.world.scene import Floor
 
 #: Nobody walks on a level lower than this [m]: a false ceiling, a crawl space.
 MIN_HEIGHT_M = 1.5
-#: Levels that lie this close are one floor [m].
-SAME_M = 0.1
+#: Levels that lie this close are one floor [m]; a plan's centimetres are off by a rounding error.
+_SAME_M, _ROUNDING_M = 0.1, 1e-6
 #: The ground floor is the first that lies higher than this [m].
 _GROUND_M = -0.3
 
 
-def why_no_storey(level: Level, *, roomed: bool, walled: bool, inhabited: bool) -> str:
+def at_one_altitude(a_m: float, b_m: float) -> bool:
+    """Whether two levels are one floor by their altitudes."""
+    return abs(a_m - b_m) <= _SAME_M + _ROUNDING_M
+
+
+def why_no_storey(level: Level, *, roomed: bool, walled: bool, furnished: bool, is_below: bool) -> str:
     """Why a level is no floor, for people; empty if it may be one.
 
     Args:
         level: of the plan.
-        roomed: whether a room is drawn on it; ``walled``: whether walls stand on it.
-        inhabited: whether something stands between walls without rooms, or a floor lies above them.
+        roomed: whether a room is drawn on it; ``walled``: whether walls stand on it; ``furnished``: whether furniture or a
+            door does; ``is_below``: whether a floor lies above it.
     """
     if level.height_m < MIN_HEIGHT_M:
         return f"it is {level.height_m:.2g} m high, and nobody walks on less than {MIN_HEIGHT_M:g} m"
-    if roomed:
-        return ""
-    if ROOF.search(level.name):
-        return "its name says roof, and no room is drawn on it"
-    if not walled:
+    if ROOF.search(level.name) and not (roomed and furnished):
+        return "its name says roof, and nothing stands in a room on it"
+    if not roomed and not walled:
         return "neither rooms nor walls are drawn on it"
-    return "" if inhabited else "nothing stands between its walls, and no room is drawn: they are taken for a roof's"
+    if roomed or furnished or is_below:
+        return ""
+    return "nothing stands between its walls, and no room is drawn: they are taken for a roof's"
 
 
 def is_low_or_roof(level: Level) -> bool:
@@ -59,7 +64,7 @@ def number_storeys(levels: Sequence[Level], used: Collection[str]) -> tuple[list
     for level in ordered:
         if level.id not in used:
             continue
-        if storeys and level.z_m - storeys[-1][0].z_m <= SAME_M:
+        if storeys and at_one_altitude(level.z_m, storeys[-1][0].z_m):
             storeys[-1].append(level)
         else:
             storeys.append([level])
@@ -70,6 +75,6 @@ def number_storeys(levels: Sequence[Level], used: Collection[str]) -> tuple[list
         floors.append(Floor(floor_id, first.name or floor_id, first.z_m, first.height_m))
     floor_of = {}
     for level in ordered:
-        below = [floor for floor in floors if floor.z_m <= level.z_m + SAME_M]
+        below = [f for f in floors if f.z_m <= level.z_m or at_one_altitude(f.z_m, level.z_m)]
         floor_of[level.id] = (below[-1] if below else floors[0]).id
     return floors, floor_of

@@ -24,10 +24,9 @@ from simulator.world.raycast import RayCaster
 from simulator.world.scene import Scene, Stair
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
-from surveilnav.robot_body import RADIUS_M
+from surveilnav.robot_body import CLIMB_M, HEIGHT_M, RADIUS_M
 from surveilnav.stored import replacing
 
-#: Habitat's robot.
 #: Raised by one with every change of what is computed: old caches are then built anew.
 _FORMAT = 2
 
@@ -66,8 +65,8 @@ class NavigationMap:
         *,
         radius_m: float = RADIUS_M,
         resolution_m: float = 0.05,
-        robot_height_m: float = 1.0,
-        max_step_m: float = 0.1,
+        robot_height_m: float = HEIGHT_M,
+        max_step_m: float = CLIMB_M,
         caster: RayCaster | None = None,
     ) -> NavigationMap:
         """Computes the map of a scene (0.2-3 s).

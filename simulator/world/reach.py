@@ -14,19 +14,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.world.barriers import LONGEST_NAME, barriers_of
 from simulator.world.free_ground import FloorNavigation
 from simulator.world.goals import within_reach
 from simulator.world.navigation import NavigationMap
 from simulator.world.raycast import RayCaster
 from simulator.world.scene import Floor, Room, Scene
+from surveilnav.robot_body import HEIGHT_M
 
 #: Smaller pieces of floor are gaps between furniture, not places that somebody misses [m2].
 _PIECE_M2 = 1.0
 #: So many reasons, and so many rooms and doors of one, are said.
 _MOST_REASONS, _MOST_NAMES = 6, 3
-#: Ground so near to a door is beside it [m]: a robot's radius, and half a wall.
-_BESIDE_DOOR_M = 0.4
-_LONGEST_NAME = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +133,9 @@ def _whole_levels(
 
 def _why_not(scene: Scene, navigation: NavigationMap, floor: Floor, f: FloorNavigation) -> str:
     """Why robots can't get to a level, up to its number; empty: its stairs' notes say it."""
-    if _m2(f, f.free) < _PIECE_M2:
+    if _m2(f, f.component == 1) < _PIECE_M2:  # the largest piece
+        if floor.height_m < HEIGHT_M:
+            return "the ceiling is too low for a robot on"
         bare = not any(room.floor == floor.id for room in scene.rooms) or _m2(f, f.supported) < _PIECE_M2
         return "no floor is drawn on" if bare else "there is hardly room for a robot on"
     if not any(floor.id in (s.lower_floor, s.upper_floor) for s in scene.stairs):
@@ -144,7 +145,7 @@ def _why_not(scene: Scene, navigation: NavigationMap, floor: Floor, f: FloorNavi
 
 
 def _shut_off(scene: Scene, navigation: NavigationMap, floor: Floor, f: FloorNavigation) -> Iterator[str]:
-    """The pieces that no way leads to of a level where robots live, with the names of rooms that they lie in."""
+    """The pieces that no way leads to of a level where robots live, with the rooms that they lie in and the reasons."""
     area = navigation.robot_area[floor.id]
     if _m2(f, area) < _PIECE_M2:
         return
@@ -155,14 +156,14 @@ def _shut_off(scene: Scene, navigation: NavigationMap, floor: Floor, f: FloorNav
         return
     shut = np.isin(beyond, pieces)
     rooms = sorted(
-        {room.name.strip()[:_LONGEST_NAME] for room in scene.rooms if room.floor == floor.id and _holds(room, f, shut)}
+        {room.name.strip()[:LONGEST_NAME] for room in scene.rooms if room.floor == floor.id and _holds(room, f, shut)}
         - {""}
     )
-    names, doors = _listed(rooms), _listed(_doors_between(scene, floor, f, shut, area))
+    why = barriers_of(scene, f, area, np.where(shut, beyond, 0))
     yield (
         f"no way leads to {_m2(f, shut):.0f} m² of level {floor.id}"
-        + (f" ({names})" if names else "")
-        + (f", for a robot can't pass {doors}" if doors else "")
+        + (f" ({_listed(rooms)})" if rooms else "")
+        + (f": {_listed(why)}" if why else "")
     )
 
 
@@ -170,22 +171,6 @@ def _listed(names: Sequence[str]) -> str:
     """The first few names, and how many more there are."""
     more = len(names) - _MOST_NAMES
     return ", ".join([*names[:_MOST_NAMES], *([f"{more} more"] if more > 0 else [])])
-
-
-def _doors_between(
-    scene: Scene, floor: Floor, f: FloorNavigation, shut: NDArray[np.bool_], area: NDArray[np.bool_]
-) -> list[str]:
-    """Names of the doors with ground of both kinds beside them."""
-    found = []
-    for door in scene.instances:
-        if door.label != "door" or door.floor != floor.id:
-            continue
-        low, high = np.subtract(door.p_min[:2], _BESIDE_DOOR_M), np.add(door.p_max[:2], _BESIDE_DOOR_M)
-        (row0, col0), (row1, col1) = f.grid.cells_of(np.stack([low, high])).astype(int).tolist()
-        beside = np.s_[max(0, row0) : max(0, row1 + 1), max(0, col0) : max(0, col1 + 1)]
-        if shut[beside].any() and area[beside].any():
-            found.append(f"{door.name.strip()[:_LONGEST_NAME] or 'a door'!r}")
-    return sorted(set(found))
 
 
 def _holds(room: Room, f: FloorNavigation, cells: NDArray[np.bool_]) -> bool:

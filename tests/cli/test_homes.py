@@ -67,7 +67,7 @@ def test_every_file_has_a_line_whatever_it_holds(folder):
         {"id": "0", "name": "Ground floor", "free_m2": whole["free_m2"], "reached_m2": whole["free_m2"]}
     ]
     assert shut["reached_m2"] < 0.75 * shut["free_m2"]
-    assert shut["says"].endswith("m² of level 0 (Hall)")
+    assert shut["says"].endswith("m² of level 0 (Hall): walls stand between")
 
 
 def test_a_bug_of_ours_is_a_line_too(folder, monkeypatch):

@@ -10,10 +10,14 @@ ClassConfidence = tuple[str, float]
 
 @dataclass(frozen=True, slots=True)
 class Confidences:
-    """Confidence 0-1 by class: of robots' detections, and of surveillance cameras'."""
+    """Confidence 0-1 by class: of robots' detections, and of surveillance cameras'.
+
+    ``joint``: of all together, by a rule that weighs them jointly; None: the higher of both (the paper).
+    """
 
     robot: Mapping[str, float]
     surveillance: Mapping[str, float]
+    joint: Mapping[str, float] | None = None
 
     @property
     def best_robot(self) -> ClassConfidence:
@@ -28,15 +32,19 @@ class Confidences:
     @property
     def maximum(self) -> ClassConfidence:
         """The paper's confidence of an object, the maximum over robot and surveillance, and the class of that maximum."""
+        if self.joint is not None:
+            return _best(self.joint)
         robot, surveillance = self.best_robot, self.best_surveillance
         return robot if robot[1] >= surveillance[1] else surveillance
 
     def of(self, label: str) -> float:
-        """The higher of both for one class."""
+        """The joint one, or the higher of both, for one class."""
+        if self.joint is not None:
+            return self.joint.get(label, 0.0)
         return max(self.robot.get(label, 0.0), self.surveillance.get(label, 0.0))
 
     def by_class(self) -> dict[str, float]:
-        """The higher of both for every class, by name."""
+        """``of`` every class, by name."""
         return {label: self.of(label) for label in sorted({*self.robot, *self.surveillance})}
 
     def rival(self, label: str) -> ClassConfidence:

@@ -190,11 +190,31 @@ class EvidenceConfirmationConfig(_ThresholdConfig):
     camera_views: int = Field(default=3, ge=1, description="... if so many different views saw the class")
 
 
+class PosteriorConfig(_Part):
+    """``PosteriorConfirmation``: log-odds of a class, from the chances of detections; one threshold for all words."""
+
+    even: float = Field(default=-2.3, description="of a class that one place saw at even odds")
+    mean: float = Field(default=0.2, description="per log-odds of the mean over places")
+    best: float = Field(default=0.5, description="per log-odds of the best of them")
+    more: float = Field(default=1.7, description="per natural logarithm of the number of places")
+    more_mean: float = Field(default=0.1, description="... and log-odds of their mean")
+    seen_by_camera: float = Field(default=0.4, description="if a camera is among them")
+    others: float = Field(default=1.2, description="less per logarithm of 1 + the places that saw another class")
+    misses: float = Field(default=0.8, description="less per square root of the misses")
+    near_m: float = Field(default=3.5, gt=0, description="a robot's detection within this range can confirm")
+    min_chance: float = Field(default=0.8, ge=0, le=1, description="from which an object is confirmed")
+    hysteresis: float = Field(default=0.8, ge=0, le=1, description="share of it that keeps an object confirmed")
+    camera_views: int = Field(default=3, ge=1, description="so many cameras' views do without a robot")
+    reject_chance: float = Field(default=0.05, ge=0, le=1, description="below which an object is rejected")
+    reject_misses: int = Field(default=6, ge=1, description="... if it was missed so often")
+
+
 class ConfirmationConfig(_Part):
     """Which rule turns candidates into confirmed objects, and the settings of either."""
 
-    rule: Literal["evidence", "paper"] = Field(
-        default="evidence", description="ours, or the paper's section on joint object confirmation to the letter"
+    rule: Literal["evidence", "paper", "posterior"] = Field(
+        default="evidence",
+        description="ours, or the paper's section on joint object confirmation to the letter, or one chance for all words",
     )
     evidence: EvidenceConfirmationConfig = Field(
         default=EvidenceConfirmationConfig(), description="settings of the rule `evidence`"
@@ -202,6 +222,7 @@ class ConfirmationConfig(_Part):
     paper: PaperConfirmationConfig = Field(
         default=PaperConfirmationConfig(), description="settings of the rule `paper`"
     )
+    posterior: PosteriorConfig = Field(default=PosteriorConfig(), description="settings of the rule `posterior`")
 
 
 class FalsePositiveConfig(_Part):

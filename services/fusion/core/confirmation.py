@@ -1,7 +1,7 @@
 """Joint object confirmation: is a candidate what it is taken for?
 
-Two rules: the paper's (``PaperConfirmation``) and ours (``EvidenceConfirmation``). Both look at the evidence of one object
-and answer with an ``Assessment``.
+Three rules: the paper's (``PaperConfirmation``), ours (``EvidenceConfirmation``), and one chance for all words
+(``PosteriorConfirmation``). Each looks at the evidence of one object and answers with an ``Assessment``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from services.fusion.core.config import ObjectConfig
 from services.fusion.core.evidence import Evidence
 from services.fusion.core.evidence_confirmation import EvidenceConfirmation
 from services.fusion.core.paper_confirmation import PaperConfirmation
+from services.fusion.core.posterior_confirmation import PosteriorConfirmation
 
 
 class Confirmation(Protocol):
@@ -40,4 +41,6 @@ def confirmation_of(config: ObjectConfig) -> Confirmation:
     """The rule that the settings name."""
     if config.confirmation.rule == "paper":
         return PaperConfirmation(config.confirmation.paper)
+    if config.confirmation.rule == "posterior":
+        return PosteriorConfirmation(config.confirmation.posterior)
     return EvidenceConfirmation(config.confirmation.evidence, config.false_positives)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,9 +19,16 @@ class Support:
     weight: float = 0.0
     weighted_score: float = 0.0
     places: set[tuple[object, ...]] = field(default_factory=set)
+    log_odds: dict[tuple[object, ...], float] = field(default_factory=dict)
 
-    def add(self, score: float, weight: float, near: bool, place: tuple[object, ...]) -> None:
-        """One detection; ``place``: where it was seen from, to the metre or so."""
+    def add(
+        self, score: float, weight: float, near: bool, place: tuple[object, ...], chance: float | None = None
+    ) -> None:
+        """One detection; ``place``: where it was seen from, to the metre or so. Views from one place see the same: of their
+        chances the highest counts."""
+        odds = log_odds(score if chance is None else chance)
+        if place in self.log_odds or len(self.log_odds) < _MAX_PLACES:
+            self.log_odds[place] = max(odds, self.log_odds.get(place, -math.inf))
         self.n += 1
         self.near += near
         self.weight += weight
@@ -34,14 +43,32 @@ class Support:
         self.weight += other.weight
         self.weighted_score += other.weighted_score
         self.places = set(sorted(self.places | other.places, key=repr)[:_MAX_PLACES])
+        both = {p: max(self.log_odds.get(p, -math.inf), other.log_odds.get(p, -math.inf)) for p in
+                (*self.log_odds, *other.log_odds)}  # fmt: skip
+        self.log_odds = dict(sorted(both.items(), key=lambda row: repr(row[0]))[:_MAX_PLACES])
 
 
 #: Of a class that nobody detected.
 NOTHING = Support()
 
 
-def _support(n: int, near: int, weight: float, weighted_score: float, places: list[list[object]]) -> Support:
-    return Support(n, near, weight, weighted_score, {tuple(place) for place in places})
+#: Nothing that was seen once is surer than this.
+_SUREST = 0.98
+
+
+def log_odds(chance: float) -> float:
+    """The logarithm of chance over its complement, of chances between 0.02 and 0.98."""
+    p = min(_SUREST, max(1.0 - _SUREST, chance))
+    return math.log(p / (1.0 - p))
+
+
+def _support(
+    n: int, near: int, weight: float, weighted_score: float, places: list[list[object]],
+    odds: Sequence[tuple[list[object], float]] = (),
+) -> Support:  # fmt: skip
+    return Support(
+        n, near, weight, weighted_score, {tuple(place) for place in places}, {tuple(place): o for place, o in odds}
+    )
 
 
 @dataclass(slots=True)
@@ -66,7 +93,14 @@ class Evidence:
         kinds = {"robot": self.robot, "surveillance": self.surveillance}
         supports = {
             kind: {
-                label: [s.n, s.near, s.weight, s.weighted_score, sorted((list(p) for p in s.places), key=repr)]
+                label: [
+                    s.n,
+                    s.near,
+                    s.weight,
+                    s.weighted_score,
+                    sorted((list(p) for p in s.places), key=repr),
+                    [[list(p), o] for p, o in sorted(s.log_odds.items(), key=lambda row: repr(row[0]))],
+                ]
                 for label, s in of_kind.items()
             }
             for kind, of_kind in kinds.items()
@@ -86,11 +120,12 @@ class Evidence:
         return cls(robot, surveillance, state["misses"], state["settled"], flipped)
 
     def add(
-        self, label: str, score: float, *, weight: float, near: bool, place: tuple[object, ...], is_robot: bool
-    ) -> None:
+        self, label: str, score: float, *, weight: float, near: bool, place: tuple[object, ...], is_robot: bool,
+        chance: float | None = None,
+    ) -> None:  # fmt: skip
         """One detection of a class. See ``Support.add``."""
         supports = self.robot if is_robot else self.surveillance
-        supports.setdefault(label, Support()).add(score, weight, near, place)
+        supports.setdefault(label, Support()).add(score, weight, near, place, chance)
 
     def flip(self, label: str) -> None:
         """Settles on another class than before: a false positive, at least for now. What missed the old class is void."""

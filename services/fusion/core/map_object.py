@@ -91,8 +91,9 @@ class MapObject:
         self.sources.add(view.source)
         self.changed = True
         self.evidence.add(
-            detected.label, detected.score, weight=weight, near=near, place=_place(view), is_robot=view.is_robot
-        )
+            detected.label, detected.score, weight=weight, near=near, place=_place(view), is_robot=view.is_robot,
+            chance=detected.chance,
+        )  # fmt: skip
 
     def absorb(self, other: MapObject, max_voxels: int) -> None:
         """Adds all that was known of another object, which is the same thing."""

@@ -118,6 +118,11 @@ class PlannerConfig(BaseModel):
     promising_chance: float | None = Field(
         0.25, description="less likely objects aren't gone to before all is explored. None: none but confirmed ones are"
     )
+    object_chances: Literal["fitted", "map"] = Field(
+        "fitted",
+        description="how likely an object is the target: fitted to its relevance, class by class; or what the map says, whose "
+        "rule of confirmation gives chances then (posterior)",
+    )
     even_relevance: float = Field(0.30, description="an object of this relevance is the target as often as not")
     even_relevances: Mapping[str, float] = Field(
         PRIORS.even_relevance,

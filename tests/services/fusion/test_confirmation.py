@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from services.fusion.core import FusionConfig, ObjectConfig
-from services.fusion.core.config import ConfirmationConfig, EvidenceConfirmationConfig, PaperConfirmationConfig
+from services.fusion.core.config import (
+    ConfirmationConfig,
+    EvidenceConfirmationConfig,
+    PaperConfirmationConfig,
+    PosteriorConfig,
+)
 from services.fusion.core.confirmation import confirmation_of
 from services.fusion.core.evidence import Evidence
+from services.fusion.core.posterior_confirmation import PosteriorConfirmation
 
 DEFAULT, PAPER = ObjectConfig(), FusionConfig.preset("paper").objects
 
@@ -162,3 +172,79 @@ def test_one_rule_for_all_knows_no_classes():
         assert told(story, DEFAULT)[-1].status == "confirmed"
         assert told(story, config)[-1].status == "candidate"
     assert told(near("bed", 0.7, 5), config)[-1].status == "confirmed"
+
+
+# --- one chance for all words ---------------------------------------------------------------------------------------
+
+POSTERIOR = ObjectConfig(confirmation=ConfirmationConfig(rule="posterior"))
+RULE = PosteriorConfirmation(PosteriorConfig())
+
+
+def seen(*views, misses=0):
+    """Evidence of (who, label, chance, place) views."""
+    evidence = Evidence(misses=misses)
+    for who, label, chance, place in views:
+        evidence.add(
+            label, 0.5, weight=1.0, near=who == "robot", place=(who, place), is_robot=who != "camera", chance=chance
+        )
+    return evidence
+
+
+def literal_chance(views, misses, label, c):
+    """The formula, word by word."""
+    by_place = {}
+    for who, name, chance, place in views:
+        odds = math.log(chance / (1 - chance))
+        by_place[who, place, name] = max(odds, by_place.get((who, place, name), -99.0))
+    mine = [odds for (_, _, name), odds in by_place.items() if name == label]
+    n_others = sum(name != label for _, _, name in by_place)
+    z = c.even + c.mean * sum(mine) / len(mine) + c.best * max(mine)
+    z += (c.more + c.more_mean * sum(mine) / len(mine)) * math.log(len(mine))
+    z += c.seen_by_camera if any(who == "camera" and name == label for who, _, name in by_place) else 0.0
+    z -= c.others * math.log(1 + n_others) + c.misses * math.sqrt(misses)
+    return 1 / (1 + math.exp(-z))
+
+
+view = st.tuples(
+    st.sampled_from(["robot", "far", "camera"]),
+    st.sampled_from(["bed", "couch", "tv"]),
+    st.floats(0.05, 0.95),
+    st.integers(0, 4),
+)
+
+
+@given(views=st.lists(view, min_size=1, max_size=12), misses=st.integers(0, 9), order=st.randoms(use_true_random=False))
+def test_a_chance_is_what_the_formula_says_in_any_order(views, misses, order):
+    shuffled = views[:]
+    order.shuffle(shuffled)
+    one, other = seen(*views, misses=misses), seen(*shuffled, misses=misses)
+    for label in {name for _, name, _, _ in views}:
+        assert RULE.chance(one, label) == pytest.approx(literal_chance(views, misses, label, PosteriorConfig()))
+        assert RULE.chance(other, label) == pytest.approx(RULE.chance(one, label))
+        assert 0.0 < RULE.chance(one, label) < 1.0
+    assert RULE.chance(one, "unicorn") == 0.0
+    assert Evidence.of_state(one.state()).state() == one.state()
+
+
+def test_more_places_and_surer_ones_speak_for_it_misses_and_other_names_against():
+    bed = [("robot", "bed", 0.6, place) for place in range(3)]
+    chance = RULE.chance(seen(*bed), "bed")
+    assert RULE.chance(seen(*bed, ("robot", "bed", 0.6, 9)), "bed") > chance
+    assert RULE.chance(seen(*bed, ("robot", "bed", 0.9, 0)), "bed") > chance
+    assert RULE.chance(seen(*bed, ("robot", "bed", 0.6, 0)), "bed") == chance, "the same view again says nothing"
+    assert RULE.chance(seen(*bed, misses=1), "bed") < chance
+    assert RULE.chance(seen(*bed, ("robot", "couch", 0.6, 9)), "bed") < chance
+
+
+def test_one_threshold_confirms_any_word():
+    for label in ("bed", "tv", "fire extinguisher"):
+        rule, sure = confirmation_of(POSTERIOR), [("robot", label, 0.9, place) for place in range(6)]
+        evidence = seen(*sure)
+        rule.settle(evidence)
+        assert rule.assess(evidence, "candidate").status == "confirmed"
+        far = seen(*(("far", *rest) for _, *rest in sure))
+        rule.settle(far)
+        assert rule.assess(far, "candidate").status == "candidate"
+        lost = seen(("robot", label, 0.3, 0), misses=9)
+        rule.settle(lost)
+        assert rule.assess(lost, "candidate").status == "rejected"

@@ -346,6 +346,13 @@ def test_scores_that_are_none_say_nothing(make_record, score):
     assert chance(record, "chair", CONFIG) == chance(msgspec.structs.replace(record, label_scores={}), "chair", CONFIG)
 
 
+def test_a_chance_may_be_what_the_map_says(make_record):
+    config = PlannerConfig(object_chances="map")
+    for label, facts in itertools.product(("bed", "chair", "dragon"), ({"n_detections": 1}, {"status": "confirmed"})):
+        record = make_record(label=label, confidence=0.42, label_scores={label: 0.42, "tv": 0.1}, **facts)
+        assert (chance(record, label, config), chance(record, "tv", config)) == (0.42, 0.1)
+
+
 def test_chances_differ_by_class(make_record):
     """What looks like a chair mostly is one; what looks like a bed mostly isn't. Others lie in between."""
     of = [chance(make_record(label=c, confidence=0.3, n_detections=3), c, CONFIG) for c in ("chair", "dragon", "bed")]

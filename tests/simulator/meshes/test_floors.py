@@ -105,6 +105,21 @@ def test_stairs_join_floors() -> None:
     assert not scene.notes
 
 
+@pytest.mark.parametrize(("cells", "joins"), [(7, True), (6, False)])
+def test_stairs_begin_where_a_robot_fits_by_the_rule_of_its_body(cells: int, joins: bool) -> None:
+    """The only way to the first step is a corridor along the grid, of so many open cells, round a corner."""
+    wide = cells * 0.05 + 0.01
+    blocks = (
+        ((0.1, 0.1), (2.0, 0.59), 5.2), ((0.1 + wide, 0.59 + wide), (2.0, 1.6), 5.2),
+        ((0.1 + wide, 1.6), (7.9, 4.2), 2.4), ((5.0, 0.1), (7.9, 1.6), 2.4),
+    )  # fmt: skip
+    # Boxes are hollow: lids one above the other leave no headroom.
+    aside = boxes(*(((*low, 0.0), (*high, z)) for low, high, top in blocks for z in np.arange(0.4, top, 0.8)))
+    scene = build(*two_floors(), aside)
+    assert levels(scene) == [0.0, 2.6]
+    assert [NavigationMap.build(scene).is_navigable(stair.lower_m, "0") for stair in scene.stairs] == [True] * joins
+
+
 @pytest.mark.parametrize(
     "broken",
     [

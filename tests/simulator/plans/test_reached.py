@@ -13,8 +13,20 @@ from simulator.plans.sweethome import read_home
 from simulator.world.navigation import NavigationMap
 from simulator.world.reach import reach_of
 from simulator.world.scene import Scene
-from tests.simulator.plans.drawn import FAULTS, LEAF_DOOR, TWO_ROOMS, door, level, plan_of, room, wall, walls_around
+from tests.simulator.plans.drawn import (
+    FAULTS,
+    LEAF_DOOR,
+    TWO_ROOMS,
+    door,
+    level,
+    plan_of,
+    room,
+    stairs,
+    wall,
+    walls_around,
+)
 
+BED = "<pieceOfFurniture name='Bed' level='{}' x='200' y='200' width='90' depth='200' height='50'/>"
 #: A robot's centre keeps 0.18 m and a cell from walls: of 16 m² it can stand on this much.
 ONE_ROOM_M2 = pytest.approx(12.8, abs=0.5)
 BOTH_ROOMS_M2 = pytest.approx(26.0, abs=1.0)
@@ -86,6 +98,17 @@ def test_an_entrance_storey_over_a_basement_has_a_floor_where_no_room_is_drawn()
     assert [room.name for room in scene.rooms if room.floor == "0"] == ["Room 2", "Unnamed area on entrance"]
 
 
+def test_a_room_without_a_floor_has_ground_below_and_is_open_above() -> None:
+    hidden = "name='Hidden' floorVisible='false'"
+    ground = scene_of(TWO_ROOMS + door(410, 210) + room(10, 10, 400, 410) + room(420, 10, 810, 410, more=hidden))
+    assert reached(ground) == {"0": BOTH_ROOMS_M2}
+    levels = level("down", 0) + level("up", 262)
+    walls = "".join(TWO_ROOMS.replace("level=''", f"level='{name}'") for name in ("down", "up"))
+    drawn = room(10, 10, 810, 410, "down") + room(10, 10, 400, 410, "up") + room(420, 10, 810, 410, "up", hidden)
+    scene = scene_of(levels + walls + drawn)
+    assert [room.name for room in scene.rooms if room.floor == "1"] == ["Room 2"]
+
+
 def test_an_upper_storey_has_a_floor_where_nothing_is_below() -> None:
     levels = level("down", 0) + level("up", 262)
     walls = walls_around(0, 0, 500, 420, "down") + walls_around(0, 0, 820, 420, "up")
@@ -96,8 +119,7 @@ def test_an_upper_storey_has_a_floor_where_nothing_is_below() -> None:
 def test_an_upper_storey_without_rooms_has_a_floor_where_something_stands_on_it() -> None:
     levels = level("down", 0) + level("up", 262) + level("Dach", 524)
     walls = "".join(walls_around(0, 0, 820, 420, name) for name in ("down", "up", "Dach"))
-    bed = "<pieceOfFurniture name='Bed' level='{}' x='200' y='200' width='90' depth='200' height='50'/>"
-    scene = scene_of(levels + walls + bed.format("up") + bed.format("Dach"))
+    scene = scene_of(levels + walls + BED.format("up") + BED.format("Dach"))
     assert [floor.id for floor in scene.floors] == ["0", "1"]
     assert {room.floor for room in scene.rooms} == {"0", "1"}
 
@@ -105,10 +127,11 @@ def test_an_upper_storey_without_rooms_has_a_floor_where_something_stands_on_it(
 @pytest.mark.parametrize(
     ("name", "height", "drawn", "why"),
     [
-        ("Dach", 250, "", "no room is drawn"),
+        ("Dach", 250, "", "its name says roof"),
+        ("Roof", 250, room(10, 10, 810, 410, "Roof"), "nothing stands in a room on it"),
         ("Attic", 120, room(10, 10, 810, 410, "Attic"), "it is 1.2 m high"),
         ("Top", 250, "", "nothing stands between its walls"),
-        ("Roof", 250, room(10, 10, 810, 410, "Roof"), ""),
+        ("Roof", 250, room(10, 10, 810, 410, "Roof") + BED.format("Roof"), ""),
     ],
 )
 def test_a_level_that_is_no_floor_is_named_with_the_reason(name: str, height: float, drawn: str, why: str) -> None:
@@ -122,11 +145,31 @@ def test_a_level_that_is_no_floor_is_named_with_the_reason(name: str, height: fl
     assert bool(why) == any("is no floor" in note for note in scene.notes)
 
 
+@pytest.mark.parametrize("drawn", ["", room(10, 10, 410, 410, "low")])
+def test_where_the_only_level_is_too_low_its_ceiling_is_the_reason(drawn: str) -> None:
+    scene = scene_of(level("low", 0, 60) + walls_around(0, 0, 420, 420, "low") + drawn)
+    sentence = reach_of(scene, NavigationMap.build(scene)).sentence
+    assert sentence == "robots reach 0 of 0 m²: the ceiling is too low for a robot on level 0"
+
+
 def test_levels_at_one_altitude_are_one_floor() -> None:
     levels = level("walls", 0) + level("rooms", 0)
     scene = scene_of(levels + walls_around(0, 0, 420, 420, "walls") + room(10, 10, 410, 200, "rooms"))
     assert [floor.name for floor in scene.floors] == ["rooms"]
     assert reached(scene) == {"0": ONE_ROOM_M2}
+
+
+@pytest.mark.parametrize("low", [0, 262, 275])
+@pytest.mark.parametrize(("apart", "floors"), [(9, 1), (10, 1), (11, 2)])
+def test_ten_centimetres_are_one_floor_everywhere(low: int, apart: int, floors: int) -> None:
+    """For the storeys, for the rooms on them and for the ground between: 2.62 and 2.72 m differ by more than 0.1 in floats."""
+    levels = level("ground", 0, 200) + level("lower", low) + level("upper", low + apart)
+    drawn = room(0, 0, 400, 400, "ground") + room(0, 0, 400, 400, "lower") + room(400, 0, 800, 400, "upper")
+    scene = scene_of(levels + drawn)
+    upper = scene.floors[-floors:]
+    assert len(scene.floors) == floors + (low > 0)
+    assert [room.floor for room in scene.rooms][-2:] == [upper[0].id, upper[-1].id]
+    assert {i.name: i.floor for i in scene.instances if i.label == "floor"}["Floor of Room 2"] == upper[0].id
 
 
 def test_a_false_ceiling_is_no_floor_and_lets_the_stairs_through() -> None:
@@ -150,6 +193,14 @@ def archive(tmp_path: Path) -> Archive:
     with zipfile.ZipFile(tmp_path / "home.sh3d", "w") as file:
         file.writestr("door.obj", LEAF_DOOR)
     return Archive(tmp_path / "home.sh3d")
+
+
+def test_a_staircase_without_steps_is_named(archive: Archive) -> None:
+    levels = level("down", 0) + level("up", 262)
+    drawn = "".join(room(0, 0, 800, 400, name) for name in ("down", "up"))
+    hollow = stairs(400, "down").replace("name='Stairs'", "name='Shaft' model='door.obj'")
+    assert "'Shaft' has no steps from level 0 to 1: no stair" in scene_of(levels + drawn + hollow, archive).notes
+    assert scene_of(levels + drawn + stairs(400, "down"), archive).stairs
 
 
 _ROOMS = room(10, 10, 400, 410) + room(420, 10, 810, 410)

@@ -91,6 +91,8 @@ def relevance(record: ObjectRecord, target: str) -> float:
 
 def chance(record: ObjectRecord, target: str, config: PlannerConfig) -> float:
     """About how often such an object turns out to be the target, 0-1, as measured on training buildings."""
+    if config.object_chances == "map":
+        return relevance(record, target)
     doubt = config.single_shift if record.n_detections == 1 else 0.0
     doubt += config.other_shift if record.label != target else 0.0
     sure = chance_of(relevance(record, target) - doubt, target, config)
