@@ -88,8 +88,8 @@ CHOICES = {
     "data block first": Choice(full={"data": "BLOCK_FIRST"}),
     "data drop": Choice(full={"data": "DROP"}),
     "layers as data, block": Choice(layers="data"),
-    "layers block": Choice(full={"maps": "BLOCK"}),
-    "layers drop": Choice(full={"maps": "DROP"}),
+    "layers as bulk, block first": Choice(layers="bulk"),
+    "layers as bulk, drop": Choice(full={"bulk": "DROP"}, layers="bulk"),
 }
 _WAITS = {
     "drop": ("drop", "wait_before_drop"),
