@@ -88,7 +88,8 @@ def survey(scene: Scene, navigation: NavigationMap, caster: RayCaster | None = N
     open_m2 = reach.reached_m2
     if reach.reached_m2 < reach.free_m2:
         doorless = _without_doors(scene)
-        open_m2 = max(open_m2, reach_of(doorless, NavigationMap.build(doorless)).reached_m2)
+        floors = _areas(doorless, NavigationMap.build(doorless))
+        open_m2 = max(open_m2, sum(floor.reached_m2 for floor in floors))
     return Survey(reach, open_m2, len(scene.rooms), targets, scene.notes)
 
 
@@ -104,15 +105,22 @@ def _without_doors(scene: Scene) -> Scene:
 
 def reach_of(scene: Scene, navigation: NavigationMap) -> Reach:
     """How much of each level robots reach, and what they don't."""
-    levels = [(floor, navigation.floors[floor.id]) for floor in scene.floors if floor.id in navigation.floors]
-    areas = tuple(
-        FloorReach(floor.id, floor.name, _m2(f, f.free & f.indoor), _m2(f, navigation.robot_area[floor.id] & f.indoor))
-        for floor, f in levels
-    )
+    levels = _levels(scene, navigation)
     shut_off = (gap for floor, f in levels for gap in _shut_off(scene, navigation, floor, f))
     return Reach(
-        areas, tuple(dict.fromkeys([*_whole_levels(scene, navigation, levels), *navigation.notes, *shut_off]))
+        _areas(scene, navigation), tuple(dict.fromkeys([*_whole_levels(scene, navigation, levels), *navigation.notes, *shut_off]))
     )  # fmt: skip
+
+
+def _levels(scene: Scene, navigation: NavigationMap) -> list[tuple[Floor, FloorNavigation]]:
+    return [(floor, navigation.floors[floor.id]) for floor in scene.floors if floor.id in navigation.floors]
+
+
+def _areas(scene: Scene, navigation: NavigationMap) -> tuple[FloorReach, ...]:
+    return tuple(
+        FloorReach(floor.id, floor.name, _m2(f, f.free & f.indoor), _m2(f, navigation.robot_area[floor.id] & f.indoor))
+        for floor, f in _levels(scene, navigation)
+    )
 
 
 def _m2(floor: FloorNavigation, cells: NDArray[np.bool_]) -> float:

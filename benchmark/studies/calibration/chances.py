@@ -108,11 +108,7 @@ def _share(right: NDArray[np.bool_]) -> float:
 
 def chances_of(table: ChanceTable, rows: Judged) -> Floats:
     """(N,) the table's chances."""
-    undone = 1 / (1 + np.exp(-rows.x[:, 0])), 0.2 * np.exp(rows.x[:, 1]), 3.0 * np.exp(rows.x[:, 3]), rows.x[:, 4] > 0
-    return np.array([
-        table.chance(label, s, z, r, is_camera=bool(c))
-        for label, s, z, r, c in zip(rows.label.tolist(), *(u.tolist() for u in undone), strict=True)
-    ])  # fmt: skip
+    return np.array([table.of_features(label, x) for label, x in zip(rows.label.tolist(), rows.x, strict=True)])
 
 
 def left_out(rows: Judged) -> Floats:

@@ -72,11 +72,15 @@ class ChanceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             size_rad: square root of its box's solid angle. range_m: of the middle of its points; 0: unknown.
             is_camera: whether a camera took the view, not a robot.
         """
+        x = features(np.array([score]), np.array([size_rad]), np.array([range_m]), np.array([is_camera]))
+        return self.of_features(label, x[0])
+
+    def of_features(self, label: str, x: Floats) -> float:
+        """The same of one row (5,) of ``features``."""
         own = self.by_class.get(label)
         slope, even = (self.slope, self.even) if own is None else (self.slope + own.slope, self.even + own.even)
-        x = features(np.array([score]), np.array([size_rad]), np.array([range_m]), np.array([is_camera]))[0]
         others = np.array([self.size, self.size_squared, self.range, self.camera])
-        logit = even + max(0.0, slope) * x[0] + float(x[1:] @ others)
+        logit = even + max(0.0, slope) * float(x[0]) + float(x[1:] @ others)
         return min(_SUREST, max(1.0 - _SUREST, 1.0 / (1.0 + math.exp(-logit))))
 
     def base_of(self, label: str) -> float:
