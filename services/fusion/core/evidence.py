@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,14 +12,21 @@ _MAX_PLACES = 16  # more different viewpoints than any rule asks for
 
 @dataclass(slots=True)
 class Support:
-    """What one kind of source (robots, or surveillance) says for one class of one object."""
+    """What one kind of source (robots, or surveillance) says for one class of one object.
+
+    ``log_odds``: by the place that it was seen from, those of its best detection there.
+    """
 
     n: int = 0
     near: int = 0
     weight: float = 0.0
     weighted_score: float = 0.0
-    places: set[tuple[object, ...]] = field(default_factory=set)
     log_odds: dict[tuple[object, ...], float] = field(default_factory=dict)
+
+    @property
+    def places(self) -> Collection[tuple[object, ...]]:
+        """From where it was seen."""
+        return self.log_odds.keys()
 
     def add(
         self, score: float, weight: float, near: bool, place: tuple[object, ...], chance: float | None = None
@@ -33,8 +40,6 @@ class Support:
         self.near += near
         self.weight += weight
         self.weighted_score += weight * score
-        if len(self.places) < _MAX_PLACES:
-            self.places.add(place)
 
     def absorb(self, other: Support) -> None:
         """Adds what another object, now found to be this one, had."""
@@ -42,7 +47,6 @@ class Support:
         self.near += other.near
         self.weight += other.weight
         self.weighted_score += other.weighted_score
-        self.places = set(sorted(self.places | other.places, key=repr)[:_MAX_PLACES])
         both = {p: max(self.log_odds.get(p, -math.inf), other.log_odds.get(p, -math.inf)) for p in
                 (*self.log_odds, *other.log_odds)}  # fmt: skip
         self.log_odds = dict(sorted(both.items(), key=lambda row: repr(row[0]))[:_MAX_PLACES])
@@ -62,13 +66,17 @@ def log_odds(chance: float) -> float:
     return math.log(p / (1.0 - p))
 
 
+def _fields(s: Support) -> list[Any]:
+    places = sorted(s.places, key=repr)
+    return [s.n, s.near, s.weight, s.weighted_score, [list(p) for p in places], [s.log_odds[p] for p in places]]
+
+
 def _support(
-    n: int, near: int, weight: float, weighted_score: float, places: list[list[object]],
-    odds: Sequence[tuple[list[object], float]] = (),
+    n: int, near: int, weight: float, weighted_score: float, places: list[list[object]], odds: Sequence[float] = ()
 ) -> Support:  # fmt: skip
-    return Support(
-        n, near, weight, weighted_score, {tuple(place) for place in places}, {tuple(place): o for place, o in odds}
-    )
+    """What ``state`` wrote. States of before chances have no odds: even ones stand for them."""
+    every = odds or [0.0] * len(places)
+    return Support(n, near, weight, weighted_score, {tuple(p): o for p, o in zip(places, every, strict=True)})
 
 
 @dataclass(slots=True)
@@ -91,20 +99,7 @@ class Evidence:
     def state(self) -> dict[str, Any]:
         """All of it, as plain values, for ``of_state``."""
         kinds = {"robot": self.robot, "surveillance": self.surveillance}
-        supports = {
-            kind: {
-                label: [
-                    s.n,
-                    s.near,
-                    s.weight,
-                    s.weighted_score,
-                    sorted((list(p) for p in s.places), key=repr),
-                    [[list(p), o] for p, o in sorted(s.log_odds.items(), key=lambda row: repr(row[0]))],
-                ]
-                for label, s in of_kind.items()
-            }
-            for kind, of_kind in kinds.items()
-        }
+        supports = {kind: {label: _fields(s) for label, s in of_kind.items()} for kind, of_kind in kinds.items()}
         return {**supports, "misses": self.misses, "settled": self.settled, "flipped": self.flipped}
 
     @classmethod

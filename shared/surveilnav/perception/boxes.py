@@ -78,10 +78,15 @@ def merged(boxes: Boxes, iou: float, inside: float = 2.0, most: int = 300) -> Bo
     ``inside``: boxes of the same class of which at least this share lies in the best one are taken too (pieces of an
     object that tiles cut); 2: none.
     """
+    return merged_rows(boxes, iou, inside, most)[0]
+
+
+def merged_rows(boxes: Boxes, iou: float, inside: float = 2.0, most: int = 300) -> tuple[Boxes, NDArray[np.int64]]:
+    """``merged``, and which row of ``boxes`` each of them was (N,)."""
     order = np.argsort(-boxes.best, kind="stable")[:most]
     boxes = boxes.where(order)
     if not len(boxes):
-        return boxes
+        return boxes, order
     iou_of, inside_of = overlaps(boxes.xyxy, boxes.xyxy)
     label = boxes.scores.argmax(axis=1)
     taken = np.zeros(len(boxes), bool)
@@ -93,7 +98,7 @@ def merged(boxes: Boxes, iou: float, inside: float = 2.0, most: int = 300) -> Bo
         taken |= group
         keep.append(i)
         scores.append(boxes.scores[group].max(axis=0))
-    return Boxes(boxes.xyxy[keep], np.array(scores), boxes.words)
+    return Boxes(boxes.xyxy[keep], np.array(scores), boxes.words), order[keep]
 
 
 def agreed(views: Sequence[Boxes], iou: float, alone: float) -> Boxes:

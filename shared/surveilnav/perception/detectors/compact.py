@@ -11,7 +11,7 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from surveilnav.perception.boxes import Boxes, merged
+from surveilnav.perception.boxes import Boxes, merged_rows
 from surveilnav.perception.detectors.onnx_file import LOWEST
 
 Floats = NDArray[np.float32]
@@ -75,15 +75,12 @@ class CompactNetwork:
 
     def things(self, answer: Answer, height: int, width: int) -> tuple[Boxes, NDArray[np.int64]]:
         """(boxes in pixels of the picture, one a thing, the best first; the place that speaks for each)."""
-        best = answer.scores.max(axis=1)
-        places = np.argsort(-best, kind="stable")[:_MOST]
-        places = places[best[places] >= LOWEST]
-        scores = np.where(answer.scores[places] >= LOWEST, answer.scores[places], np.float32(0.0))
-        kept = merged(Boxes(answer.xyxy[places], scores, self.classes), _SAME_THING_IOU)
-        speaks = [int(places[np.flatnonzero((answer.xyxy[places] == box).all(axis=1))[0]]) for box in kept.xyxy]
+        likely = np.flatnonzero(answer.scores.max(axis=1) >= LOWEST)
+        scores = np.where(answer.scores[likely] >= LOWEST, answer.scores[likely], np.float32(0.0))
+        kept, rows = merged_rows(Boxes(answer.xyxy[likely], scores, self.classes), _SAME_THING_IOU, most=_MOST)
         inside = np.clip(kept.xyxy, 0, np.array([width, height, width, height], np.float32))
         large = np.flatnonzero((inside[:, 2:] - inside[:, :2]).min(axis=1, initial=np.inf) >= _SMALLEST_PX)
-        return Boxes(inside[large], kept.scores[large], self.classes), np.array(speaks, np.int64)[large]
+        return Boxes(inside[large], kept.scores[large], self.classes), likely[rows[large]]
 
     def answer(self, rgb: NDArray[np.uint8]) -> Answer:
         """Everything it says of a picture."""
