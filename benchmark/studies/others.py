@@ -159,19 +159,17 @@ def _area(home: Home | None) -> tuple[str, str]:
     return f"{home['reached_m2']:.0f} of {home['free_m2']:.0f}", "-" if share is None else f"{100 * share:.0f}"
 
 
-def _share(home: Home | None) -> float | None:
-    """Of the free floor, 0-1; None where there is none."""
-    if home is None or not home.get("free_m2"):
+def _share(home: Home | None, reached: str = "reached_m2") -> float | None:
+    """Of the free floor, 0-1; None where there is none, or nobody said."""
+    if home is None or not home.get("free_m2") or reached not in home:
         return None
-    return float(home["reached_m2"]) / float(home["free_m2"])
+    return float(home[reached]) / float(home["free_m2"])
 
 
 def _open_share(home: Home) -> float | None:
-    """The same if every door stood open."""
-    if not home.get("free_m2") or "reached_open_m2" not in home:
-        return None
-    # A robot may stand where a leaf was, too.
-    return min(1.0, float(home["reached_open_m2"]) / float(home["free_m2"]))
+    """The same if every door stood open. A robot may stand where a leaf was, too: that is no more than all."""
+    share = _share(home, "reached_open_m2")
+    return None if share is None else min(1.0, share)
 
 
 def _targets(home: Home | None) -> str:

@@ -113,12 +113,12 @@ def things() -> frozenset[str]:
 
 def words_of(text: str, keeps_accents: bool = False) -> tuple[str, ...]:
     """The words of a text in lower case, without accents unless they are kept: "DoubleBed_2" -> ("double", "bed")."""
-    spaced = _humps_apart(_POSSESSIVE.sub("", unicodedata.normalize("NFKC", text)))
+    spaced = humps_apart(_POSSESSIVE.sub("", unicodedata.normalize("NFKC", text)))
     folded = spaced.casefold() if keeps_accents else _without_accents(spaced.casefold())
     return tuple(_WORD.findall(unicodedata.normalize("NFC", folded)))
 
 
-def _humps_apart(text: str) -> str:
+def humps_apart(text: str) -> str:
     """Spaces before the capitals that begin a word: "TVStand" -> "TV Stand"."""
     around = zip(" " + text, text, text[1:] + " ", strict=False)
     starts = (

@@ -6,6 +6,8 @@ import json
 import re
 from importlib import resources
 
+from simulator.furniture.nouns import humps_apart
+
 _WORDS: dict[str, list[str]] = json.loads(
     resources.files("simulator.plans").joinpath("data/doors_and_roofs.json").read_text("utf-8")
 )
@@ -15,8 +17,7 @@ _SPACELESS = "\u2e80"
 
 def words_of(*names: str) -> str:
     """Names as single words: "eTeks#frontDoor2" is "e Teks front Door"."""
-    text = re.sub(r"([^\W\d_])[\W\d_]+", r"\1 ", " ".join(names))
-    return re.sub(r"([^\W\d_A-Z])([A-Z])", r"\1 \2", text)
+    return " ".join(re.sub(r"[\W\d_]+", " ", humps_apart(" ".join(names))).split())
 
 
 def _any_of(words: list[str]) -> re.Pattern[str]:
