@@ -21,6 +21,8 @@ from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.views import PosedView
 
 _MISSION = "episode"
+#: ``on_step(step, view, joint, maps, decision)``.
+OnStep = Callable[[int, PosedView, JointMap, MapView, Decision], None]
 _NO_SUMMARIES: Mapping[str, Mapping[str, float]] = {}
 
 
@@ -95,7 +97,7 @@ class Episode:
         self, sight: Sight, goals: Goals, start: Start, searcher: Searcher, *, surveillance: bool = True,
         summaries: bool = True, fusion: FusionConfig | None = None, fused: FusedCameras | None = None,
         delay_steps: int = 0, seed: int = 0,
-        on_step: Callable[[int, PosedView, JointMap, MapView, Decision], None] | None = None,
+        on_step: OnStep | None = None,
     ) -> None:  # fmt: skip
         """An episode that can be run once.
 

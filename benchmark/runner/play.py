@@ -13,7 +13,7 @@ from typing import Any
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.format import HabitatEpisode
 from benchmark.dataset.load import SceneData, load_scene, start_of
-from benchmark.play.episode import Episode, EpisodeResult, FusedCameras
+from benchmark.play.episode import Episode, EpisodeResult, FusedCameras, OnStep
 from benchmark.play.shortest_path import ShortestPathPlanner
 from benchmark.play.sight import PoseError, Sight
 from benchmark.policies import Task, Truth, policy_of
@@ -25,6 +25,7 @@ from services.planner.core.motion.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import Goals
+from simulator.world.scene import Scene
 from surveilnav.errors import SurveilNavError
 
 
@@ -59,8 +60,13 @@ class ScenePlayer:
         """All searches of the scene."""
         return self._data.content.episodes
 
-    def play(self, episode: HabitatEpisode) -> EpisodeRecord:
-        """One search, the same whenever and wherever it is played."""
+    @property
+    def scene(self) -> Scene:
+        """The building as it is: for whoever judges."""
+        return self._building.scene
+
+    def play(self, episode: HabitatEpisode, on_step: OnStep | None = None) -> EpisodeRecord:
+        """One search, the same whenever and wherever it is played; ``on_step`` may look on."""
         s, building = self._settings, self._building
         label, seed = self._data.label_of(episode), seed_of(s.seed, self._data.record.scene, episode.episode_id)
         if label not in self._goals:
@@ -73,6 +79,7 @@ class ScenePlayer:
             # Habitat's rule, and the dataset's: a search begins on a floor with a goal
             self._policy.begin(Task(label, seed, s.max_steps, driver, truth, goal_on_floor=True, planning=s.planning)),
             surveillance=s.surveillance, fusion=self._fusion, fused=self._fused, delay_steps=s.delay_steps, seed=seed,
+            on_step=on_step,
         ).run()  # fmt: skip
         return self._record(episode, outcome)
 

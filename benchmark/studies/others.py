@@ -2,6 +2,7 @@
 
     surveilnav homes FOLDER --json > AFTER.json
     python -m benchmark.studies.others BEFORE.json AFTER.json --index INDEX.tsv --drawn BEFORE.json AFTER.json --on RUN --off RUN
+    python -m benchmark.studies.taken RUN --root DATASET > TAKEN.json    # of both runs, for --taken ON.json OFF.json
 
 The homes themselves stay out of the repository: the index (tab-separated, with the columns file, owner/repo, path,
 left_out) names them. ``left_out`` says why a home doesn't count; of two files with the same bytes one doesn't. ``--drawn``:
@@ -22,6 +23,7 @@ from typing import Any
 
 from benchmark.runner.records import read
 from benchmark.runner.row import EpisodeRecord
+from benchmark.studies.taken import Taken, read_taken
 from surveilnav.errors import ConfigError, SurveilNavError
 
 #: Where less of the free floor is reached the page says why.
@@ -74,15 +76,15 @@ class Index:
 
 def page(
     before: Mapping[str, Home], after: Mapping[str, Home], index: Index, runs: Mapping[str, Sequence[EpisodeRecord]],
-    drawn: tuple[Mapping[str, Home], Mapping[str, Home]] | None = None,
+    drawn: tuple[Mapping[str, Home], Mapping[str, Home]] | None = None, taken: Mapping[str, Taken] | None = None,
 ) -> str:  # fmt: skip
     """The page, in Markdown. ``runs``: searches with cameras ("on") and without ("off"), if there are any; ``drawn``: plans of
-    our own before and after."""
+    our own before and after; ``taken``: of each run, what was taken for the target."""
     files, left_out = index.sorted(after)
     parts = [_head(before, after, files), _drawn(*drawn) if drawn else "", _areas(before, after, index, files)]
     parts += [_reasons(after, index, files), _left_out(index, left_out)]
     if any(runs.values()):
-        parts += [_searches(runs), _failures(runs)]
+        parts += [_searches(runs), _failures(runs, taken or {})]
     return "\n".join(part for part in parts if part)
 
 
@@ -218,7 +220,7 @@ def _counted(runs: Mapping[str, Sequence[EpisodeRecord]], which: Any) -> str:
     return " | ".join(cells)
 
 
-def _failures(runs: Mapping[str, Sequence[EpisodeRecord]]) -> str:
+def _failures(runs: Mapping[str, Sequence[EpisodeRecord]], taken: Mapping[str, Taken]) -> str:
     counts = {arm: Counter(r.reason for r in runs.get(arm, ()) if not r.success) for arm in ("on", "off")}
     lines = ["## Failures", "", "| cause | with cameras | without |", "|---|---|---|"]
     lines += [
@@ -226,17 +228,18 @@ def _failures(runs: Mapping[str, Sequence[EpisodeRecord]]) -> str:
     ]
     lines += [
         "",
-        "| home | search | target | cameras | cause | it was seen | away from it, m |",
-        "|---|---|---|---|---|---|---|",
+        "*Taken for it*: what most points of the object lie on that the robot stopped at, by the simulator's truth.",
+        "",
+        "| home | search | target | cameras | cause | taken for it | it was seen | away from it, m |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for arm in ("on", "off"):
         for r in runs.get(arm, ()):
             if not r.success:
                 away = "no way" if r.distance_m is None else f"{r.distance_m:.1f}"
-                seen = "yes" if r.seen else "no"
-                lines.append(
-                    f"| {_cell(r.scene)} | {r.episode_id} | {r.category} | {arm} | {_cell(r.reason)} | {seen} | {away} |"
-                )
+                seen, thing = "yes" if r.seen else "no", _cell(taken.get(arm, {}).get(r.key, ""))
+                cells = [_cell(r.scene), r.episode_id, r.category, arm, _cell(r.reason), thing, seen, away]
+                lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, ""])
 
 
@@ -257,11 +260,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--on", type=Path, help="a run's folder: searches with cameras")
     parser.add_argument("--off", type=Path, help="a run's folder: searches without")
+    parser.add_argument("--taken", type=Path, nargs=2, metavar=("ON", "OFF"), help="what `studies.taken` said of them")
     parser.add_argument("--out", type=Path, default=Path("docs/results/homes_of_others.md"))
     options = parser.parse_args(argv)
     runs = {arm: read(folder) for arm, folder in (("on", options.on), ("off", options.off)) if folder}
     drawn = (survey_of(options.drawn[0]), survey_of(options.drawn[1])) if options.drawn else None
-    text = page(survey_of(options.before), survey_of(options.after), Index(options.index), runs, drawn)
+    taken = dict(zip(("on", "off"), map(read_taken, options.taken or ()), strict=False))
+    text = page(survey_of(options.before), survey_of(options.after), Index(options.index), runs, drawn, taken)
     options.out.write_text(text, encoding="utf-8")
     return 0
 

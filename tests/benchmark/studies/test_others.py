@@ -83,11 +83,12 @@ def test_plans_drawn_for_a_fault_have_a_line_each():
 
 def test_every_failed_search_has_its_cause():
     runs = {"on": [search(success=True, spl=0.5), search(distance_m=None)], "off": [search(seen=False)]}
-    lines = others.page({}, {"a/home.sh3d": WHOLE}, NOBODY, runs).splitlines()
+    taken = {"on": {("home-s0", "4"): "oven (Backofen | <b>)"}}
+    lines = others.page({}, {"a/home.sh3d": WHOLE}, NOBODY, runs, taken=taken).splitlines()
     assert "| home-s0 | 1 of 2 | 25.0 | 0 of 1 | 0.0 |" in lines
     assert "| false_positive | 1 | 1 |" in lines
-    assert "| home-s0 | 4 | bed | on | false_positive | yes | no way |" in lines
-    assert "| home-s0 | 4 | bed | off | false_positive | no | 1.2 |" in lines
+    assert "| home-s0 | 4 | bed | on | false_positive | oven (Backofen / &lt;b>) | yes | no way |" in lines
+    assert "| home-s0 | 4 | bed | off | false_positive |  | no | 1.2 |" in lines
 
 
 def test_the_command_writes_the_page(tmp_path):
