@@ -16,6 +16,7 @@ from services.planner.world import CancelError, LostError, World
 from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
+from surveilnav.words import canonical
 
 #: So often in a row a robot may refuse a stair; the core gives the stair up long before.
 _MAX_REFUSALS = 5
@@ -35,10 +36,11 @@ class Surroundings:
 def accepted(goal: MissionGoal, target: str, robot: str) -> SavedMission:
     """A mission that nothing was done for yet."""
     now_ns = clock_ns()
+    asked = goal.target if canonical(goal.target) != target else ""
     return SavedMission(
         status=MissionStatus(
             stamp_ns=now_ns, mission=goal.mission, target=target, robot=robot, state="queued", phase="queued", step=0,
-            max_steps=goal.max_steps, path_m=0.0, started_ns=now_ns,
+            max_steps=goal.max_steps, path_m=0.0, started_ns=now_ns, asked=asked,
         )
     )  # fmt: skip
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from surveilnav.bus import Node, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import BusError, MissionError, TargetError
-from surveilnav.messages import InferRequest
+from surveilnav.messages import InferRequest, TextReply
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.words import checked_word
 
@@ -13,7 +13,7 @@ _MOST_ASKED, _PATIENCE_S = 3, 1.0
 
 
 def understood(node: Node, name: str) -> str:
-    """The target's one spelling.
+    """The target as whoever looks at the pictures calls it ("Fernseher": "tv"), in one spelling.
 
     Raises:
         MissionError: it is no phrase, or no perception worker that answers knows it. Where none answers, it may be known.
@@ -26,8 +26,8 @@ def understood(node: Node, name: str) -> str:
     for worker in _one_of_each_model(node):
         request = InferRequest(stamp_ns=clock_ns(), texts=[value_prompt(word)])
         try:
-            node.ask(PERCEPTION_TEXT, request, worker=worker, timeout_s=_PATIENCE_S)
-            return word
+            reply: TextReply = node.ask(PERCEPTION_TEXT, request, worker=worker, timeout_s=_PATIENCE_S).message
+            return _own_name(reply, word)
         except Refused as error:
             if error.name == "bad_target":
                 refusal = str(error)
@@ -38,8 +38,18 @@ def understood(node: Node, name: str) -> str:
     return word
 
 
+def _own_name(reply: TextReply, word: str) -> str:
+    """What the worker calls it; the word itself where it knows any, or says what is no word."""
+    try:
+        return checked_word(reply.words[0]) if len(reply.words) == 1 and reply.words[0] else word
+    except TargetError:
+        return word
+
+
 def _one_of_each_model(node: Node) -> list[str]:
-    """Perception workers that know other words than each other."""
+    """Perception workers that know other words than each other; those with a vocabulary first: any other knows their names."""
     alive = node.alive("perception")
     loads = [received.message for received in node.ask_all(PERCEPTION_LOAD, timeout_s=_PATIENCE_S)] if alive else []
-    return sorted({load.models: load.worker for load in loads if load.worker in alive}.values())[:_MOST_ASKED]
+    of_models = {load.models: load for load in loads if load.worker in alive}.values()
+    ordered = sorted(of_models, key=lambda load: (load.open_vocabulary, load.worker))
+    return [load.worker for load in ordered][:_MOST_ASKED]

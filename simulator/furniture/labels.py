@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from simulator.furniture.nouns import thing_of, things
+from surveilnav.nouns import thing_of, things
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.words import canonical
 

@@ -303,6 +303,39 @@ def test_a_target_is_what_some_worker_understands(fakes, planner, make_node, cli
 
 
 @pytest.mark.parametrize(
+    ("asked", "words", "target"),
+    [
+        ("Fernseher", {"a": (False, ["tv"])}, "tv"),
+        ("Fernseher", {"a": (True, [""]), "b": (False, ["tv"])}, "tv"),
+        ("Fernseher", {"a": (True, [""])}, "fernseher"),
+        ("Fernseher", {"a": (False, [])}, "fernseher"),
+        ("Sofa", {"a": (False, ["couch"])}, "couch"),
+        ("Fernseher", {"a": (False, ["t\x1bv"])}, "fernseher"),
+    ],
+    ids=["closed", "closed beside open", "open", "says nothing", "known spelling", "says no word"],
+)
+def test_a_target_has_the_name_that_perception_has_for_it(fakes, planner, make_node, client, asked, words, target):
+    """Workers by name: whether they have an open vocabulary, and what they say of the word."""
+    fakes()
+    for name, (is_open, said) in words.items():
+        reply = TextReply(stamp_ns=1, worker=name, backend="b", embeddings=[b""], words=said)
+        load = WorkerLoad(
+            stamp_ns=1, worker=name, backend="b", why="", queued=0, capacity=1, latency_ms=1.0,
+            models=ModelIds(detector=name), open_vocabulary=is_open,
+        )  # fmt: skip
+        worker = make_node("perception", name)
+        worker.serve(PERCEPTION_TEXT, lambda _, reply=reply: Answer(reply), worker=name)
+        worker.serve(PERCEPTION_LOAD, lambda _, load=load: Answer(load), worker=name)
+        until_heard(lambda name=name: client.ask(PERCEPTION_LOAD, worker=name))
+    planner()
+    ack = submit(client, "m1", target=asked)
+    (status,) = (answer.message for answer in client.ask_all(MISSION_STATUS))
+    assert (ack.target, status.target) == (target, target)
+    assert status.asked == ("Fernseher" if target == "tv" else "")
+    assert submit(client, "m1", target=asked).accepted  # the same goal sent again
+
+
+@pytest.mark.parametrize(
     ("goal", "error", "text"),
     [
         ({"target": "x" * 500}, "bad_target", "up to 100 characters"),
