@@ -4,8 +4,8 @@
 
 Input ``picture`` (1, H, W, 3) uint8 RGB; H and W are multiples of 32. Outputs, L places: ``scores`` (L, C), ``ltrb`` (L, 4)
 [pixels], ``coefficients`` (L, K), ``embeddings`` (L, D), ``prototypes`` (K, H / 4, W / 4), ``image`` (D,), ``near`` (C + R,)
-chances. The file's metadata names classes and rooms; its initialisers ``class_vectors`` and ``near_vectors`` aren't used by
-the graph's outputs and lie beside it, in the metadata as JSON.
+chances. The file's metadata are JSON: ``classes``, ``rooms``, ``meanings`` (by another word, the class that it means),
+``class_vectors`` (C, D), ``near_vectors`` (C + R, D). ``card.json`` beside it says what is known of the weights.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def export(network: Compact, path: Path) -> int:
     model = onnx.load_model_from_string(buffer.getvalue())
     names = classes.load()
     for key, value in {
-        "classes": list(names.names), "rooms": list(names.rooms),
+        "classes": list(names.names), "rooms": list(names.rooms), "meanings": names.meanings,
         "class_vectors": _rounded(network.classes.vectors), "near_vectors": _rounded(network.surroundings.vectors),
     }.items():  # fmt: skip
         entry = model.metadata_props.add()
