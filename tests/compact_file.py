@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +15,20 @@ ROOMS = ("bedroom", "kitchen")
 DIM = 8
 
 
-def write(path: Path, *, classes: Sequence[str] = CLASSES, more: Mapping[str, Any] | None = None) -> Path:
-    """Writes the file. ``more``: metadata in the place of its own; None as a value leaves an entry out."""
+def write(path: Path, *, blackness: float = -6.0, more: Mapping[str, Any] | None = None) -> Path:
+    """Writes the file.
+
+    Args:
+        blackness: log-odds of what is black to be a chest of drawers; brighter things are less likely ones.
+        more: metadata in the place of its own; None as a value leaves an entry out.
+    """
     vectors = np.eye(DIM)
-    near = vectors[[*range(len(classes)), 1, 4]]  # a bedroom is where a bed is, a kitchen where an oven is
+    near = vectors[[*range(len(CLASSES)), 1, 4]]  # a bedroom is where a bed is, a kitchen where an oven is
     said = {
-        "classes": list(classes), "rooms": list(ROOMS), "meanings": {"chest": "chest of drawers"},
-        "class_vectors": vectors[: len(classes)].tolist(), "near_vectors": near.tolist(),
+        "classes": list(CLASSES), "rooms": list(ROOMS), "meanings": {"chest": "chest of drawers"},
+        "class_vectors": vectors[: len(CLASSES)].tolist(), "near_vectors": near.tolist(),
     } | dict(more or {})  # fmt: skip
-    model = _network(len(classes), len(classes) + len(ROOMS))
+    model = _network(len(CLASSES), len(CLASSES) + len(ROOMS), blackness)
     for key, value in said.items():
         if value is not None:
             entry = model.metadata_props.add()
@@ -33,11 +38,12 @@ def write(path: Path, *, classes: Sequence[str] = CLASSES, more: Mapping[str, An
     return path
 
 
-def _network(n_classes: int, n_near: int) -> ModelProto:
+def _network(n_classes: int, n_near: int, blackness: float) -> ModelProto:
     node, weights = helper.make_node, {}
     redness = np.zeros((3, n_classes), np.float32)
     redness[:, 0], redness[:, 1] = (12, -12, -12), (-12, 12, -12)
-    weights["to_scores"], weights["no_score"] = redness, np.full(n_classes, -6, np.float32)
+    redness[:, 2] = -2
+    weights["to_scores"], weights["no_score"] = redness, np.array([-6, -6, blackness, -6, -6], np.float32)
     weights["to_ltrb"], weights["sixteen"] = np.zeros((3, 4), np.float32), np.full(4, 16, np.float32)
     weights["to_one"], weights["one"] = np.zeros((3, 1), np.float32), np.ones(1, np.float32)
     weights["to_vector"] = np.eye(3, DIM, dtype=np.float32)

@@ -92,6 +92,11 @@ class Vocabulary(Sequence[str]):
             raise ValueError(f"{word!r} is no name of {self.name}")
         return self._numbers[word]
 
+    def name_of(self, word: str) -> str:
+        """The name that a word of this program's own is or means; empty: none. It reads no languages (``known`` does)."""
+        word = canonical(word)
+        return word if word in self else self._meanings.get(word, "")
+
     def known(self, name: str) -> str:
         """The name that a person's word means, in any spelling or language ("Sofa", "canapé", "床").
 
@@ -99,11 +104,9 @@ class Vocabulary(Sequence[str]):
             TargetError: it means none; the message says which names come nearest.
         """
         word = canonical(name)
-        for found in (word, thing_asked_for(name), thing_asked_for(word)):
-            if found in self:
-                return found
-            if found in self._meanings:
-                return self._meanings[found]
+        for said in (word, thing_asked_for(name), thing_asked_for(word)):
+            if own := self.name_of(said):
+                return own
         near = self.nearest(word)
         hint = f"; nearest are {', '.join(near)}" if near else ""
         raise TargetError(
