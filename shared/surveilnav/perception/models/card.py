@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 
 from surveilnav.errors import PerceptionError
+from surveilnav.stored import replacing
 
 NAME = "card.json"
 
@@ -59,3 +60,9 @@ def card_of(weights: Path) -> Card | None:
         return None
     except (OSError, msgspec.DecodeError) as error:
         raise PerceptionError(f"{path} should be the card of {weights.name}, but can't be read: {error}") from error
+
+
+def save_card(weights: Path, card: Card) -> None:
+    """Writes the card beside a file of weights, whole or not at all. OSError: as the disk does."""
+    with replacing(weights.with_name(NAME)) as file:
+        file.write(msgspec.json.format(msgspec.json.encode(card), indent=1) + b"\n")
