@@ -59,7 +59,8 @@ names that come nearest.
 
 Other people made the furniture and homes that were rendered: Emmanuel and Véronique Puybaret (eTeks), Scopia, Andrew Kator and
 Jennifer Legaz, Reallusion, and the contributors of Blend Swap. [CREDITS.md](../../CREDITS.md) has each with its licence: CC BY
-3.0, CC0 or the GNU GPL. None of their files are in this repository. The weights are SurveilNav's own, under the Apache License 2.0.
+3.0, CC0 or the GNU GPL. None of their files are in this repository. The weights are SurveilNav's own,
+under the Apache License 2.0.
 """
 
 
