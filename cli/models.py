@@ -46,10 +46,15 @@ def _row(model: models.Model) -> dict[str, Any]:
     seen = models.survey(model.name)
     return {
         "name": model.name, "kind": model.kind, "family": model.family, "vocabulary": model.vocabulary,
-        "bytes": model.size_bytes, "licence": model.licence, "hash": _hash_known(model),
+        "bytes": _size_bytes(model, seen), "licence": model.licence, "hash": _hash_known(model),
         "source": model.source or model.setting, "confirmed": model.confirmed, "note": model.note,
         "path": str(seen.path) if seen.path else "", "fault": seen.fault,
     }  # fmt: skip
+
+
+def _size_bytes(model: models.Model, seen: models.Seen) -> int:
+    """What the catalogue says; of what is built in, what lies there."""
+    return seen.path.stat().st_size if model.built_in and seen.path and seen.path.is_file() else model.size_bytes
 
 
 def _hash_known(model: models.Model) -> str:

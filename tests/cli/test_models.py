@@ -113,6 +113,8 @@ def test_the_model_in_the_package_is_checked_against_its_card(typed, folder, bui
     weights = write(built_in / "compact" / "compact.onnx")
     digest = hashlib.sha256(weights.read_bytes()).hexdigest()
     assert (doctor().level, f"compact@{digest[:8]}" in doctor().detail) == ("ok", True)
+    listed = {row["name"]: row for row in json.loads(typed("list", "--json")[1])}
+    assert (listed["compact"]["bytes"], listed["compact"]["hash"]) == (weights.stat().st_size, "card")
     status, _, err = typed("check")
     assert (status, f"ok    compact@{digest[:8]}: {weights}" in err) == (0, True)
     card = weights.with_name("card.json")
