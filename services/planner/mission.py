@@ -36,7 +36,7 @@ class Surroundings:
 def accepted(goal: MissionGoal, target: str, robot: str) -> SavedMission:
     """A mission that nothing was done for yet."""
     now_ns = clock_ns()
-    asked = goal.target if canonical(goal.target) != target else ""
+    asked = " ".join(goal.target.split()) if canonical(goal.target) != target else ""
     return SavedMission(
         status=MissionStatus(
             stamp_ns=now_ns, mission=goal.mission, target=target, robot=robot, state="queued", phase="queued", step=0,

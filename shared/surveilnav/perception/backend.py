@@ -130,12 +130,7 @@ class Backend(ABC):
 
         "Fernseher" is "tv" for a detector of COCO's classes.
         """
-        if self.vocabulary is None:
-            return ""
-        try:
-            return self.vocabulary.known(word)
-        except TargetError:
-            return ""
+        return "" if self.vocabulary is None else self.vocabulary.understood(word)
 
     @abstractmethod
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:

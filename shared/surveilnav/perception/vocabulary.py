@@ -27,7 +27,7 @@ import msgspec
 
 from surveilnav.errors import ConfigError, TargetError
 from surveilnav.nouns import phrases_of, thing_asked_for, whole_of
-from surveilnav.words import canonical
+from surveilnav.words import MAX_WORD_CHARS, canonical
 
 DATA = Path(__file__).parent / "data"
 
@@ -97,17 +97,21 @@ class Vocabulary(Sequence[str]):
         word = canonical(word)
         return word if word in self else self._meanings.get(word, "")
 
+    def understood(self, name: str) -> str:
+        """The name that a person's word means, in any spelling or language ("Sofa", "canapé", "床"); empty: none."""
+        word = canonical(name)
+        own = (self.name_of(said) for said in (word, thing_asked_for(name), thing_asked_for(word)))
+        return next(filter(None, own), "")
+
     def known(self, name: str) -> str:
-        """The name that a person's word means, in any spelling or language ("Sofa", "canapé", "床").
+        """``understood``.
 
         Raises:
             TargetError: it means none; the message says which names come nearest.
         """
-        word = canonical(name)
-        for said in (word, thing_asked_for(name), thing_asked_for(word)):
-            if own := self.name_of(said):
-                return own
-        near = self.nearest(word)
+        if own := self.understood(name):
+            return own
+        near = self.nearest(name)
         hint = f"; nearest are {', '.join(near)}" if near else ""
         raise TargetError(
             f"{name[:100]!r} is not in this model's vocabulary ({self.name}, {len(self)} classes){hint}. "
@@ -117,7 +121,7 @@ class Vocabulary(Sequence[str]):
     def nearest(self, word: str, most: int = 3) -> list[str]:
         """The names that come nearest to a word, the nearest first: in meaning where that is known, else those that it, or
         what it stands for, is spelled most like, as a whole, in a part, or in another word for them."""
-        word, asked = canonical(word), thing_asked_for(word)
+        word, asked = canonical(word)[:MAX_WORD_CHARS], thing_asked_for(word)
         said = [asked] if asked else [word, whole_of(word) or word]
         alike = {name: max(self._alike(one, name) for one in said) for name in self}
         near = sorted((name for name in self if alike[name] > 0), key=lambda name: -alike[name])
@@ -125,7 +129,7 @@ class Vocabulary(Sequence[str]):
 
     def _alike(self, word: str, name: str) -> float:
         """How much a word is spelled like a name or another word for it, 0-1; 0: not enough."""
-        own = max(_alike(word, name), *(_PART * _alike(a, b) for a, b in _pairs(word, name)))
+        own = max([_alike(word, name), *(_PART * _alike(a, b) for a, b in _pairs(word, name))])
         other = max((_alike(word, phrase, _NEAR_SYNONYM) for phrase in self._phrases[name]), default=0.0)
         return max(own if own >= _NEAR else 0.0, other)
 

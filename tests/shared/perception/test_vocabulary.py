@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import msgspec
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from surveilnav.errors import ConfigError, TargetError
 from surveilnav.perception.vocabulary import COCO, DATA, Vocabulary
@@ -79,6 +81,17 @@ def test_names_of_its_own_go_before_what_a_word_means_elsewhere():
     assert own.known("Esstisch") == "dining table"
     assert own.known("Kommode") == own.known("chest") == "chest of drawers"
     assert own.nearest("Komode") == ["chest of drawers"]
+
+
+@given(st.text(max_size=300))
+@example("-")
+@example("")
+@example("a b " * 75)
+def test_any_text_is_known_or_refused(text):
+    assert (COCO.understood(text) in COCO) == (COCO.understood(text) != "")
+    if not COCO.understood(text):
+        with pytest.raises(TargetError):
+            COCO.known(text)
 
 
 def test_what_is_akin_in_meaning_comes_first():
