@@ -36,13 +36,18 @@ class Surroundings:
 def accepted(goal: MissionGoal, target: str, robot: str) -> SavedMission:
     """A mission that nothing was done for yet."""
     now_ns = clock_ns()
-    asked = " ".join(goal.target.split()) if canonical(goal.target) != target else ""
+    asked = _as_asked(goal) if canonical(goal.target) != target else ""
     return SavedMission(
         status=MissionStatus(
             stamp_ns=now_ns, mission=goal.mission, target=target, robot=robot, state="queued", phase="queued", step=0,
             max_steps=goal.max_steps, path_m=0.0, started_ns=now_ns, asked=asked,
         )
     )  # fmt: skip
+
+
+def _as_asked(goal: MissionGoal) -> str:
+    """A goal's target as it was typed, on one line."""
+    return " ".join(goal.target.split())
 
 
 class Mission:
@@ -79,6 +84,12 @@ class Mission:
     @property
     def finished(self) -> bool:
         return self.status.state in FINISHED_STATES
+
+    def is_of(self, goal: MissionGoal, target: str) -> bool:
+        """Whether a goal is that of this mission, sent again. ``target``: as perception calls it now; meanwhile it may know
+        other words."""
+        said = {self.status.target, self.status.asked} - {""}
+        return self.status.max_steps == goal.max_steps and not said.isdisjoint({target, _as_asked(goal)})
 
     def save(self) -> None:
         """Writes the mission to the store. Raises StoreError."""

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from services.planner import targets
 from services.planner.config import PlannerSettings
 from services.planner.service import PlannerService
 from services.planner.store import Store
@@ -314,7 +315,9 @@ def test_a_target_is_what_some_worker_understands(fakes, planner, make_node, cli
     ],
     ids=["closed", "closed beside open", "open", "says nothing", "known spelling", "says no word"],
 )
-def test_a_target_has_the_name_that_perception_has_for_it(fakes, planner, make_node, client, asked, words, target):
+def test_a_target_has_the_name_that_perception_has_for_it(
+    fakes, planner, make_node, client, monkeypatch, asked, words, target
+):
     """Workers by name: whether they have an open vocabulary, and what they say of the word."""
     fakes()
     for name, (is_open, said) in words.items():
@@ -332,7 +335,10 @@ def test_a_target_has_the_name_that_perception_has_for_it(fakes, planner, make_n
     (status,) = (answer.message for answer in client.ask_all(MISSION_STATUS))
     assert (ack.target, status.target) == (target, target)
     assert status.asked == ("Fernseher" if target == "tv" else "")
-    assert submit(client, "m1", target=asked).accepted  # the same goal sent again
+    assert submit(client, "m1", target=asked).accepted, "the same goal sent again"
+    monkeypatch.setattr(targets, "_one_of_each_model", lambda node: [])
+    assert submit(client, "m1", target=asked).accepted, "and again, when no worker answers"
+    assert not submit(client, "m1", target="bed").accepted
 
 
 @pytest.mark.parametrize(
