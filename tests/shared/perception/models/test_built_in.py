@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from surveilnav.perception import models
 from surveilnav.perception.models.catalogue import BUILT_IN
 from surveilnav.perception.presets import PRESETS, Networks
 
+ROOT = Path(__file__).parents[4]
 COMPACT = BUILT_IN / "compact" / "compact.onnx"
 there = pytest.mark.skipif(not COMPACT.exists(), reason="the weights of compact aren't in the package yet")
 
@@ -23,6 +26,14 @@ def test_the_weights_are_small_and_have_a_card():
     assert models.survey("compact").fault == ""
     assert 0 < card.parameters <= 1_500_000
     assert set(card.measured) == {"robot", "camera"}, "`python -m training.detector.evaluate --card` adds them"
+
+
+@there
+def test_the_docs_know_that_they_are_there():
+    pages = [*ROOT.glob("docs/**/*.md"), ROOT / "training" / "detector" / "README.md"]
+    said = [str(page.relative_to(ROOT)) for page in pages if "in the package yet" in page.read_text(encoding="utf-8")]
+    assert said == [], "these pages say that the weights aren't there"
+    assert "data/compact" in (ROOT / "CREDITS.md").read_text(encoding="utf-8"), "a row for our own weights"
 
 
 @there
