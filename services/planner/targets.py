@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 from surveilnav.bus import Node, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import BusError, MissionError, TargetError
@@ -10,6 +12,8 @@ from surveilnav.perception.prompts import value_prompt
 from surveilnav.words import checked_word
 
 _MOST_ASKED, _PATIENCE_S = 3, 1.0
+#: So long workers that warm up are asked again; who sends a goal waits five seconds.
+_WARM_UP_S, _AGAIN_S = 2.0, 0.2
 
 
 def understood(node: Node, name: str) -> str:
@@ -22,12 +26,10 @@ def understood(node: Node, name: str) -> str:
         word = checked_word(name)
     except TargetError as error:
         raise MissionError("bad_target", str(error)) from error
-    refusal = ""
+    refusal, until_s = "", time.monotonic() + _WARM_UP_S
     for worker in _one_of_each_model(node):
-        request = InferRequest(stamp_ns=clock_ns(), texts=[value_prompt(word)])
         try:
-            reply: TextReply = node.ask(PERCEPTION_TEXT, request, worker=worker, timeout_s=_PATIENCE_S).message
-            return _own_name(reply, word)
+            return _own_name(_reply(node, worker, word, until_s), word)
         except Refused as error:
             if error.name == "bad_target":
                 refusal = str(error)
@@ -36,6 +38,18 @@ def understood(node: Node, name: str) -> str:
     if refusal:
         raise MissionError("bad_target", refusal)
     return word
+
+
+def _reply(node: Node, worker: str, word: str, until_s: float) -> TextReply:
+    """What a worker says of a target, asked again while it warms up. BusError: nothing, or it refuses."""
+    while True:
+        request = InferRequest(stamp_ns=clock_ns(), texts=[value_prompt(word)])
+        try:
+            reply: TextReply = node.ask(PERCEPTION_TEXT, request, worker=worker, timeout_s=_PATIENCE_S).message
+            return reply
+        except Refused as error:
+            if error.name != "not_ready" or time.monotonic() > until_s or node.stopping.wait(_AGAIN_S):
+                raise
 
 
 def _own_name(reply: TextReply, word: str) -> str:

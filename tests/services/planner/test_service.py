@@ -341,6 +341,26 @@ def test_a_target_has_the_name_that_perception_has_for_it(
     assert not submit(client, "m1", target="bed").accepted
 
 
+def test_a_worker_that_warms_up_is_asked_again(fakes, planner, make_node, client):
+    fakes()
+    asked = []
+
+    def answer(request):
+        asked.append(request)
+        if len(asked) < 3:
+            raise Refused("not_ready", "it warms up")
+        return Answer(TextReply(stamp_ns=1, worker="a", backend="b", embeddings=[b""], words=["tv"]))
+
+    load = WorkerLoad(stamp_ns=1, worker="a", backend="b", why="", queued=0, capacity=1, latency_ms=1.0)
+    worker = make_node("perception", "a")
+    worker.serve(PERCEPTION_TEXT, answer, worker="a")
+    worker.serve(PERCEPTION_LOAD, lambda _: Answer(load), worker="a")
+    until_heard(lambda: client.ask(PERCEPTION_LOAD, worker="a"))
+    planner()
+    assert submit(client, "m1", target="Fernseher").target == "tv"
+    assert len(asked) == 3
+
+
 @pytest.mark.parametrize(
     ("goal", "error", "text"),
     [
