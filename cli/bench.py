@@ -33,7 +33,7 @@ def run(
         str, typer.Option(help="fmm drives by the known map; sp knows the true navigation mesh.")
     ] = "fmm",
     surveillance: Annotated[str, typer.Option(help="on or off: whether cameras take part.")] = "on",
-    perception: Annotated[str, typer.Option(help="simulated, oracle or onnx-coco.")] = "simulated",
+    perception: Annotated[str, typer.Option(help="simulated, oracle, compact or onnx-coco.")] = "simulated",
     density: Annotated[int, typer.Option(help="Square metres of floor for a camera: 100 or 200.")] = 100,
     views: Annotated[str, typer.Option(help="panoramic (360 degrees) or half (180).")] = "panoramic",
     max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,

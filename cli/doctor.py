@@ -17,7 +17,8 @@ from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.sources import EXAMPLE_HOMES
 from surveilnav.config import cache_dir, models_dir, offline
 from surveilnav.errors import SurveilNavError
-from surveilnav.perception.models import CATALOGUE, COCO_DETECTORS, survey
+from surveilnav.perception.models import CATALOGUE, COCO_DETECTORS, is_here, model_id, survey
+from surveilnav.perception.names import BackendName
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Finding:
 
 def examine(building: str = "") -> list[Finding]:
     """Looks at Python, packages, furniture, models, disk, Docker, and a building if one is named."""
-    findings = [_python(), *_packages(), _assets(), _models(), _disk(), _docker()]
+    findings = [_python(), *_packages(), _assets(), _built_in(), _models(), _disk(), _docker()]
     return [*findings, *([_building(building)] if building else [])]
 
 
@@ -67,10 +68,21 @@ def _assets() -> Finding:
     return Finding("example homes", "ok", f"Sweet Home 3D's {len(EXAMPLE_HOMES)} homes and furniture")
 
 
+def _built_in() -> Finding:
+    """Our own network, which ``auto`` takes in simulated buildings."""
+    seen = survey(BackendName.COMPACT)
+    if seen.fault:
+        return Finding("compact", "missing", seen.fault, "install SurveilNav again, or unset SURVEILNAV_COMPACT")
+    if seen.path is None:
+        return Finding("compact", "note", "its weights don't come with this version: auto takes another detector")
+    what = f"{model_id(BackendName.COMPACT, seen.path)}, {seen.path.stat().st_size / 1e6:.1f} MB"
+    return Finding("compact", "ok", f"{what}: what auto takes in simulated buildings")
+
+
 def _models() -> Finding:
     try:
         folder = models_dir()
-        found = {name: survey(name) for name in CATALOGUE}
+        found = {name: survey(name) for name, model in CATALOGUE.items() if not model.built_in}
     except SurveilNavError as error:
         return Finding("models", "missing", str(error), "unset SURVEILNAV_MODELS_DIR or point it at a folder")
     if wrong := [seen.fault for name, seen in found.items() if seen.fault and name in COCO_DETECTORS]:
@@ -78,7 +90,8 @@ def _models() -> Finding:
     names = [name + (" (damaged or half)" if seen.fault else "") for name, seen in found.items() if seen.path]
     detectors = [name for name in names if name in COCO_DETECTORS]
     if not detectors and offline():
-        remedy = "perception is `simulated`; or point SURVEILNAV_MODELS_DIR at a folder with a detector"
+        instead = BackendName.COMPACT if is_here(BackendName.COMPACT) else BackendName.SIMULATED
+        remedy = f"perception is `{instead}`; or point SURVEILNAV_MODELS_DIR at a folder with a detector"
         return Finding("models", "note", "no detector is here, and SURVEILNAV_OFFLINE or HF_HUB_OFFLINE is set", remedy)
     if not detectors:
         detail = "no detector is here" if folder is None else f"no detector in {folder}"

@@ -36,8 +36,9 @@ def list_models(as_json: AsJson = False) -> None:
     wide = console if console.is_terminal else Terminal(stderr=True, highlight=False, width=200)
     wide.print(table)
     wide.print(
-        "\nhash: `known` stands in the catalogue. `first pull` is trusted when it first comes, and written into "
-        "models.lock.json; later content is held to it.\nMB counts the weights. `--json` has notes and sources."
+        "\nhash: `known` stands in the catalogue, `card` beside the weights. `first pull` is trusted when it "
+        "first comes, and written into models.lock.json; later content is held to it.\n"
+        "MB counts the weights. `--json` has notes and sources."
     )
 
 
@@ -45,14 +46,21 @@ def _row(model: models.Model) -> dict[str, Any]:
     seen = models.survey(model.name)
     return {
         "name": model.name, "kind": model.kind, "family": model.family, "vocabulary": model.vocabulary,
-        "bytes": model.size_bytes, "licence": model.licence, "hash": _hash_known(model),
+        "bytes": _size_bytes(model, seen), "licence": model.licence, "hash": _hash_known(model),
         "source": model.source or model.setting, "confirmed": model.confirmed, "note": model.note,
         "path": str(seen.path) if seen.path else "", "fault": seen.fault,
     }  # fmt: skip
 
 
+def _size_bytes(model: models.Model, seen: models.Seen) -> int:
+    """What the catalogue says; of what is built in, what lies there."""
+    return seen.path.stat().st_size if model.built_in and seen.path and seen.path.is_file() else model.size_bytes
+
+
 def _hash_known(model: models.Model) -> str:
-    """Whether the weights' hash stands in the catalogue."""
+    """Whether the weights' hash stands in the catalogue, or in the card of what is built in."""
+    if model.built_in:
+        return "card"
     if not model.source:
         return "none"
     return "known" if any(file.sha256 for file in model.files) else "first pull"
@@ -83,17 +91,21 @@ def check(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Hash models anew, and compare. Exit 1 if one is damaged, or named and not here."""
+    """Hash models anew, and compare. Exit 1 if one is damaged, or named and not here. A model's id ends with its digest."""
     seen = {name: models.survey(name, anew=True) for name in names or models.CATALOGUE}
     if not names:
         seen = {name: found for name, found in seen.items() if found.path}
     faults = {name: found.fault or ("" if found.path else _not_here(name)) for name, found in seen.items()}
+    ids = {name: models.model_id(name, found.path) for name, found in seen.items() if found.path and not faults[name]}
     if as_json:
-        print(json.dumps({name: {"ok": not fault, "fault": fault} for name, fault in faults.items()}))
+        said = {name: {"ok": not fault, "fault": fault, "id": ids.get(name, "")} for name, fault in faults.items()}
+        print(json.dumps(said))
     else:
         for name, fault in faults.items():
-            said = f"[red]wrong[/] {name}: {escape(fault)}" if fault else f"[green]ok[/]    {name}: {seen[name].path}"
-            console.print(said, soft_wrap=True)
+            line = (
+                f"[red]wrong[/] {name}: {escape(fault)}" if fault else f"[green]ok[/]    {ids[name]}: {seen[name].path}"
+            )
+            console.print(line, soft_wrap=True)
         if not faults:
             console.print("no model is on this machine; `surveilnav models list` says which there are")
     raise typer.Exit(1 if any(faults.values()) else 0)

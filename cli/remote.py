@@ -13,6 +13,7 @@ from rich.markup import escape
 
 from surveilnav.errors import GatewayError
 from surveilnav.messages import FINISHED_STATES
+from surveilnav.words import canonical
 
 _LOST_S = 20.0
 
@@ -48,6 +49,8 @@ def follow_mission(url: str, target: str, robot: str, max_steps: int, console: C
     """Submits a mission and shows its progress to the end; the mission's last state."""
     body: dict[str, Any] = {"target": target, "max_steps": max_steps} | ({"robot": robot} if robot else {})
     mission: dict[str, Any] = call(url, "POST", "/api/v1/missions", body)
+    if canonical(target) != canonical(mission["target"]):
+        console.print(f"{target}: perception calls it {mission['target']}", markup=False)
     try:
         mission = _followed(url, mission["id"], console)
     except KeyboardInterrupt:

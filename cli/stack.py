@@ -160,6 +160,7 @@ def environment(
         "SURVEILNAV_SIM__AREA_PER_CAMERA_M2": str(area_per_camera_m2),
         "SURVEILNAV_SIM__CAMERAS_EVERYWHERE": str(cameras_everywhere).lower(),
         "SURVEILNAV_PERCEPTION__BACKEND": perception,
+        "SURVEILNAV_PERCEPTION__SIMULATED": "true",
         "SURVEILNAV_PERCEPTION__SEED": str(seed),
         # With what a camera looks for its summary; it does so only in buildings of more than one floor, where the
         # planner has a floor to choose. SURVEILNAV_CAMERA__PERCEPTION in the environment is stronger: "none" spares

@@ -13,6 +13,7 @@ from cli.stack import Stack, environment
 from cli.supervisor import Supervisor
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node
+from surveilnav.contract import PERCEPTION_LOAD
 
 #: How often it is looked whether a service has ended.
 _TEND_S = 0.1
@@ -48,6 +49,8 @@ def run_up(
             f"ready: http://127.0.0.1:{port}/  (building {plan.building}, {len(names)} cameras; logs in {logs}, "
             f"maps and missions in {state})"
         )
+        for load in (answer.message for answer in node.ask_all(PERCEPTION_LOAD)):
+            console.print(f"perception: {load.backend} ({load.why})", markup=False)
         console.print('try: surveilnav find "tv"    stop: Ctrl-C')
         supervisor = Supervisor(stack, node, lambda text: console.print(text, markup=False, soft_wrap=True))
         while not stopping.wait(_TEND_S):

@@ -3,7 +3,7 @@
     python -m benchmark.studies.labels
 
 What a piece is, says ``labels_truth.json`` by its catalogue id. Two libraries are held out: their names were not looked at
-while ``simulator/furniture/data/words.json`` was made. ``--missed de`` lists the wrong ones of the other libraries.
+while ``shared/surveilnav/data/words.json`` was made. ``--missed de`` lists the wrong ones of the other libraries.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from simulator.archive import Archive
 from simulator.furniture.assets import ensure_assets
 from simulator.furniture.catalog import DEFAULT_CATALOG, JAR, LIBRARIES, CatalogModel, read_catalog, read_properties
 from simulator.furniture.labels import TARGETS, label_of
-from simulator.furniture.nouns import language_of
 from surveilnav.errors import SurveilNavError
+from surveilnav.nouns import language_of
 
 _HERE = Path(__file__).parent
 OUT = Path("docs/results/labels.md")

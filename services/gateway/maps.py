@@ -17,6 +17,7 @@ from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.errors import WireError
+from surveilnav.nouns import thing_asked_for
 from surveilnav.sensing.layers import unpack_layer
 from surveilnav.words import canonical
 
@@ -72,8 +73,8 @@ class Maps:
                 ask_known(self._node, "floor", name, "fusion", contract.OBJECTS, parameters=parameters, floor=name)
                 for name in ([floor] if floor is not None else self._state.revisions.newest("floor"))
             ]
-        wanted = None if label is None else canonical(label)
-        records = [r for row in rows for r in row.message.objects if wanted is None or r.label == wanted]
+        wanted = None if label is None else {canonical(label), thing_asked_for(label)}
+        records = [r for row in rows for r in row.message.objects if wanted is None or r.label in wanted]
         records.sort(key=lambda r: (r.floor, -r.last_seen_ns, r.id))
         if text:
             records.sort(key=lambda r: (r.relevance is None, -(r.relevance or 0.0)))

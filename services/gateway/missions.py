@@ -36,7 +36,8 @@ class Missions:
                 return _repeated(goal, known[0] == goal, known[1])
             id = "m-" + hashlib.sha256(f"{self._node.building}\0{idempotency_key}".encode()).hexdigest()[:16]
             if row := self._state.missions.newest("mission").get(id):  # a gateway before this one took it
-                return _repeated(goal, canonical(row.message.target) == canonical(goal.target), self._told(row))
+                said = {canonical(row.message.target), canonical(row.message.asked)}
+                return _repeated(goal, canonical(goal.target) in said, self._told(row))
             mission = self._submit(id, goal)
             self._submitted[idempotency_key] = goal, mission
             if len(self._submitted) > _REMEMBERED_KEYS:

@@ -31,6 +31,7 @@ def main() -> None:
         compiled=settings.compiled,
         threads=settings.threads,
         seed=settings.seed,
+        simulated=settings.simulated,
         download=settings.download,
     )
     structlog.get_logger().info("backend", backend=backend.name, why=backend.why)

@@ -35,7 +35,10 @@ class PerceptionSettings(BaseSettings):
         default=False, description="compile networks under PyTorch on a GPU; the first pictures then take minutes"
     )
     threads: int = Field(default=1, ge=1, le=64, description="threads of each network")
-    seed: int = Field(default=0, description="of simulated")
+    simulated: bool = Field(
+        default=False, description="whether the building is: auto then takes compact, which learnt from rendered homes"
+    )
+    seed: int = Field(default=0, description="of the backend simulated")
     download: bool = Field(default=True, description="whether missing weights of up to 100 MB may be downloaded")
     capacity: int = Field(default=16, ge=1, description="views that may be under way; more are refused")
     max_batch: int | None = Field(

@@ -16,6 +16,7 @@ from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TE
 from surveilnav.errors import PerceptionError, TargetError
 from surveilnav.messages import InferRequest, TextReply, WorkerLoad
 from surveilnav.perception import Backend
+from surveilnav.perception.prompts import named
 from surveilnav.sensing.packing import pack_embedding
 
 _WARM_UP_MS = 2000  # who asks before a worker is ready is told to come again after this
@@ -79,7 +80,7 @@ class PerceptionService:
         return Answer(
             TextReply(
                 stamp_ns=clock_ns(), worker=self._settings.worker, backend=self._backend.name, embeddings=embeddings,
-                models=self._backend.models,
+                words=[self._backend.understood(named(text)) for text in request.texts], models=self._backend.models,
             )
         )  # fmt: skip
 

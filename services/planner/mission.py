@@ -16,6 +16,7 @@ from services.planner.world import CancelError, LostError, World
 from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
+from surveilnav.words import canonical
 
 #: So often in a row a robot may refuse a stair; the core gives the stair up long before.
 _MAX_REFUSALS = 5
@@ -35,12 +36,18 @@ class Surroundings:
 def accepted(goal: MissionGoal, target: str, robot: str) -> SavedMission:
     """A mission that nothing was done for yet."""
     now_ns = clock_ns()
+    asked = _as_asked(goal) if canonical(goal.target) != target else ""
     return SavedMission(
         status=MissionStatus(
             stamp_ns=now_ns, mission=goal.mission, target=target, robot=robot, state="queued", phase="queued", step=0,
-            max_steps=goal.max_steps, path_m=0.0, started_ns=now_ns,
+            max_steps=goal.max_steps, path_m=0.0, started_ns=now_ns, asked=asked,
         )
     )  # fmt: skip
+
+
+def _as_asked(goal: MissionGoal) -> str:
+    """A goal's target as it was typed, on one line."""
+    return " ".join(goal.target.split())
 
 
 class Mission:
@@ -77,6 +84,12 @@ class Mission:
     @property
     def finished(self) -> bool:
         return self.status.state in FINISHED_STATES
+
+    def is_of(self, goal: MissionGoal, target: str) -> bool:
+        """Whether a goal is that of this mission, sent again. ``target``: as perception calls it now; meanwhile it may know
+        other words."""
+        said = {self.status.target, self.status.asked} - {""}
+        return self.status.max_steps == goal.max_steps and not said.isdisjoint({target, _as_asked(goal)})
 
     def save(self) -> None:
         """Writes the mission to the store. Raises StoreError."""

@@ -54,7 +54,7 @@ class Missions:
             if not self._resumed:  # a robot may have a mission already
                 raise MissionError("store_failed", "the store of missions can't be read yet: send the goal again later")
             if known := self._missions.get(goal.mission):
-                if (known.status.target, known.status.max_steps) == (target, goal.max_steps):
+                if known.is_of(goal, target):
                     return known  # the same goal sent again
                 raise MissionError("mission_exists", f"mission {known.id!r} exists already for {known.status.target!r}")
             mission = self._begin(goal, target)

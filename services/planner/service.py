@@ -81,7 +81,7 @@ def _acknowledged(mission: Mission, *, accepted: bool, message: str = "") -> Ans
     return Answer(
         MissionAck(
             stamp_ns=clock_ns(), mission=mission.id, accepted=accepted, state=mission.status.state, robot=mission.robot,
-            message=message,
+            target=mission.status.target, message=message,
         )
     )  # fmt: skip
 

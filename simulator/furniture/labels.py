@@ -2,14 +2,14 @@
 
 COCO's spelling. Armchairs, office chairs and stools are "chair" (COCO's annotators count stools so); only what is named
 sofa, couch, settee or loveseat is "couch"; flowers in a vase are "potted plant", as COCO's annotators have it; a low
-table, desk or bedside table isn't a "dining table". The words, in 19 languages, are those of ``data/words.json``.
+table, desk or bedside table isn't a "dining table". The words, in 19 languages, are the library's (``surveilnav.nouns``).
 """
 
 from __future__ import annotations
 
 import re
 
-from simulator.furniture.nouns import thing_of, things
+from surveilnav.nouns import thing_of, things
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.words import canonical
 

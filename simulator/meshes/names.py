@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from simulator.furniture.labels import label_of, plain_name
-from simulator.furniture.nouns import whole_of
+from surveilnav.nouns import whole_of
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.words import canonical
 

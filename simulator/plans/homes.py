@@ -12,7 +12,6 @@ from simulator.archive import Archive
 from simulator.furniture.catalog import CREDITS, CatalogModel, Furniture
 from simulator.furniture.labels import TARGETS, label_of, stand_in_of, told_by
 from simulator.furniture.models import Model, load_model
-from simulator.furniture.nouns import language_of
 from simulator.furniture.objfile import EmptyModelError
 from simulator.furniture.parametric import parametric_piece
 from simulator.furniture.placing import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
@@ -25,6 +24,7 @@ from simulator.plans.stairs import IsFloor, find_transit
 from simulator.plans.sweethome import Color, Home, Level, Piece
 from simulator.world.scene import Floor, Material, Scene
 from surveilnav.errors import BuildingError
+from surveilnav.nouns import language_of
 
 _GLASS = Material("glass", (0.8, 0.9, 0.95), alpha=0.15, shininess=0.8)
 _TV_STAND = "Blend Swap CC-BY#tvStand"

@@ -6,7 +6,7 @@ import json
 import re
 from importlib import resources
 
-from simulator.furniture.nouns import humps_apart
+from surveilnav.nouns import humps_apart
 
 _WORDS: dict[str, list[str]] = json.loads(
     resources.files("simulator.plans").joinpath("data/doors_and_roofs.json").read_text("utf-8")

@@ -13,22 +13,25 @@ from surveilnav.perception.presets import Networks
 BACKENDS: tuple[str, ...] = tuple(BackendName)
 
 
-def choose_backend(name: str = "auto", *, seed: int = 0, harder: float = 0.0, **networks: Any) -> Backend:
+def choose_backend(
+    name: str = "auto", *, seed: int = 0, harder: float = 0.0, simulated: bool = True, **networks: Any
+) -> Backend:
     """The backend of that name; "auto" takes a real detector if one can run, else ``simulated`` and says so.
 
     Args:
         seed, harder: of ``simulated``.
+        simulated: whether the building is: "auto" then takes ``compact``, which learnt from such ones.
         networks: see ``surveilnav.perception.presets.Networks``.
 
     Raises:
         PerceptionError: it can't run; the message says what is missing.
     """
 
-    def simulated(why: str) -> Backend:
+    def error_model(why: str) -> Backend:
         told = "the simulator's own instance ids through an error model"
         if name == "simulated":
             return Simulated(f"{why}: {told}", seed, harder=harder)
         return Simulated(f"{told} stand in, so these figures aren't a detector's. {why}", seed)
 
-    others = {"oracle": lambda why: Oracle(), "simulated": simulated}
-    return real.choose_backend(name, Networks(**networks), others=others, stand_in="simulated")
+    others = {"oracle": lambda why: Oracle(), "simulated": error_model}
+    return real.choose_backend(name, Networks(**networks), simulated=simulated, others=others, stand_in="simulated")

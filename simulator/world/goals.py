@@ -33,6 +33,7 @@ from simulator.world.viewpoints import (
     visible_share,
 )
 from surveilnav.errors import TargetError
+from surveilnav.nouns import thing_asked_for
 from surveilnav.words import canonical
 
 SUCCESS_M = 0.1
@@ -118,13 +119,14 @@ class Verdict:
 
 
 def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: RayCaster | None = None) -> Goals:
-    """The goals of a search for ``label`` (any spelling that ``words.canonical`` folds).
+    """The goals of a search for ``label`` (any spelling that ``words.canonical`` folds, else any language's).
 
     Raises:
         TargetError: there is no such thing, or none that a robot can get to; the message lists what it can get to.
     """
     caster = caster or RayCaster(scene)
     wanted = canonical(label)
+    wanted = wanted if wanted in PARTS or scene.called(wanted) else thing_asked_for(label)
     instances = scene.called(wanted) if wanted not in PARTS else ()
     if not instances:
         raise TargetError(

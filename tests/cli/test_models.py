@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 
+import msgspec
 import pytest
 
 from cli.doctor import examine
 from cli.main import main
+from surveilnav.perception import models
+from tests.compact_file import write
 
 
 @pytest.fixture
@@ -20,6 +24,14 @@ def folder(monkeypatch, tmp_path):
     given.mkdir()
     monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(given))
     return given
+
+
+@pytest.fixture
+def built_in(folder, monkeypatch, tmp_path):
+    """Where the package has its own models: nowhere yet."""
+    monkeypatch.delenv("SURVEILNAV_COMPACT", raising=False)
+    monkeypatch.setattr("surveilnav.perception.models.catalogue.BUILT_IN", tmp_path / "built-in")
+    return tmp_path / "built-in"
 
 
 @pytest.fixture
@@ -89,4 +101,38 @@ def test_the_doctor_knows_the_models(folder, monkeypatch):
 def test_whole_models_are_listed_checked_and_kept(typed, folder, models_dir, monkeypatch):
     monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(models_dir))
     status, out, _ = typed("check", "yolox-nano", "--json")
-    assert (status, json.loads(out)) == (0, {"yolox-nano": {"ok": True, "fault": ""}})
+    assert (status, json.loads(out)) == (0, {"yolox-nano": {"ok": True, "fault": "", "id": "yolox-nano@695e750a"}})
+
+
+def test_the_model_in_the_package_is_checked_against_its_card(typed, folder, built_in):
+    def doctor():
+        return next(finding for finding in examine() if finding.what == "compact")
+
+    assert doctor().level == "note"
+    assert typed("check")[0] == 0
+    weights = write(built_in / "compact" / "compact.onnx")
+    digest = hashlib.sha256(weights.read_bytes()).hexdigest()
+    assert (doctor().level, f"compact@{digest[:8]}" in doctor().detail) == ("ok", True)
+    listed = {row["name"]: row for row in json.loads(typed("list", "--json")[1])}
+    assert (listed["compact"]["bytes"], listed["compact"]["hash"]) == (weights.stat().st_size, "card")
+    status, _, err = typed("check")
+    assert (status, f"ok    compact@{digest[:8]}: {weights}" in err) == (0, True)
+    card = weights.with_name("card.json")
+    card.write_bytes(msgspec.json.encode(models.Card(sha256=digest, bytes=1)))
+    assert typed("check", "compact")[0] == 0
+    card.write_bytes(msgspec.json.encode(models.Card(sha256="0" * 64, bytes=1)))
+    status, out, _ = typed("check", "--json")
+    assert (status, "isn't what compact should be" in json.loads(out)["compact"]["fault"]) == (1, True)
+    assert doctor().level == "missing"
+    card.write_text("no card")
+    status, _, err = typed("check")
+    assert (status, "should be the card of compact.onnx" in err) == (1, True)
+
+
+def test_offline_the_doctor_says_what_looks_instead(folder, built_in):
+    def says():
+        return next(finding for finding in examine() if finding.what == "models")
+
+    assert "perception is `simulated`" in says().remedy
+    write(built_in / "compact" / "compact.onnx")
+    assert "perception is `compact`" in says().remedy

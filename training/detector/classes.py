@@ -38,6 +38,11 @@ class Classes:
         """The class that a word means, or -1."""
         return self._number_of.get(canonical(word), -1)
 
+    @property
+    def meanings(self) -> dict[str, str]:
+        """By a word that is no class's name, the class that it means ("chest": "chest of drawers")."""
+        return {word: self.names[i] for word, i in self._number_of.items() if word != self.names[i]}
+
     def room_of(self, name: str) -> int:
         """The kind of a room of that name, or -1."""
         return next((self._kinds[w] for w in re.findall(r"[a-z]+", name.lower()) if w in self._kinds), -1)

@@ -1,7 +1,7 @@
 """What ``compact`` finds in views that training never saw, beside a COCO detector on the same views.
 
     python -m training.detector.evaluate --network runs/compact/compact.onnx --views data/views/val \\
-        [--beside yolox-nano] [--threads 1]
+        [--beside yolox-nano] [--threads 1] [--card]
 
 AP50 by class, robot and camera views apart; an object counts if it shows at least ``--min-pixels`` pixels as sensed. Mask
 IoU is with true boxes. Times are of whole calls at equal pixels (416 x 416), taken in turn in one run.
@@ -10,12 +10,14 @@ IoU is with true boxes. Times are of whole calls at equal pixels (416 x 416), ta
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +27,7 @@ from surveilnav.perception.boxes import Boxes, merged, overlaps
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.models.card import Measured, card_of, save_card
 from surveilnav.perception.runtime import Runtime
 from training.detector import classes
 from training.detector.average_precision import ClassTally
@@ -116,6 +119,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--beside", default="yolox-nano", help="a COCO detector; empty: none")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--min-pixels", type=int, default=400)
+    parser.add_argument("--card", action="store_true", help="write what is found into the card beside the network")
     args = parser.parse_args(argv)
     own = CompactNetwork(session(args.network, Runtime(threads=args.threads)))
     detectors: list[Finds] = [own, *([beside(args.beside, args.threads)] if args.beside else [])]
@@ -133,10 +137,37 @@ def main(argv: Sequence[str] | None = None) -> None:
                 tally.add(view, detector.detect(view.rgb))
     for line in lines(tallies, {kind: float(np.mean(values)) for kind, values in masks.items() if values}, dict(views)):
         print(line)
-    print(
-        f"processor ms at 416 x 416, {args.threads} threads:",
-        ", ".join(f"{name} {ms:.1f}" for name, ms in times_ms(detectors).items()),
-    )
+    ms = times_ms(detectors)
+    print(f"processor ms at 416 x 416, {args.threads} threads:", ", ".join(f"{name} {t:.1f}" for name, t in ms.items()))
+    if args.card:
+        card = card_of(args.network)
+        if card is None:
+            parser.error(f"{args.network} has no card: `python -m training.detector.export` writes it")
+        found = measured(
+            own.name, tallies, {kind: float(np.mean(values)) for kind, values in masks.items() if values}, views
+        )
+        rounded = {name: round(t, 2) for name, t in ms.items()}
+        save_card(args.network, msgspec.structs.replace(card, measured=found, ms=rounded))
+
+
+def measured(
+    own: str, tallies: Mapping[tuple[str, str], Tally], masks: Mapping[str, float], views: Mapping[str, int]
+) -> dict[str, Measured]:
+    """By kind of view, what the network called ``own`` found, and others beside it on the six goals. Of classes that have no
+    objects nothing is said."""
+    found = {}
+    for kind, n in sorted(views.items()):
+        tally = tallies[kind, own]
+        beside = {name: _rounded(t.mean(TARGETS)) for (of, name), t in tallies.items() if of == kind and name != own}
+        by_class = {name: _rounded(tally.by_class[name].ap) for name in tally.names if tally.by_class[name].objects}
+        ap50, ap50_all = _rounded(tally.mean(TARGETS)), _rounded(tally.mean(tally.names))
+        found[kind] = Measured(n, ap50, ap50_all, _rounded(masks.get(kind, 0.0)), by_class, beside)
+    return found
+
+
+def _rounded(share: float) -> float:
+    """To three digits; 0 where there is nothing to measure."""
+    return 0.0 if math.isnan(share) else round(share, 3)
 
 
 def lines(tallies: dict[tuple[str, str], Tally], masks: dict[str, float], views: dict[str, int]) -> Iterator[str]:

@@ -4,25 +4,28 @@
 
 Input ``picture`` (1, H, W, 3) uint8 RGB; H and W are multiples of 32. Outputs, L places: ``scores`` (L, C), ``ltrb`` (L, 4)
 [pixels], ``coefficients`` (L, K), ``embeddings`` (L, D), ``prototypes`` (K, H / 4, W / 4), ``image`` (D,), ``near`` (C + R,)
-chances. The file's metadata names classes and rooms; its initialisers ``class_vectors`` and ``near_vectors`` aren't used by
-the graph's outputs and lie beside it, in the metadata as JSON.
+chances. The file's metadata are JSON: ``classes``, ``rooms``, ``meanings`` (by another word, the class that it means),
+``class_vectors`` (C, D), ``near_vectors`` (C + R, D). ``card.json`` beside it says what is known of the weights.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import onnx
 import torch
 from torch import Tensor, nn
 
+from surveilnav.perception.models.card import Card, save_card
 from surveilnav.stored import replacing
 from training.detector import classes
-from training.detector.network import Compact, Shape
+from training.detector.network import Compact, Shape, n_parameters
 
 OUTPUTS = ("scores", "ltrb", "coefficients", "embeddings", "prototypes", "image", "near")
 _OPSET = 17
@@ -56,7 +59,7 @@ def export(network: Compact, path: Path) -> int:
     model = onnx.load_model_from_string(buffer.getvalue())
     names = classes.load()
     for key, value in {
-        "classes": list(names.names), "rooms": list(names.rooms),
+        "classes": list(names.names), "rooms": list(names.rooms), "meanings": names.meanings,
         "class_vectors": _rounded(network.classes.vectors), "near_vectors": _rounded(network.surroundings.vectors),
     }.items():  # fmt: skip
         entry = model.metadata_props.add()
@@ -71,9 +74,21 @@ def _rounded(vectors: Tensor) -> list[list[float]]:
     return [[round(float(v), 5) for v in row] for row in nn.functional.normalize(vectors.detach(), dim=1)]
 
 
+def write_card(path: Path, network: Compact, steps: int, views_seen: int) -> Card:
+    """Writes what is known of the weights in a file beside it; what they find, ``evaluate`` adds."""
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    card = Card(sha256, path.stat().st_size, n_parameters(network), steps, views_seen)
+    save_card(path, card)
+    return card
+
+
 def load_network(checkpoint: Path) -> Compact:
     """The mean network of a checkpoint."""
-    names, kept = classes.load(), torch.load(checkpoint, map_location="cpu", weights_only=True)
+    return _network_of(torch.load(checkpoint, map_location="cpu", weights_only=True))
+
+
+def _network_of(kept: dict[str, Any]) -> Compact:
+    names = classes.load()
     network = Compact(len(names.names), len(names.rooms), Shape(**kept["shape"]))
     network.load_state_dict(kept["mean"])
     network.eval()
@@ -85,8 +100,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="training.detector.export", description=__doc__.partition("\n")[0])
     parser.add_argument("--checkpoint", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--batch", type=int, default=16, help="views a step of the training")
     args = parser.parse_args(argv)
-    print(f"{args.out}: {export(load_network(args.checkpoint), args.out) / 1e6:.2f} MB")
+    kept = torch.load(args.checkpoint, map_location="cpu", weights_only=True)
+    network = _network_of(kept)
+    export(network, args.out)
+    card = write_card(args.out, network, kept["step"], kept["step"] * args.batch)
+    print(f"{args.out}: {card.bytes / 1e6:.2f} MB, {card.parameters} parameters, sha256 {card.sha256}")
 
 
 if __name__ == "__main__":

@@ -158,7 +158,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, default=Path("docs/results/association"), help="where the page goes")
     parser.add_argument("--recordings", type=Path, default=Path("runs/association"), help="views and replays, kept")
     parser.add_argument("--homes", nargs="*", default=_DEFAULTS["homes"])
-    parser.add_argument("--perception", default=_DEFAULTS["perception"], choices=["onnx-coco", "oracle", "simulated"])
+    parser.add_argument(
+        "--perception", default=_DEFAULTS["perception"], choices=["compact", "onnx-coco", "oracle", "simulated"]
+    )
     parser.add_argument("--tours", nargs="*", default=_DEFAULTS["tours"], choices=list(TOURS))
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--table", action="store_true", help="only write the page of what there is")

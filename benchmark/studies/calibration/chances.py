@@ -1,9 +1,10 @@
 """Fits how likely a detection is what it is called, and says how well that holds in buildings that were left out.
 
-    python -m benchmark.studies.calibration.chances [--views 100] [--out docs/results/calibration/chances.md]
+    python -m benchmark.studies.calibration.chances [--backend compact] [--views 100]
 
-The views are those of ``benchmark.studies.calibration``: what ``onnx-coco`` finds in rendered views of train buildings, and what
-they truly show. A detection is right if the thing whose box it fits, or which most of its mask shows, is of its class.
+The views are those of ``benchmark.studies.calibration``: what a backend finds in rendered views of train buildings, and what
+they truly show. A detection is right if the thing whose box it fits, or which most of its mask shows, is of its class. The
+table goes to the library's data/chances/<backend>.json, the page to docs/results/calibration.
 """
 
 from __future__ import annotations
@@ -21,13 +22,17 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmark.dataset.splits import SPLITS
-from benchmark.studies.calibration.run import measured
+from benchmark.studies.calibration.run import OUT, measured
 from benchmark.studies.calibration.views import MIN_SIZE_RAD, Look, Looks, owners_of
 from simulator.furniture.labels import TARGETS
+from simulator.truth.choose import choose_backend
 from simulator.truth.visible import VisibleThing, candidates
+from surveilnav.errors import PerceptionError, SurveilNavError
+from surveilnav.perception import Backend
 from surveilnav.perception.chances import ChanceTable, ClassTerms, Floats, features, size_rad
 from surveilnav.perception.vocabulary import DATA
 
+DEFAULT = "onnx-coco"
 #: A class with fewer detections has no terms of its own.
 _FEWEST = 25
 #: Standard deviations of a class's own terms: few data stay near all others.
@@ -127,7 +132,7 @@ def expected_error(chance: Floats, right: NDArray[np.bool_]) -> float:
     return float(sum(len(c) * abs(c.mean() - r.mean()) for c, r in parts) / len(chance))
 
 
-def page(rows: Judged, chance: Floats, table: ChanceTable) -> str:
+def page(rows: Judged, chance: Floats, table: ChanceTable, backend: str = DEFAULT) -> str:
     """What it says, in Markdown."""
     targets = np.isin(rows.label, TARGETS)
     n_buildings = len(set(rows.building.tolist()))
@@ -136,7 +141,8 @@ def page(rows: Judged, chance: Floats, table: ChanceTable) -> str:
         "# How likely a detection is right", "",
         f"Of detections that the table calls likely by p, about p are right. Each of {n_buildings} buildings was "
         f"judged by a table of others. The expected calibration error is {table_s:.3f}; of raw scores it is {raw:.3f}.", "",
-        f"Source: {table.source}. Fitted by `python -m benchmark.studies.calibration.chances`.", "",
+        f"Source: {table.source}. Fitted by `python -m benchmark.studies.calibration.chances"
+        f"{'' if backend == DEFAULT else f' --backend {backend}'}`.", "",
         "| what | detections | mean score | mean chance | right | Brier score: of scores | of chances |",
         "|---|---|---|---|---|---|---|",
     ]  # fmt: skip
@@ -167,22 +173,41 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="benchmark.studies.calibration.chances", description=__doc__.partition("\n")[0]
     )
+    parser.add_argument("--backend", default=DEFAULT, help="what looks at the pictures; it has a vocabulary")
     parser.add_argument("--views", type=int, default=100, help="of the robot, about, in every building")
     parser.add_argument("--every", type=int, default=4, help="every so many scenes of train")
     parser.add_argument("--most", type=int, default=12, help="scenes at most")
-    parser.add_argument("--out", type=Path, default=Path("docs/results/calibration/chances.md"))
+    parser.add_argument("--out", type=Path, help=f"{OUT}/chances.md, of other backends chances_<backend>.md")
     args = parser.parse_args(argv)
     scenes = SPLITS["train"].scenes[:: args.every][: args.most]
-    buildings = [measured(scene, args.views) for scene in scenes]
+    try:
+        backend = None if args.backend == DEFAULT else _with_vocabulary(args.backend)
+        buildings = [measured(scene, args.views, backend) for scene in scenes]
+    except SurveilNavError as error:
+        print(f"chances: {error}", file=sys.stderr)
+        return 2
+    if not any(look.found for building in buildings for look in building.looks):
+        print(f"chances: {args.backend} found nothing in any view", file=sys.stderr)
+        return 2
     rows = judged(buildings)
     names = ", ".join(scene.scene for scene in scenes)
     n_views = sum(len(b.looks) for b in buildings)
-    table = fit(rows, f"{len(rows.right)} detections of onnx-coco in {n_views} views of {names}")
-    path = DATA / "chances" / "onnx-coco.json"
+    model = args.backend if backend is None else backend.models.detector
+    table = fit(rows, f"{len(rows.right)} detections of {model} in {n_views} views of {names}")
+    path = DATA / "chances" / f"{args.backend}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(msgspec.json.format(msgspec.json.encode(table), indent=1) + b"\n")
-    args.out.write_text(page(rows, left_out(rows), table), encoding="utf-8")
+    out = args.out or OUT / ("chances.md" if backend is None else f"chances_{args.backend}.md")
+    out.write_text(page(rows, left_out(rows), table, args.backend), encoding="utf-8")
     return 0
+
+
+def _with_vocabulary(name: str) -> Backend:
+    """The backend of a name. PerceptionError: it can't run, or finds only what it is asked for."""
+    backend = choose_backend(name)
+    if backend.vocabulary is None or backend.needs_truth:
+        raise PerceptionError(f"expected a detector that looks at pixels and has a vocabulary, and {name} is none")
+    return backend
 
 
 if __name__ == "__main__":

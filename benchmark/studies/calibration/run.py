@@ -36,6 +36,8 @@ from simulator.truth import error_model
 from simulator.truth.choose import choose_backend
 from simulator.truth.error_model import ErrorModel
 from surveilnav.errors import SurveilNavError
+from surveilnav.perception import Backend
+from surveilnav.perception.vocabulary import COCO
 
 TRAIN = tuple(dict.fromkeys(scene.building for scene in SPLITS["train"].scenes))
 FOLDS = 3
@@ -47,10 +49,11 @@ MODEL = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
 _ROW = re.compile(r"\[[^\[\]{}]*\]")  # of numbers: kept on one line
 
 
-def measured(scene: SceneSpec, n_views: int) -> views.Looks:
-    """The looks of one building: kept ones, or new ones."""
+def measured(scene: SceneSpec, n_views: int, backend: Backend | None = None) -> views.Looks:
+    """The looks of one building: kept ones, or new ones. ``backend``: that looked; None: ``onnx-coco``."""
     name = scene.building
-    path = DATA / f"{name}-s{scene.seed}-{scene.models}-{n_views}.looks"
+    folder = DATA if backend is None else DATA / backend.models.detector  # which names the weights
+    path = folder / f"{name}-s{scene.seed}-{scene.models}-{n_views}.looks"
     kept = views.load(path)
     if kept is not None:
         return kept
@@ -62,8 +65,9 @@ def measured(scene: SceneSpec, n_views: int) -> views.Looks:
 
     settings = SimulationSettings(building=name, seed=scene.seed, models=scene.models, cameras=CAMERAS)
     building = SimulatedBuilding(settings)
-    recording = record(building, choose_backend("onnx-coco"), Tour(n_views, math.radians(30.0), 0.5), progress)
-    looks = views.looks_of(name, recording, building)
+    backend = backend or choose_backend("onnx-coco")
+    recording = record(building, backend, Tour(n_views, math.radians(30.0), 0.5), progress)
+    looks = views.looks_of(name, recording, building, backend.vocabulary or COCO)
     path.parent.mkdir(parents=True, exist_ok=True)
     views.save(looks, path)
     print(file=sys.stderr)

@@ -19,7 +19,8 @@ from simulator.truth.visible import Candidates, Place, VisibleThing, candidates,
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.embedders import class_space
-from surveilnav.perception.vocabulary import COCO
+from surveilnav.perception.embedders.class_space import ClassSpace
+from surveilnav.perception.vocabulary import COCO, Vocabulary
 from surveilnav.sensing.views import Detected, TrueInstances, box_cells
 from surveilnav.stored import read_parts, write_parts
 
@@ -31,7 +32,8 @@ _SCALE = 2  # views are kept at this fraction of their resolution: that at which
 
 class Found(msgspec.Struct, frozen=True):
     """A detection: box in pixels of the kept view, the instance that most of its mask shows (0: none) and its share,
-    the median depth under its mask [m], the share that its label has of all classes' scores, and the next class."""
+    the median depth under its mask [m], the share that its label has of all classes' scores, and the next class (where the
+    embedding says so: of COCO's detectors)."""
 
     label: str
     score: float
@@ -44,7 +46,8 @@ class Found(msgspec.Struct, frozen=True):
 
 
 class Look(msgspec.Struct, frozen=True):
-    """A view with what truly shows and what was found. ``presence``: of each class, from the image's embedding."""
+    """A view with what truly shows and what was found. ``presence``: of each of COCO's classes, from the image's
+    embedding; empty where that is of another space."""
 
     source: str
     view: int
@@ -89,12 +92,14 @@ class Looks:
     looks: list[Look]
 
 
-def looks_of(name: str, recording: Recording, building: SimulatedBuilding) -> Looks:
-    """Adds to a building's recording what its views truly show."""
+def looks_of(name: str, recording: Recording, building: SimulatedBuilding, vocabulary: Vocabulary = COCO) -> Looks:
+    """Adds to a building's recording what its views truly show, in the words of the detector's ``vocabulary``."""
     if recording.facts.scene_hash != building.scene.content_hash:
         raise ValueError(f"the recording of {name} shows another building: delete it")
     seen = [_look(s, building) for s in recording.views if s.perception is not None]
-    return Looks(name, measured(building.scene.truth_labels), seen)
+    labels = building.scene.truth_labels
+    own = {id_: said for id_, label in labels.items() if (said := vocabulary.name_of(label))}
+    return Looks(name, measured(labels) | own, seen)
 
 
 def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
@@ -105,18 +110,20 @@ def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
     )
     depth_m = np.nan_to_num(view.depth_m[_SCALE // 2 :: _SCALE, _SCALE // 2 :: _SCALE])
     assert seen.perception is not None
-    image = seen.perception.image_embedding
+    image, is_of_classes = seen.perception.image_embedding, seen.perception.embedding_model == ClassSpace.model
     large = shown.instance_ids.repeat(_SCALE, axis=0).repeat(_SCALE, axis=1)
-    found = [_found(d, view.depth_m, large, _SCALE) for d in seen.perception.detections]
+    found = [_found(d, view.depth_m, large, _SCALE, is_of_classes) for d in seen.perception.detections]
     return Look(
         view.source, view.view, view.seq, Pose.from_matrix(view.T_world_camera), small,
         zlib.compress(shown.instance_ids.tobytes(), 1),
         zlib.compress((depth_m * 1000).round().astype(np.uint16).tobytes(), 1),
-        found, [round(float(p), 4) for p in class_space.presence(image)],
+        found, [round(float(p), 4) for p in class_space.presence(image)] if is_of_classes else [],
     )  # fmt: skip
 
 
-def _found(d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1) -> Found:
+def _found(
+    d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1, is_of_classes: bool = True
+) -> Found:
     x0, y0, x1, y1 = box_cells(d.box_px, depth_m.shape[1], depth_m.shape[0])
     under_ids = ids[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)].ravel()
     counts = np.bincount(under_ids) if under_ids.size else np.zeros(1, np.int64)
@@ -124,12 +131,17 @@ def _found(d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], s
     under = depth_m[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)]
     under = under[under > 0]
     box = tuple(float(v) / scale for v in d.box_px)
-    shares = d.embedding[: len(COCO)] ** 2
-    first, second = (int(i) for i in np.argsort(-shares, kind="stable")[:2])
     return Found(
         d.label, d.score, box, id_, float(counts[id_] / max(1, under_ids.size)), float(np.median(under)) if under.size else 0.0,  # type: ignore[arg-type]
-        round(float(shares[first] / shares.sum()), 3), COCO[second] if shares[second] > 0 else "",
+        *(_shares(d.embedding) if is_of_classes else (1.0, "")),
     )  # fmt: skip
+
+
+def _shares(embedding: NDArray[np.float32]) -> tuple[float, str]:
+    """The share of the best class of all classes' scores, and the next class."""
+    shares = embedding[: len(COCO)] ** 2
+    first, second = (int(i) for i in np.argsort(-shares, kind="stable")[:2])
+    return round(float(shares[first] / shares.sum()), 3), COCO[second] if shares[second] > 0 else ""
 
 
 def save(looks: Looks, path: Path) -> None:

@@ -23,12 +23,14 @@ class MissionGoal(Message, frozen=True, kw_only=True):
 
 
 class MissionAck(Message, frozen=True, kw_only=True):
-    """Answer to a goal or a cancel: taken or refused, with the error's name and text."""
+    """Answer to a goal or a cancel: taken or refused, with the error's name and text. ``target``: what the mission looks for,
+    as perception calls it."""
 
     mission: str
     accepted: bool
     state: MissionState
     robot: str = ""
+    target: str = ""
     error: str = ""
     message: str = ""
 
@@ -43,6 +45,7 @@ class MissionCancel(Message, frozen=True, kw_only=True):
 class MissionStatus(Message, frozen=True, kw_only=True):
     """State and feedback of a mission. ``phase`` is for people: waiting, scanning, exploring, approaching, ...
 
+    ``target``: as perception calls it ("tv"); ``asked``: as who asked called it ("Fernseher"), where that is otherwise.
     ``floor_choice_bytes``: what the cameras' summaries, of all floors, cost so far: the price of choosing the floor.
     """
 
@@ -63,6 +66,7 @@ class MissionStatus(Message, frozen=True, kw_only=True):
     started_ns: int = 0
     finished_ns: int = 0
     floor_choice_bytes: int = 0
+    asked: str = ""
 
 
 class Candidate(msgspec.Struct, frozen=True):

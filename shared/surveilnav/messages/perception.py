@@ -81,11 +81,16 @@ class InferReply(Message, frozen=True, kw_only=True):
 
 
 class TextReply(Message, frozen=True, kw_only=True):
-    """Embeddings of texts, one float16 vector each, in the order asked. ``models.embedder`` names their space."""
+    """Embeddings of texts, one float16 vector each, in the order asked. ``models.embedder`` names their space.
+
+    ``words``: what the worker's vocabulary calls the thing that each text names ("Fernseher": "tv"); empty: nothing, or
+    it knows any word.
+    """
 
     worker: str
     backend: str
     embeddings: list[bytes]
+    words: list[str] = []
     models: ModelIds = ModelIds()
 
 

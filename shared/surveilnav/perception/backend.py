@@ -125,6 +125,13 @@ class Backend(ABC):
             return str(error)
         return ""
 
+    def understood(self, word: str) -> str:
+        """The name that its vocabulary has for a word; empty: none, or it knows any word.
+
+        "Fernseher" is "tv" for a detector of COCO's classes.
+        """
+        return "" if self.vocabulary is None else self.vocabulary.understood(word)
+
     @abstractmethod
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         """Unit embeddings (N, D) float32 of texts.

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 from surveilnav.errors import PerceptionError
+from surveilnav.perception import models
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.presets import PRESETS, Networks
 
-#: What "auto" takes where it can run.
-AUTO = BackendName.ONNX_COCO
+#: What "auto" takes, the first that runs.
+BEST: tuple[BackendName, ...] = (BackendName.ONNX_COCO, BackendName.COMPACT)
+#: The same in simulated buildings: ``compact`` learnt from their like.
+BEST_IN_SIMULATION: tuple[BackendName, ...] = (BackendName.COMPACT, BackendName.ONNX_COCO)
 
 #: Makes a backend that is told why it runs.
 Maker = Callable[[str], Backend]
@@ -19,12 +22,18 @@ _NONE: Mapping[str, Maker] = MappingProxyType({})
 
 
 def choose_backend(
-    name: str = "auto", networks: Networks | None = None, *, others: Mapping[str, Maker] = _NONE, stand_in: str = ""
+    name: str = "auto",
+    networks: Networks | None = None,
+    *,
+    simulated: bool = False,
+    others: Mapping[str, Maker] = _NONE,
+    stand_in: str = "",
 ) -> Backend:
     """The backend of that name; "auto" takes the best that can run without being asked for.
 
     Args:
         networks: what settings say of the models.
+        simulated: whether the building is; it decides what is best.
         others: backends that this library doesn't have, by name: those of a simulator.
         stand_in: which of them "auto" takes where no real detector can run; empty: none.
 
@@ -40,9 +49,29 @@ def choose_backend(
         raise PerceptionError(
             f"expected a perception backend out of {', '.join((BackendName.AUTO, *PRESETS, *others))}, got {name!r}"
         )
-    try:
-        return PRESETS[AUTO](networks, "the best that runs here")
-    except PerceptionError as error:
-        if not stand_in:
-            raise
-        return others[stand_in](f"no real detector: {AUTO} can't run: {error}")
+    return _best(networks, BEST_IN_SIMULATION if simulated else BEST, others[stand_in] if stand_in else None)
+
+
+def _best(networks: Networks, names: Sequence[BackendName], stand_in: Maker | None) -> Backend:
+    """The first that runs, else the stand-in. PerceptionError: neither."""
+    faults: list[str] = []
+    for name in names:
+        if name == BackendName.COMPACT and not _has_compact():
+            continue
+        try:
+            why = (
+                "the best in simulated buildings"
+                if name == BEST_IN_SIMULATION[0] == names[0]
+                else "the best that runs here"
+            )
+            return PRESETS[name](networks, "; ".join([why, *faults]))
+        except PerceptionError as error:
+            faults.append(f"{name} can't run: {error}")
+    if stand_in is None:
+        raise PerceptionError("; ".join(faults))
+    return stand_in(f"no real detector: {'; '.join(faults)}")
+
+
+def _has_compact() -> bool:
+    """Whether weights lie where ``compact`` has them; without, nobody expects it."""
+    return models.is_here(BackendName.COMPACT)

@@ -9,6 +9,7 @@ class BackendName(StrEnum):
     """Every name that settings and options take; ``AUTO`` stands for the best that runs."""
 
     AUTO = "auto"
+    COMPACT = "compact"
     ONNX_COCO = "onnx-coco"
     PAPER = "paper"
     YOLO_WORLD = "yolo-world"

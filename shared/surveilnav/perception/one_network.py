@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 
 from surveilnav.messages import ModelIds
 from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.prompts import named
 from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.sensing.views import Detected, ViewPerception, box_cells
+
+#: So many classes are said to be nearest to a kind of room.
+_MOST_AKIN = 5
 
 #: Weaker things are kept out of the answer.
 _MIN_SCORE = 0.25
@@ -26,13 +30,16 @@ _MIN_SCORE = 0.25
 class OneNetwork(Backend):
     """See the module's docstring."""
 
-    def __init__(self, name: str, why: str, network: CompactNetwork, model: str) -> None:
-        self.name, self.why, self._network = name, why, network
+    def __init__(
+        self, name: str, why: str, network: CompactNetwork, model: str, chances: ChanceTable | None = None
+    ) -> None:
+        self.name, self.why, self._network, self.chances = name, why, network, chances
         self.models = ModelIds(model, model, model)
-        self.vocabulary = self._classes = Vocabulary(name.upper(), network.classes)
+        self._classes = Vocabulary(name, network.classes, meanings=network.meanings, akin=_akin(network))
+        self.vocabulary = self._classes
         self._n = network.class_vectors.shape[1]
         self.embedding_dim = 2 * self._n
-        self.stages = (Stage("look", self._look),)
+        self.stages = (Stage("look", self._look), *([Stage("judge", self.judge)] if chances else []))
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         rows = [self._classes.index(self._classes.known(named(text))) for text in texts]
@@ -60,3 +67,11 @@ class OneNetwork(Backend):
         work.looked_for = tuple(self._classes)
         model = self.models.embedder
         return ViewPerception(self.name, tuple(detections), image, model, work.looked_for)
+
+
+def _akin(network: CompactNetwork) -> dict[str, list[str]]:
+    """By kind of room, the classes whose surroundings look most like it: what it is near in meaning."""
+    things, rooms = np.split(network.near_vectors, [len(network.classes)])
+    likeness = dict(zip(network.rooms, rooms @ things.T, strict=True))
+    best = {room: np.argsort(-row, kind="stable")[:_MOST_AKIN].tolist() for room, row in likeness.items()}
+    return {room: [network.classes[i] for i in order if likeness[room][i] > 0] for room, order in best.items()}

@@ -11,8 +11,11 @@ from surveilnav.perception import models, parts
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.chances import table_of
 from surveilnav.perception.detectors import coco
+from surveilnav.perception.detectors.compact import CompactNetwork
+from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.names import BackendName
+from surveilnav.perception.one_network import OneNetwork
 from surveilnav.perception.pipeline import Pipeline
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
@@ -83,6 +86,18 @@ def onnx_coco(networks: Networks, why: str) -> Backend:
     )  # fmt: skip
 
 
+def compact(networks: Networks, why: str) -> Backend:
+    """Our own network, which comes with this package: it finds, cuts out and embeds.
+
+    Raises:
+        PerceptionError: its weights don't come with this version, or aren't what they should be.
+    """
+    path = models.find("compact", download=False)
+    network = CompactNetwork(session(path, Runtime(networks.device, networks.threads)))
+    said = f"our own network of {len(network.classes)} classes, trained on rendered homes"
+    return OneNetwork("compact", f"{said}, {why}", network, models.model_id("compact", path), table_of("compact"))
+
+
 def paper(networks: Networks, why: str) -> Backend:
     """The paper's eyes, which find any word: Grounding DINO, MobileSAM, CLIP, or what settings name instead.
 
@@ -122,5 +137,10 @@ def yolo_world(networks: Networks, why: str) -> Backend:
 
 #: What makes a backend, told what settings say and why it runs.
 PRESETS: Mapping[str, Callable[[Networks, str], Backend]] = MappingProxyType(
-    {BackendName.ONNX_COCO: onnx_coco, BackendName.PAPER: paper, BackendName.YOLO_WORLD: yolo_world}
+    {
+        BackendName.COMPACT: compact,
+        BackendName.ONNX_COCO: onnx_coco,
+        BackendName.PAPER: paper,
+        BackendName.YOLO_WORLD: yolo_world,
+    }
 )

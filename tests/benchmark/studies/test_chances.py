@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 
-from benchmark.studies.calibration.chances import Judged, chances_of, expected_error, fit, left_out, page
-from surveilnav.perception.chances import features
+from benchmark.dataset.splits import SceneSpec
+from benchmark.studies.calibration import chances, run
+from benchmark.studies.calibration.chances import Judged, chances_of, expected_error, fit, judged, left_out, page
+from benchmark.studies.calibration.views import Looks, looks_of, save
+from benchmark.studies.recordings import Tour, record
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from simulator.truth.backends import Oracle
+from surveilnav.perception.chances import ChanceTable, features
+from surveilnav.perception.detectors.compact import CompactNetwork
+from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.one_network import OneNetwork
+from surveilnav.perception.runtime import Runtime
+from tests.compact_file import write
 
 
 def made(n: int, seed: int = 0) -> Judged:
@@ -51,3 +63,58 @@ def test_each_building_is_judged_by_others_and_the_page_says_how_well():
     text = page(rows, chance, fit(rows, "made up"))
     assert "Source: made up." in text
     assert "| targets, camera views |" in text
+
+
+#: What the network below calls a chest of drawers.
+OTHERS = dict.fromkeys(("chair", "rug", "bookcase", "cabinet"), "chest of drawers")
+
+
+@pytest.fixture(scope="module")
+def colours(tmp_path_factory):
+    """A flat in flat light as a tiny network sees it, for which what is dark is a chest of drawers."""
+    building = SimulatedBuilding(SimulationSettings(building="parametric_flat", seed=1, cameras=1, lighting="flat"))
+    path = write(tmp_path_factory.mktemp("compact") / "compact.onnx", blackness=2.0, more={"meanings": OTHERS})
+    backend = OneNetwork("compact", "in a test", CompactNetwork(session(path, Runtime()), 320), "compact@0")
+    recording = record(building, backend, Tour(12, np.radians(90.0), 2.0))
+    return backend, looks_of("flat", recording, building, backend.vocabulary), building
+
+
+def test_views_are_judged_in_the_words_of_another_vocabulary(colours):
+    _, looks, building = colours
+    truth = building.scene.truth_labels
+    chests = {id_ for id_, label in truth.items() if label in OTHERS}
+    assert {id_ for id_, label in looks.labels.items() if label == "chest of drawers"} == chests != set()
+    assert looks.labels.items() >= {(i, label) for i, label in truth.items() if label in ("bed", "tv", "toilet")}
+    assert all(look.presence == [] for look in looks.looks)
+    rows = judged([looks])
+    assert len(rows.right) == sum(len(look.found) for look in looks.looks) > 0
+    assert 0 < rows.right.mean() < 1, "some of what it calls a chest of drawers is one"
+
+
+def test_a_table_is_written_for_any_backend_with_a_vocabulary(colours, tmp_path, monkeypatch, capsys):
+    backend, looks, _ = colours
+    asked = []
+    monkeypatch.setattr(chances, "choose_backend", lambda name: asked.append(name) or backend)
+    monkeypatch.setattr(chances, "measured", lambda scene, n_views, by: looks if by is backend else None)
+    monkeypatch.setattr(chances, "DATA", tmp_path)
+    monkeypatch.setattr(chances, "OUT", tmp_path)
+    assert chances.main(["--backend", "compact", "--most", "2"]) == 0
+    table = msgspec.json.decode((tmp_path / "chances" / "compact.json").read_bytes(), type=ChanceTable)
+    assert (asked, "detections of compact@0" in table.source) == (["compact"], True)
+    assert "chances --backend compact`" in (tmp_path / "chances_compact.md").read_text()
+    empty = Looks("flat", {}, [msgspec.structs.replace(look, found=[]) for look in looks.looks])
+    monkeypatch.setattr(chances, "measured", lambda scene, n_views, by: empty)
+    assert chances.main(["--backend", "compact"]) == 2
+    assert "found nothing" in capsys.readouterr().err
+    monkeypatch.setattr(chances, "choose_backend", lambda name: Oracle())
+    assert chances.main(["--backend", "oracle"]) == 2
+    assert "has a vocabulary, and oracle is none" in capsys.readouterr().err
+
+
+def test_looks_are_kept_by_the_weights_that_looked(colours, tmp_path, monkeypatch):
+    backend, looks, _ = colours
+    monkeypatch.setattr(run, "DATA", tmp_path)
+    (tmp_path / "compact@0").mkdir()
+    save(looks, tmp_path / "compact@0" / "flat-s0-all-9.looks")
+    kept = run.measured(SceneSpec("flat", 0, "all"), 9, backend)
+    assert (kept.name, kept.labels, len(kept.looks)) == (looks.name, looks.labels, len(looks.looks))

@@ -8,8 +8,8 @@ from benchmark.studies.labels import Named, Score, is_held_out, labels_by_id, na
 from simulator.furniture.assets import ensure_assets
 from simulator.furniture.catalog import DEFAULT_CATALOG, JAR, CatalogModel, read_properties
 from simulator.furniture.labels import TARGETS
-from simulator.furniture.nouns import language_of
 from surveilnav.errors import AssetError
+from surveilnav.nouns import language_of
 
 BED, LAMP = "eTeks#bed", "eTeks#lamp"
 

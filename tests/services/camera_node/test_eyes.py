@@ -181,7 +181,7 @@ def test_a_detector_that_cannot_run_is_named_and_the_camera_goes_on(start, camer
 
 def test_a_camera_takes_every_backend_s_name_and_no_other():
     looks = {name for name in BackendName if CameraSettings(perception=name).looks}
-    assert looks == {"auto", "onnx-coco", "oracle", "simulated"}
+    assert looks == {"auto", "compact", "onnx-coco", "oracle", "simulated"}
     assert not CameraSettings().looks
     with pytest.raises(ValidationError):
         CameraSettings(perception="magic")

@@ -25,6 +25,8 @@ from surveilnav.sensing.packing import pack_array
 from tests.waiting import until
 
 GRID = Grid(-1.0, -2.0, 0.5, 12, 16)
+#: What perception calls what some words name.
+OWN_NAMES = {"Fernseher": "tv"}
 
 
 class FakeBuilding:
@@ -91,7 +93,8 @@ class FakeBuilding:
             m.MissionStatus(
                 stamp_ns=clock_ns(),
                 mission=goal.mission,
-                target=goal.target,
+                target=OWN_NAMES.get(goal.target, goal.target),
+                asked=goal.target if goal.target in OWN_NAMES else "",
                 robot="r1",
                 state="queued",
                 phase="waiting",
@@ -102,7 +105,14 @@ class FakeBuilding:
             )
         )
         return Answer(
-            m.MissionAck(stamp_ns=clock_ns(), mission=goal.mission, accepted=True, state="queued", robot="r1")
+            m.MissionAck(
+                stamp_ns=clock_ns(),
+                mission=goal.mission,
+                accepted=True,
+                state="queued",
+                robot="r1",
+                target=OWN_NAMES.get(goal.target, goal.target),
+            )
         )
 
     def _known(self, request: Request) -> m.MissionStatus:

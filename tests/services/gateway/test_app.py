@@ -132,6 +132,18 @@ def test_an_idempotency_key_outlives_the_gateway(client, building, router, start
     assert len(building.goals) == goals
 
 
+def test_a_mission_has_perception_s_name_and_the_word_that_was_typed(client, building, router, start_gateway):
+    first = submit(client, "Fernseher", **{"Idempotency-Key": "in German"}).json()
+    assert first["target"] == "tv"
+    mission = client.get(f"/api/v1/missions/{first['id']}").json()
+    assert (mission["target"], mission["asked"]) == ("tv", "Fernseher")
+    with ExitStack() as stack:
+        url, _ = start_gateway(router, stack)
+        with httpx.Client(base_url=url) as another:
+            for word in ("Fernseher", "TV"):
+                assert submit(another, word, **{"Idempotency-Key": "in German"}).json()["id"] == first["id"]
+
+
 @pytest.mark.parametrize(
     ("target", "status", "name"),
     [
@@ -378,7 +390,8 @@ def test_a_layer_that_doesnt_decode_is_fusions_fault(client, building):
 
 def test_objects_with_their_histories(client):
     assert client.get("/api/v1/objects").json()["total"] == 2
-    (couch,) = client.get("/api/v1/objects", params={"floor": "0", "label": "Sofa"}).json()["items"]
+    for word in ("Sofa", "canapé"):
+        (couch,) = client.get("/api/v1/objects", params={"floor": "0", "label": word}).json()["items"]
     assert (couch["label"], couch["status"], couch["confidence_robot"]) == ("couch", "confirmed", None)
     assert couch["history"][0]["what"] == "confirmed"
     assert couch["history"][0]["box_px"] == [1.0, 2.0, 30.0, 40.0]

@@ -174,6 +174,10 @@ def test_texts_and_load(bus: BusSettings, client: Node) -> None:
         assert len(reply.embeddings) == 2
         tv, bed = (unpack_embedding(e, Simulated.embedding_dim) for e in reply.embeddings)
         assert tv @ bed < 0.5
+        assert reply.words == ["tv", "bed"]
+        other = InferRequest(stamp_ns=clock_ns(), texts=["seems like there is a Fernseher", "Bett"])
+        same = client.ask(PERCEPTION_TEXT, other, worker="w7", timeout_s=10).message
+        assert (same.words, same.embeddings) == (reply.words, reply.embeddings)
         for texts, name in ((["flux capacitor"], "bad_target"), ([], "bad_message"), (["bed"] * 1000, "bad_message")):
             with pytest.raises(Refused) as error:
                 client.ask(PERCEPTION_TEXT, InferRequest(stamp_ns=1, texts=texts), worker="w7", timeout_s=10)

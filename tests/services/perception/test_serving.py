@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cli.stack import environment
 from services.perception import __main__ as main
 from simulator.truth.backends import Oracle
 from surveilnav.bus import Refused, clock_ns
@@ -318,6 +320,26 @@ def test_a_process_that_is_never_ready_ends_and_says_why(scripted, bus, monkeypa
     monkeypatch.setenv("SURVEILNAV_BUS__ROUTER", bus.router)
     with ThreadPoolExecutor(1) as pool, pytest.raises(PerceptionError, match="probe picture rightly: expected a unit"):
         pool.submit(main.main).result(timeout=20)
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_worker_is_told_whether_its_building_is_simulated(monkeypatch, simulated):
+    told = []
+
+    def chosen(name, **settings):
+        told.append((name, settings["simulated"]))
+        raise PerceptionError("enough")
+
+    monkeypatch.setattr(main, "choose_backend", chosen)
+    if simulated:
+        stack = environment(
+            router="tcp/127.0.0.1:1", building="b", seed=0, cameras=None, area_per_camera_m2=1.0, perception="auto",
+            surveillance=True, state=Path(),
+        )  # fmt: skip
+        monkeypatch.setenv("SURVEILNAV_PERCEPTION__SIMULATED", stack["SURVEILNAV_PERCEPTION__SIMULATED"])
+    with pytest.raises(PerceptionError, match="enough"):
+        main.main()
+    assert told == [("auto", simulated)]
 
 
 def test_the_load_says_how_long_each_stage_takes(make_worker, scripted, request_of):

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from services.planner import targets
 from services.planner.config import PlannerSettings
 from services.planner.service import PlannerService
 from services.planner.store import Store
@@ -300,6 +301,64 @@ def test_a_target_is_what_some_worker_understands(fakes, planner, make_node, cli
     ack = submit(client, "m1", target="Samovar")
     assert ack.accepted == accepted
     assert accepted or (ack.error, ack.message) == ("bad_target", "nearest to it: vase")
+
+
+@pytest.mark.parametrize(
+    ("asked", "words", "target"),
+    [
+        ("Fernseher", {"a": (False, ["tv"])}, "tv"),
+        ("Fernseher", {"a": (True, [""]), "b": (False, ["tv"])}, "tv"),
+        ("Fernseher", {"a": (True, [""])}, "fernseher"),
+        ("Fernseher", {"a": (False, [])}, "fernseher"),
+        ("Sofa", {"a": (False, ["couch"])}, "couch"),
+        ("Fernseher", {"a": (False, ["t\x1bv"])}, "fernseher"),
+    ],
+    ids=["closed", "closed beside open", "open", "says nothing", "known spelling", "says no word"],
+)
+def test_a_target_has_the_name_that_perception_has_for_it(
+    fakes, planner, make_node, client, monkeypatch, asked, words, target
+):
+    """Workers by name: whether they have an open vocabulary, and what they say of the word."""
+    fakes()
+    for name, (is_open, said) in words.items():
+        reply = TextReply(stamp_ns=1, worker=name, backend="b", embeddings=[b""], words=said)
+        load = WorkerLoad(
+            stamp_ns=1, worker=name, backend="b", why="", queued=0, capacity=1, latency_ms=1.0,
+            models=ModelIds(detector=name), open_vocabulary=is_open,
+        )  # fmt: skip
+        worker = make_node("perception", name)
+        worker.serve(PERCEPTION_TEXT, lambda _, reply=reply: Answer(reply), worker=name)
+        worker.serve(PERCEPTION_LOAD, lambda _, load=load: Answer(load), worker=name)
+        until_heard(lambda name=name: client.ask(PERCEPTION_LOAD, worker=name))
+    planner()
+    ack = submit(client, "m1", target=asked)
+    (status,) = (answer.message for answer in client.ask_all(MISSION_STATUS))
+    assert (ack.target, status.target) == (target, target)
+    assert status.asked == ("Fernseher" if target == "tv" else "")
+    assert submit(client, "m1", target=asked).accepted, "the same goal sent again"
+    monkeypatch.setattr(targets, "_one_of_each_model", lambda node: [])
+    assert submit(client, "m1", target=asked).accepted, "and again, when no worker answers"
+    assert not submit(client, "m1", target="bed").accepted
+
+
+def test_a_worker_that_warms_up_is_asked_again(fakes, planner, make_node, client):
+    fakes()
+    asked = []
+
+    def answer(request):
+        asked.append(request)
+        if len(asked) < 3:
+            raise Refused("not_ready", "it warms up")
+        return Answer(TextReply(stamp_ns=1, worker="a", backend="b", embeddings=[b""], words=["tv"]))
+
+    load = WorkerLoad(stamp_ns=1, worker="a", backend="b", why="", queued=0, capacity=1, latency_ms=1.0)
+    worker = make_node("perception", "a")
+    worker.serve(PERCEPTION_TEXT, answer, worker="a")
+    worker.serve(PERCEPTION_LOAD, lambda _: Answer(load), worker="a")
+    until_heard(lambda: client.ask(PERCEPTION_LOAD, worker="a"))
+    planner()
+    assert submit(client, "m1", target="Fernseher").target == "tv"
+    assert len(asked) == 3
 
 
 @pytest.mark.parametrize(

@@ -69,8 +69,7 @@ def test_every_family_finds_a_stop_sign_in_its_place(
 @needs_models
 @pytest.mark.models
 def test_a_whole_view_with_two_detectors() -> None:
-    backend = choose_backend("auto", download=False)
-    assert backend.name == "onnx-coco"
+    backend = choose_backend("onnx-coco", download=False)
     assert "yolox-nano + picodet-s; for cameras yolox-nano + deimv2-femto" in backend.why
     depth = np.full((480, 640), 4.0, np.float32)
     depth[90:270, 110:290] = 2.0

@@ -48,9 +48,9 @@ def test_a_prompt_names_its_word(word):
 def test_a_target_outside_the_vocabulary_is_refused_with_what_is_near():
     backend = Plain(TWO_WORDS)
     assert word_refused(backend, value_prompt("samovar")) == ""
-    why = word_refused(backend, value_prompt("book case"))
-    assert "'book case' is not one of the 2 classes" in why
-    assert "nearest to it: bookcase" in why
+    why = word_refused(backend, value_prompt("bok case"))
+    assert "'bok case' is not in this model's vocabulary" in why
+    assert "nearest are bookcase" in why
 
 
 def test_a_target_that_the_detector_refuses_is_refused():

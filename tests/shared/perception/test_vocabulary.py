@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import msgspec
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from surveilnav.errors import ConfigError, TargetError
 from surveilnav.perception.vocabulary import COCO, DATA, Vocabulary
@@ -47,10 +49,52 @@ def test_names_have_numbers_and_any_spelling_finds_them():
 
 
 @pytest.mark.parametrize(
-    ("word", "near"), [("table", "dining table"), ("plants", "potted plant"), ("chairs", "chair"), ("zzz", None)]
-)
+    ("word", "name"),
+    [
+        ("Sofa", "couch"), ("canapé", "couch"), ("CANAPE", "couch"), ("Fernseher", "tv"), ("télé", "tv"),
+        ("television", "tv"), ("床", "bed"), ("fridge", "refrigerator"), ("WC", "toilet"), ("plants", "potted plant"),
+        ("chairs", "chair"), ("Esstisch", "dining table"), ("a chair", "chair"), ("Кровать", "bed"), ("hot dog", "hot dog"),
+    ],
+)  # fmt: skip
+def test_people_s_words_are_understood_in_any_language(word, name):
+    assert COCO.known(word) == name
+
+
+@pytest.mark.parametrize(
+    ("word", "near"),
+    [
+        ("tabel", "dining table"), ("couches", "couch"), ("zzz", None), ("Fernsehr", "tv"), ("Nachttisch", "dining table"),
+        ("red sofa", "couch"), ("bathroom", "toilet"), ("living room", "couch"), ("bed sheet", "bed"),
+    ],
+)  # fmt: skip
 def test_a_word_that_it_does_not_know_is_refused_with_the_nearest(word, near):
-    with pytest.raises(TargetError) as raised:
+    with pytest.raises(TargetError, match="not in this model's vocabulary") as raised:
         COCO.known(word)
-    assert ("nearest to it" in str(raised.value)) == (near is not None)
+    assert ("nearest are" in str(raised.value)) == (near is not None)
+    assert near is None or COCO.nearest(word)[0] == near
     assert near is None or near in str(raised.value)
+
+
+def test_names_of_its_own_go_before_what_a_word_means_elsewhere():
+    own = Vocabulary("OWN", ["table", "dining table", "chest of drawers"], meanings={"chest": "chest of drawers"})
+    assert own.known("table") == "table"
+    assert own.known("Esstisch") == "dining table"
+    assert own.known("Kommode") == own.known("chest") == "chest of drawers"
+    assert own.nearest("Komode") == ["chest of drawers"]
+
+
+@given(st.text(max_size=300))
+@example("-")
+@example("")
+@example("a b " * 75)
+def test_any_text_is_known_or_refused(text):
+    assert (COCO.understood(text) in COCO) == (COCO.understood(text) != "")
+    if not COCO.understood(text):
+        with pytest.raises(TargetError):
+            COCO.known(text)
+
+
+def test_what_is_akin_in_meaning_comes_first():
+    own = Vocabulary("OWN", ["oven", "kitten"], akin={"kitchen": ["oven"]})
+    assert own.nearest("kitchen") == ["oven", "kitten"]
+    assert own.nearest("kitchen", most=1) == ["oven"]

@@ -58,7 +58,9 @@ def test_no_viewpoint_behind_a_wall(home) -> None:
 def test_targets_and_their_errors(home, boxes, room, targets_in) -> None:
     scene, nav = home
     assert targets_in(scene, nav) == {"bed": 1, "couch": 1}
-    assert find_goals(scene, nav, " Sofa ").label == "couch"
+    assert find_goals(scene, nav, " Sofa ").label == find_goals(scene, nav, "canapé").label == "couch"
+    with pytest.raises(TargetError, match="no 'Tür'"):
+        find_goals(scene, nav, "Tür")
     with pytest.raises(TargetError, match=r"no 'toilet' in boxes; robots can get to bed \(1\), couch \(1\)$"):
         find_goals(scene, nav, "toilet")
     with pytest.raises(TargetError, match=r"robots can't get within 1 m .* another target: bed \(1\), couch \(1\)$"):

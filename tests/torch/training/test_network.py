@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,13 @@ from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed
 from surveilnav.perception.detectors.compact import places as places_of_file
 from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.models.card import card_of
 from surveilnav.perception.one_network import OneNetwork
 from surveilnav.perception.runtime import Runtime
 from surveilnav.sensing.views import box_cells
 from training.detector import classes
 from training.detector.assign import Targets, assign, pairwise_iou
-from training.detector.export import export
+from training.detector.export import export, write_card
 from training.detector.losses import giou, in_boxes
 from training.detector.network import Compact, boxes_of, n_parameters, places
 
@@ -132,6 +134,15 @@ def test_its_file_says_what_it_says(network: Compact, tmp_path: Path) -> None:
     np.testing.assert_allclose(answer.prototypes, said.prototypes[0].numpy(), atol=1e-3)
 
 
+def test_its_card_says_what_its_weights_are(network: Compact, tmp_path: Path) -> None:
+    path = tmp_path / "compact.onnx"
+    export(network, path)
+    card = write_card(path, network, steps=10, views_seen=160)
+    assert card_of(path) == card
+    assert (card.bytes, card.parameters) == (path.stat().st_size, n_parameters(network))
+    assert card.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 @pytest.fixture(scope="module")
 def file(network: Compact, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("onnx") / "compact.onnx"
@@ -171,8 +182,12 @@ def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.Mo
     for d in seen.detections:
         x0, y0, x1, y1 = box_cells(d.box_px, 90, 60)
         assert d.mask is None or d.mask.shape == (y1 - y0, x1 - x0)
-    assert "nearest to it: couch" in backend.refuses("couches")
+    assert "nearest are couch" in backend.refuses("couches")
     assert backend.refuses("sofa") == ""
+    words = ("Kommode", "Couchtisch", "escalier", "モニター", "table")
+    assert [backend.understood(word) for word in words] == ["chest of drawers", "table", "stairs", "computer", "table"]
+    assert backend.understood("kitchen") == ""
+    assert len(backend.vocabulary.nearest("kitchen")) == 3
 
 
 def test_one_thing_has_one_box_and_the_place_that_speaks_for_it(file: Path) -> None:

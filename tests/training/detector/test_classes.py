@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from simulator.furniture.labels import KINDS, TARGETS
+from surveilnav.nouns import phrases_of
+from surveilnav.perception.vocabulary import Vocabulary
 from training.detector import classes
 
 NAMES = classes.load()
@@ -46,3 +48,17 @@ def test_words_mean_classes(word: str, name: str) -> None:
 def test_rooms_have_kinds(name: str, kind: str) -> None:
     number = NAMES.room_of(name)
     assert (NAMES.rooms[number] if number >= 0 else "") == kind
+
+
+def test_people_have_words_for_every_class_and_room_names_are_none() -> None:
+    known = classes.load()
+    vocabulary, phrases = Vocabulary("compact", known.names, meanings=known.meanings), phrases_of()
+    things: dict[str, list[str]] = {name: [name] for name in known.names}
+    for word, name in known.meanings.items():
+        things[name].append(word)
+    for name in known.names:
+        said = [phrase for thing in things[name] for phrase in phrases.get(thing, ())]
+        wrong = [phrase for phrase in said if vocabulary.understood(phrase) != name]  # words of two languages
+        assert said, name
+        assert len(wrong) <= max(1, 0.15 * len(said)), (name, wrong)
+    assert [room for room in known.rooms if vocabulary.understood(room) not in ("", room)] == []

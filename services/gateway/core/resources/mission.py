@@ -14,14 +14,17 @@ class NewMission(BaseModel):
 
     model_config = ConfigDict(extra="forbid", str_strip_whitespace=True)
 
-    target: str = Field(min_length=1, max_length=200, description="what to find: 'potted plant', 'couch', ...")
+    target: str = Field(
+        min_length=1, max_length=200, description="what to find: 'potted plant', 'sofa', 'Fernseher', ..."
+    )
     robot: str | None = Field(default=None, pattern=ID_PATTERN, description="which robot; null: any free one")
     max_steps: int = Field(default=500, ge=1, le=100_000, description="give up after so many actions")
 
 
 class Mission(Resource):
     id: str = Field(validation_alias="mission")
-    target: str
+    target: str = Field(description="as perception calls it: 'tv' for 'Fernseher'")
+    asked: Text = Field(default=None, description="as who asked called it, where that is otherwise")
     robot: Text
     state: str = Field(description="queued, active, confirming, done, failed or cancelled")
     phase: str = ""
@@ -49,7 +52,7 @@ class Mission(Resource):
     @classmethod
     def from_ack(cls, ack: MissionAck, goal: NewMission, seen_ns: int) -> Mission:
         """A mission just accepted, of which no status was heard yet."""
-        asked = {"target": goal.target, "robot": ack.robot or goal.robot, "max_steps": goal.max_steps}
+        asked = {"target": ack.target or goal.target, "robot": ack.robot or goal.robot, "max_steps": goal.max_steps}
         return cls.made_of(ack, **asked, error=None, last_seen=seen_ns, stale=False)
 
 

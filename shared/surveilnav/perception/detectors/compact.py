@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
+import msgspec
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from surveilnav.errors import PerceptionError
 from surveilnav.perception.boxes import Boxes, merged_rows
 from surveilnav.perception.detectors.onnx_file import LOWEST
+from surveilnav.sensing.packing import MAX_NAMES
+from surveilnav.words import canonical
 
 Floats = NDArray[np.float32]
 
@@ -57,17 +61,30 @@ class Answer:
 
 
 class CompactNetwork:
-    """The network in an ONNX file (``export``). ``side_px``: the longer side of what it sees; a multiple of 32."""
+    """The network in an ONNX file (``training.detector.export``). ``side_px``: the longer side of what it sees; a multiple of 32.
+
+    Attributes:
+        classes, rooms: C names of things, R of kinds of rooms.
+        meanings: by another word, the class that it means.
+        class_vectors: (C, D) what each class looks like; ``near_vectors``: (C + R, D) what shows where each is near.
+
+    Raises:
+        PerceptionError: the file is none of its kind.
+    """
 
     name = "compact"
 
     def __init__(self, session: onnxruntime.InferenceSession, side_px: int = 416) -> None:
         self._session, self._side = session, side_px
-        said = session.get_modelmeta().custom_metadata_map
-        self.classes: tuple[str, ...] = tuple(json.loads(said["classes"]))
-        self.class_vectors, self.near_vectors = (
-            np.array(json.loads(said[key]), np.float32) for key in ("class_vectors", "near_vectors")
-        )
+        found = {output.name for output in session.get_outputs()}
+        if missing := [name for name in self._outputs if name not in found]:
+            raise PerceptionError(
+                f"compact: the file has no output {', '.join(missing)}; it has {', '.join(sorted(found))}"
+            )
+        said = _said(session.get_modelmeta().custom_metadata_map)
+        self.classes, self.rooms, self.meanings = tuple(said.classes), tuple(said.rooms), said.meanings
+        self.class_vectors = np.array(said.class_vectors, np.float32)
+        self.near_vectors = np.array(said.near_vectors, np.float32)
 
     def detect(self, rgb: NDArray[np.uint8]) -> Boxes:
         """Boxes of (height, width, 3) uint8 in its pixels, one a thing, the best first."""
@@ -95,6 +112,36 @@ class CompactNetwork:
         )  # fmt: skip
 
     _outputs = ("scores", "ltrb", "coefficients", "embeddings", "prototypes", "image", "near")
+
+
+class _Said(msgspec.Struct, frozen=True):
+    """What a file says of itself; each entry of its metadata is JSON."""
+
+    classes: list[str]
+    rooms: list[str]
+    class_vectors: list[list[float]]
+    near_vectors: list[list[float]]
+    meanings: dict[str, str] = {}
+
+
+def _said(metadata: Mapping[str, str]) -> _Said:
+    """What a file's metadata say. PerceptionError: they don't fit each other, or one is missing."""
+    try:
+        entries = {key: msgspec.json.decode(metadata[key]) for key in _Said.__struct_fields__ if key in metadata}
+        said = msgspec.convert(entries, _Said)
+    except msgspec.MsgspecError as error:
+        raise PerceptionError(f"compact: the file's metadata can't be read: {error}") from error
+    if not said.classes or len(said.classes) > MAX_NAMES or [canonical(c) for c in said.classes] != said.classes:
+        raise PerceptionError(
+            f"compact: expected 1 to {MAX_NAMES} classes, spelled as words are, got {said.classes[:20]}"
+        )
+    if len(set(said.classes)) != len(said.classes):
+        raise PerceptionError("compact: two of the file's classes have one name")
+    n, rows = len(said.class_vectors[0]) if said.class_vectors else 0, (said.class_vectors, said.near_vectors)
+    wanted = len(said.classes), len(said.classes) + len(said.rooms)
+    if n == 0 or tuple(map(len, rows)) != wanted or any(len(row) != n for table in rows for row in table):
+        raise PerceptionError(f"compact: expected {wanted[0]} and {wanted[1]} vectors of one length, got others")
+    return said
 
 
 def letterboxed(rgb: NDArray[np.uint8], side_px: int) -> tuple[NDArray[np.uint8], float]:

@@ -10,6 +10,8 @@ import msgspec
 from surveilnav.errors import PerceptionError
 
 DATA = Path(__file__).parent / "catalogue.json"
+#: Where built-in models lie.
+BUILT_IN = Path(__file__).parents[1] / "data"
 
 
 class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -29,10 +31,11 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     Attributes:
         family: who reads it; of a transformers folder, the ``model_type`` of its config.json or a near relative.
-        vocabulary: "coco": the 80 classes; "own": those of the user's file; "open": any text; "": it knows no classes.
+        vocabulary: "coco": the 80 classes; "own": those in its file; "open": any text; "": it knows no classes.
         repo, revision: on the Hugging Face hub.
         url: of the one file, where it isn't on the hub.
         setting: the environment variable that names a custom file. Such a model has no public address.
+        built_in: it lies in this package's data, in a folder of its name, with a card beside it (``card``).
         about_mb: its size in MB, where that of no file is known exactly.
         note: what a stranger should know.
         confirmed: what of this entry was seen on public pages. Nothing else was.
@@ -48,6 +51,7 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     revision: str = ""
     url: str = ""
     setting: str = ""
+    built_in: bool = False
     about_mb: int = 0
     note: str = ""
     confirmed: str = ""
@@ -61,6 +65,11 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     def path(self) -> str:
         """What it is called in a folder of models."""
         return self.name if self.is_folder else self.files[0].name
+
+    @property
+    def built_in_path(self) -> Path:
+        """Where its file lies in this package, if it is ``built_in``."""
+        return BUILT_IN / self.name / self.path
 
     @property
     def source(self) -> str:

@@ -10,6 +10,7 @@ import msgspec
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.models import digest, lock
+from surveilnav.perception.models.card import card_of
 from surveilnav.perception.models.catalogue import Model
 from surveilnav.perception.models.formats import readable, whole
 
@@ -139,6 +140,8 @@ def _expect_file(path: Path, model: Model, root: Path, anew: bool) -> None:
     there(path)
     whole(path)
     expected = lock.expected(next((file for file in model.files if file.name == path.name), None), lock.of(model, root))
+    if model.built_in and (card := card_of(path)) is not None:
+        expected = card.sha256
     if expected is None:
         readable(path)
         return

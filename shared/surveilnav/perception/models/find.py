@@ -83,6 +83,11 @@ def model_id(name: str, path: Path) -> str:
     return f"{Path(name).name}@{whole[:8]}"
 
 
+def is_here(name: str) -> bool:
+    """Whether anything lies under a name of the catalogue, whatever it is. PerceptionError: there is no such model."""
+    return _present(model_called(name)) is not None
+
+
 def survey(name: str, *, anew: bool = False) -> Seen:
     """What is here of a model. Never downloads; what it finds wrong is in ``Seen.fault``.
 
@@ -105,6 +110,10 @@ def survey(name: str, *, anew: bool = False) -> Seen:
 
 def _not_here(model: Model, download: bool) -> str:
     """That a model isn't on this machine, and how it gets there."""
+    if model.built_in:
+        return (
+            f"the weights of {model.name} don't come with this version of SurveilNav; {model.setting} can name a file"
+        )
     how = f"`surveilnav models pull {model.name}` fetches it." if model.source else model.note
     if download and model.source:
         mb, most_mb = model.size_bytes / 1e6, MOST_UNASKED_BYTES / 1e6
@@ -122,6 +131,9 @@ def _places(model: Model) -> Iterator[Path]:
     custom = path_set_by(model.setting) if model.setting else None
     if custom is not None:
         yield custom
+        return
+    if model.built_in:
+        yield model.built_in_path
         return
     given = models_dir()
     if given is not None:

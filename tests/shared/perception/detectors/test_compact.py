@@ -1,11 +1,22 @@
-"""What surrounds the network in its ONNX file: letterbox and places."""
+"""What surrounds the network in its ONNX file, on a tiny one: letterbox, places, the backend, files of other kinds."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from onnx import TensorProto, helper
 
-from surveilnav.perception.detectors.compact import letterboxed, places
+from surveilnav.errors import PerceptionError
+from surveilnav.geometry import Pinhole
+from surveilnav.perception.chances import ChanceTable
+from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed, places
+from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.one_network import OneNetwork
+from surveilnav.perception.runtime import Runtime
+from surveilnav.sensing.views import box_cells
+from tests.compact_file import write
 
 
 @pytest.mark.parametrize(
@@ -26,3 +37,92 @@ def test_places_are_the_middles_of_their_cells() -> None:
     points = places(64, 96)
     assert len(points) == 8 * 12 + 4 * 6 + 2 * 3
     assert points[[0, 1, 12, 96, -1]].tolist() == [[4, 4], [12, 4], [4, 12], [8, 8], [80, 48]]
+
+
+CAMERA = Pinhole.from_hfov(320, 240, 1.3)
+
+
+def red_square() -> np.ndarray:
+    """A picture (240, 320, 3) whose pixels [100:160, 100:180] are red."""
+    rgb = np.full((240, 320, 3), 20, np.uint8)
+    rgb[100:160, 100:180] = (255, 0, 0)
+    return rgb
+
+
+@pytest.fixture
+def network(tmp_path: Path) -> CompactNetwork:
+    return opened(write(tmp_path / "compact.onnx"))
+
+
+def opened(path: Path) -> CompactNetwork:
+    return CompactNetwork(session(path, Runtime()), side_px=320)
+
+
+def test_as_a_backend_it_says_what_is_where_with_a_mask_and_a_vector(network: CompactNetwork) -> None:
+    backend = OneNetwork("compact", "in a test", network, "compact@0")
+    seen = backend.perceive(red_square(), np.ones((240, 320), np.float32), CAMERA)
+    assert {d.label for d in seen.detections} == {"tv"}
+    for d in seen.detections:
+        x0, y0, x1, y1 = box_cells(d.box_px, 320, 240)
+        assert d.mask is not None
+        is_red = red_square()[y0:y1, x0:x1, 0] == 255
+        assert (d.mask == is_red).mean() > 0.8
+        assert np.linalg.norm(d.embedding) == pytest.approx(1.0, abs=1e-3)
+        assert d.chance is None
+    assert seen.words == network.classes
+    assert not backend.calibrated
+
+
+def test_with_a_table_its_detections_have_chances(network: CompactNetwork) -> None:
+    table = ChanceTable("a test", 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.5, {})
+    backend = OneNetwork("compact", "in a test", network, "compact@0", table)
+    depth = np.ones((240, 320), np.float32)
+    robot, camera = (
+        backend.perceive(red_square(), depth, CAMERA, key=(source, 0, 1)).detections
+        for source in ("robot/r1", "camera/c1")
+    )
+    assert backend.calibrated
+    assert [d.chance for d in robot] > [d.chance for d in camera] > [0.0]
+
+
+def test_its_words_are_understood_and_rooms_have_near_classes(network: CompactNetwork) -> None:
+    backend = OneNetwork("compact", "in a test", network, "compact@0")
+    assert [backend.understood(word) for word in ("Kommode", "Bett", "télé", "Couchtisch")] == [
+        "chest of drawers", "bed", "tv", "",
+    ]  # fmt: skip
+    assert (backend.embed_texts(["Bett"]) == backend.embed_texts(["bed"])).all()
+    assert "nearest are oven" in backend.refuses("kitchen")
+    assert "nearest are table" in backend.refuses("Couchtisch")
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"classes": None}, "classes"),
+        ({"classes": "tv"}, "classes"),
+        ({"classes": ["TV", "bed", "chest of drawers", "table", "oven"]}, "spelled as words are"),
+        ({"classes": ["tv", "tv", "chest of drawers", "table", "oven"]}, "one name"),
+        ({"classes": []}, "1 to 4096 classes"),
+        ({"near_vectors": [[1.0] * 8]}, "5 and 7 vectors"),
+        ({"class_vectors": [[1.0]] * 4 + [[]]}, "5 and 7 vectors"),
+        ({"class_vectors": [["a"]]}, "metadata can't be read"),
+        ({"meanings": ["chest"]}, "metadata can't be read"),
+    ],
+)
+def test_a_file_that_is_none_of_its_kind_is_refused(tmp_path: Path, more: dict[str, object], said: str) -> None:
+    with pytest.raises(PerceptionError, match=said):
+        opened(write(tmp_path / "compact.onnx", more=more))
+
+
+def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
+    value = helper.make_tensor_value_info
+    graph = helper.make_graph(
+        [helper.make_node("Identity", ["x"], ["y"])], "other",
+        [value("x", TensorProto.FLOAT, [1])], [value("y", TensorProto.FLOAT, [1])],
+    )  # fmt: skip
+    path = tmp_path / "other.onnx"
+    path.write_bytes(
+        helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8).SerializeToString()
+    )
+    with pytest.raises(PerceptionError, match="no output scores"):
+        opened(path)

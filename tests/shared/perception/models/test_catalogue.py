@@ -40,10 +40,11 @@ def test_the_closed_set_is_what_the_backend_runs():
     assert all(models.CATALOGUE[name].licence.startswith("Apache-2.0") for name in models.COCO_DETECTORS)
 
 
-def test_what_a_user_exports_knows_its_own_words_alone():
+def test_what_has_its_classes_in_its_file_can_be_another_file():
     custom = {name for name, model in models.CATALOGUE.items() if model.setting}
-    assert custom == {"yolo-world"}
+    assert custom == {"yolo-world", "compact"}
     assert {name for name, model in models.CATALOGUE.items() if model.vocabulary == "own"} == custom
+    assert {name for name, model in models.CATALOGUE.items() if model.built_in} == {"compact"}
 
 
 def test_addresses_go_through_the_endpoint_and_name_the_revision():

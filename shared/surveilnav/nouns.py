@@ -75,6 +75,8 @@ class _Reading:
     #: How many of its words the language knows, longer phrases first.
     known: tuple[int, int] = (0, 0)
     n_links: int = 0
+    #: Whether it knows each of them.
+    is_whole: bool = False
 
 
 def thing_of(name: str, language: str = "") -> str | None:
@@ -87,6 +89,26 @@ def thing_of(name: str, language: str = "") -> str | None:
     """
     head = _best(name[:_MAX_NAME_CHARS], language).head
     return "" if head == PART else head
+
+
+def thing_asked_for(phrase: str) -> str:
+    """The class or the kind of thing that a person's phrase names, every word of it; "" if one is unknown, or it names none.
+
+    It also knows what is no furniture ("Tür", "escalier").
+    """
+    if len(phrase) > _MAX_NAME_CHARS:
+        return ""
+    best = _best(phrase, "", asked=True)
+    return best.head if best.head and best.head != PART and best.is_whole else ""
+
+
+def phrases_of() -> dict[str, tuple[str, ...]]:
+    """By thing, the phrases of all languages that a person may ask for it by."""
+    phrases: dict[str, dict[str, None]] = {}
+    for row in _table()["languages"].values():
+        for thing, listed in (*row["things"].items(), *row["also"].items()):
+            phrases.setdefault(thing, {}).update(dict.fromkeys(listed.replace("-", "").split(", ")))
+    return {thing: tuple(listed) for thing, listed in phrases.items() if thing not in ("", PART)}
 
 
 def whole_of(name: str) -> str | None:
@@ -138,9 +160,9 @@ def _parts(name: str, keeps_accents: bool) -> tuple[tuple[str, ...], ...]:
 
 
 @lru_cache(maxsize=4096)
-def _best(name: str, language: str) -> _Reading:
+def _best(name: str, language: str, asked: bool = False) -> _Reading:
     """The reading of the language that knows most of a name; the first of equals, they stand in order of use."""
-    read = [(_read(name, known), known.code == language) for known in _languages()]
+    read = [(_read(name, known), known.code == language) for known in _languages(asked)]
     return max(read, key=lambda r: (r[0].known, r[1], r[0].n_links))[0]
 
 
@@ -162,7 +184,8 @@ def _read(name: str, language: Language) -> _Reading:
     head = next((_head([thing for thing, _ in phrase], language) for phrase in phrases if phrase), None)
     found = [match for phrase in phrases for match in phrase]
     lengths = [length for _, length in found]
-    return _Reading(head, tuple(t for t, _ in found), (sum(lengths), sum(n * n for n in lengths)), n_links)
+    known = (sum(lengths), sum(n * n for n in lengths))
+    return _Reading(head, tuple(t for t, _ in found), known, n_links, sum(map(len, parts)) == known[0] + n_links)
 
 
 def _head(things: Sequence[str], language: Language) -> str:
@@ -185,7 +208,7 @@ def _known(words: Sequence[str], language: Language) -> Iterator[tuple[str | Non
 
 @cache
 def _table() -> dict:
-    text = resources.files("simulator.furniture").joinpath("data/words.json").read_text("utf-8")
+    text = resources.files("surveilnav").joinpath("data/words.json").read_text("utf-8")
     table: dict = json.loads(text)
     return table
 
@@ -197,16 +220,16 @@ def _annotations() -> frozenset[str]:
 
 
 @cache
-def _languages() -> tuple[Language, ...]:
-    """All, in order of use."""
-    return tuple(_language(code, row) for code, row in _table()["languages"].items())
+def _languages(asked: bool = False) -> tuple[Language, ...]:
+    """All, in order of use; ``asked``: with what a person may ask for beside furniture."""
+    return tuple(_language(code, row, asked) for code, row in _table()["languages"].items())
 
 
-def _language(code: str, row: dict) -> Language:
+def _language(code: str, row: dict, asked: bool) -> Language:
     keeps_accents = row.get("accents") == "kept"
     phrases: dict[tuple[str, ...], str] = {}
     endings: dict[str, str] = {}
-    for thing, listed in row["things"].items():
+    for thing, listed in (*row["things"].items(), *(row["also"].items() if asked else ())):
         for phrase in listed.split(", "):
             words = words_of(phrase, keeps_accents)
             phrases[words] = thing
