@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from services.gateway.core.resources import NEEDED, Readiness, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
+from services.gateway.events import Events
 from services.gateway.maps import Maps
 from services.gateway.missions import Missions
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
+from services.gateway.watch import Watch
 from surveilnav.bus import Node
 
 
 class Gateway:
-    """Everything that the web side may ask for: ``missions``, ``sources`` and ``maps``, traffic and readiness."""
+    """Everything that the web side may ask for: ``missions``, ``sources`` and ``maps``, ``events``, traffic, readiness."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -24,6 +26,8 @@ class Gateway:
         self.missions = Missions(self._state)
         self.sources = Sources(self._state)
         self.maps = Maps(self._state, self.sources, self.missions)
+        self.events = Events()
+        self._watch = Watch(self._state, self.sources, self.events)
 
     def traffic(self) -> Traffic:
         """What every node counted, summed by node, camera and robot."""

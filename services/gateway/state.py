@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 from surveilnav import contract
@@ -24,7 +25,9 @@ class LastKnown:
 
     def __init__(self, node: Node, stream: Stream, capacity: int = 20_000) -> None:
         self._node, self._stream, self._capacity = node, stream, capacity
-        self._table = node.table(stream)
+        #: Is handed every message that is put, on the bus's own thread.
+        self.on_message: Callable[[Received[Any]], None] = lambda _: None
+        self._table = node.table(stream, on_message=lambda row: self.on_message(row))
         self._asked: dict[str, Received[Any]] = {}
         self._asked_s = time.monotonic()
         self._lock = threading.Lock()

@@ -156,7 +156,7 @@ OBJECTS = Stream(
     "objects", "{building}/objects/{floor}", m.ObjectList, "fusion", "query", None, 5_000,
     "data",
     "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; "
-    "text=WORDS: with how well each fits",
+    "text=WORDS: with how well each fits; detail=brief: without points and events",
 )  # fmt: skip
 MISSION_GOAL = Stream(
     "mission_goal", "{building}/mission/{mission}/goal", m.MissionAck, "planner", "query", None, 5_000,

@@ -10,10 +10,8 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-import uvicorn
 
-from services.gateway.__main__ import listen
-from services.gateway.app import create_app
+from services.gateway.__main__ import listen, web_server
 from services.gateway.config import GatewaySettings
 from services.gateway.service import Gateway
 from surveilnav import contract
@@ -40,6 +38,8 @@ class FakeBuilding:
         self.thumbnails = 0
         self.broken_layer = False
         self.revision = 1
+        self.object_status = "confirmed"
+        self.objects_asked: list[dict[str, str]] = []
         self.planner, self.fusion = self.node("planner", "p1"), self.node("fusion", "f1")
         self.camera, self.robot, self.worker = (
             self.node("camera", "c1"),
@@ -188,12 +188,13 @@ class FakeBuilding:
     def _objects(self, request: Request) -> Answer:
         if request.ids.get("floor", "0") != "0":
             raise Refused("unknown_floor", f"no floor {request.ids['floor']!r}")
+        self.objects_asked.append(request.parameters)
         event = m.ObjectEvent(
             clock_ns(), "camera/c1", 3, 1, "couch", 0.8, "confirmed", "0.80 >= 0.5", (1.0, 2.0, 30.0, 40.0)
         )
         common = {
             "floor": "0",
-            "status": "confirmed",
+            "status": self.object_status,
             "confidence": 0.8,
             "confidence_robot": float("nan"),
             "confidence_surveillance": 0.8,
@@ -281,9 +282,7 @@ def serve_gateway(endpoint: str, stack: ExitStack) -> tuple[str, Gateway]:
     """A gateway as ``python -m services.gateway`` runs it, on a thread; its address."""
     sock = stack.enter_context(listen("127.0.0.1", 0))
     gateway = Gateway(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))))
-    server = uvicorn.Server(
-        uvicorn.Config(create_app(gateway, GatewaySettings().names), log_config=None, access_log=False, lifespan="off")
-    )
+    server = web_server(gateway, GatewaySettings().names)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
 
