@@ -6,6 +6,7 @@ Calls block for as long as the contract says that an answer may take: run them o
 
 from __future__ import annotations
 
+from services.gateway.core.metrics import Heard
 from services.gateway.core.resources import NEEDED, Readiness, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
 from services.gateway.events import Events
@@ -43,6 +44,16 @@ class Gateway:
             for row in told.newest("supervisor").values()
             for state in row.message.services
         ]
+
+    def heard(self) -> Heard:
+        """What metrics are made of."""
+        alive, loads = self._node.alive("perception"), self._state.loads
+        workers = {id: (row.message, id not in alive or loads.old(row)) for id, row in loads.newest("worker").items()}
+        return Heard(
+            cameras=self.sources.cameras(), floors=self.maps.floors(), robots=self.sources.robots(),
+            missions=self.missions.all(), processes=self.services(), workers=workers, traffic=self.traffic(),
+            ready=self.readiness().ready, event_streams=self.events.streams, events=self.events.newest,
+        )  # fmt: skip
 
     def readiness(self) -> Readiness:
         """Whether a mission could run now, and what is missing."""

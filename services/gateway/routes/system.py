@@ -1,13 +1,20 @@
-"""``/traffic``, ``/services``, and how the whole is: ``/healthz``, ``/readyz``."""
+"""``/traffic``, ``/services``, ``/metrics``, and how the whole is: ``/healthz``, ``/readyz``."""
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from typing import Any
+
+from fastapi import APIRouter, Response
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from services.gateway.core.problems import Problem
 from services.gateway.core.resources import ROOT, Items, Readiness, Service, Traffic
 from services.gateway.routes.paging import Limit, Offset, page_of
 from services.gateway.service import Gateway
+
+_METRICS: dict[int | str, dict[str, Any]] = {
+    200: {"description": "the text format of Prometheus", "content": {"text/plain": {"schema": {"type": "string"}}}}
+}
 
 
 def router(gateway: Gateway) -> APIRouter:
@@ -23,6 +30,11 @@ def router(gateway: Gateway) -> APIRouter:
     def services(limit: Limit = 100, offset: Offset = 0) -> Items[Service]:
         """Processes that `surveilnav up` keeps running, and how often each was started again. Compose tells of its own."""
         return page_of(gateway.services(), limit, offset)
+
+    @router.get("/metrics", tags=["health"], response_class=Response, responses=_METRICS)
+    def metrics() -> Response:
+        """All that is counted, for Prometheus."""
+        return Response(generate_latest(gateway.heard()), media_type=CONTENT_TYPE_LATEST)
 
     @router.get("/healthz", tags=["health"])
     def healthz() -> dict[str, str]:

@@ -480,3 +480,12 @@ def test_services_that_are_kept_running(client, building):
     assert (router["id"], router["running"], router["restarts"], router["restarted"]) == ("router", True, 0, None)
     assert (fusion["running"], fusion["restarts"], fusion["why"], fusion["stale"]) == (False, 2, "SIGKILL", False)
     assert fusion["restarted"] == "2023-11-14T22:13:20Z"
+
+
+def test_metrics_are_what_prometheus_reads(client, building):
+    building.put_sources()
+    until(lambda: 'surveilnav_perception_up{worker="w1"} 1' in client.get("/metrics").text, "the worker isn't there")
+    answer = client.get("/metrics")
+    assert answer.headers["content-type"].startswith("text/plain; version=")
+    assert 'surveilnav_camera_views_expected{camera="c1"} 13' in answer.text
+    assert "surveilnav_ready 1" in answer.text
