@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import FastAPI
 
 from services.gateway import problem_answers, refusals
-from services.gateway.routes import events, maps, missions, page, sources, system
+from services.gateway.routes import documentation, events, maps, missions, objects, page, sources, system
 from services.gateway.service import Gateway
 from surveilnav import __version__
 
@@ -15,7 +15,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
 
     It serves until its owner closes the node.
     """
-    # FastAPI's own documentation pages load their scripts from elsewhere: none.
+    # FastAPI's own documentation pages load their scripts from elsewhere.
     app = FastAPI(
         title="SurveilNav",
         version=__version__,
@@ -29,7 +29,9 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(missions.router(gateway.missions))
     app.include_router(sources.router(gateway.sources))
     app.include_router(maps.router(gateway.maps))
+    app.include_router(objects.router(gateway.objects))
     app.include_router(events.router(gateway.events))
     app.include_router(system.router(gateway))
     app.include_router(page.router())
+    app.include_router(documentation.router())
     return app

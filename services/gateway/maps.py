@@ -1,4 +1,4 @@
-"""The joint map: floors, objects, and pictures of layers."""
+"""The joint map: floors, and pictures of layers."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from collections import OrderedDict
 from dataclasses import replace
 from typing import NamedTuple
 
-from services.gateway.asking import absent, ask_known
+from services.gateway.asking import ask_known
 from services.gateway.core import layers
 from services.gateway.core.layers import Picture
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import Floor, Object
+from services.gateway.core.resources import Floor
 from services.gateway.missions import Missions
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.errors import WireError
 from surveilnav.sensing.layers import unpack_layer
-from surveilnav.words import canonical
 
 _CACHED_PICTURES = 64
 
@@ -56,28 +55,6 @@ class Maps:
             )
             for name in sorted(names)
         ]
-
-    def objects(self, floor: str | None, label: str | None, text: str = "") -> list[Object]:
-        """Objects by floor, last seen first; of one floor or one label if given. With a text: those first that fit it
-        best, by what their pictures looked like."""
-        parameters = {"text": text} if text else None
-        if floor is None and not text:
-            rows = self._node.ask_all(contract.OBJECTS)
-            if not rows and not self._state.alive("fusion"):
-                raise absent("fusion")
-        elif floor is None and not self._state.alive("fusion"):
-            raise absent("fusion")
-        else:  # a text may be refused, which must be told
-            rows = [
-                ask_known(self._node, "floor", name, "fusion", contract.OBJECTS, parameters=parameters, floor=name)
-                for name in ([floor] if floor is not None else self._state.revisions.newest("floor"))
-            ]
-        wanted = None if label is None else canonical(label)
-        records = [r for row in rows for r in row.message.objects if wanted is None or r.label == wanted]
-        records.sort(key=lambda r: (r.floor, -r.last_seen_ns, r.id))
-        if text:
-            records.sort(key=lambda r: (r.relevance is None, -(r.relevance or 0.0)))
-        return [Object.from_record(r) for r in records]
 
     def layer(self, floor: str, layer: str, target: str) -> tuple[Picture, int]:
         """The picture of a layer, and the revision that it shows. Asked of fusion only if the floor's maps changed."""

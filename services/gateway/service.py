@@ -7,11 +7,12 @@ Calls block for as long as the contract says that an answer may take: run them o
 from __future__ import annotations
 
 from services.gateway.core.metrics import Heard
-from services.gateway.core.resources import NEEDED, Readiness, Service, Traffic
+from services.gateway.core.resources import NEEDED, Building, Readiness, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
 from services.gateway.events import Events
 from services.gateway.maps import Maps
 from services.gateway.missions import Missions
+from services.gateway.objects import Objects
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
 from services.gateway.watch import Watch
@@ -19,7 +20,7 @@ from surveilnav.bus import Node
 
 
 class Gateway:
-    """Everything that the web side may ask for: ``missions``, ``sources`` and ``maps``, ``events``, traffic, readiness."""
+    """Everything that the web side may ask for: ``missions``, ``sources``, ``maps``, ``objects``, ``events``, and the whole."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -27,8 +28,14 @@ class Gateway:
         self.missions = Missions(self._state)
         self.sources = Sources(self._state)
         self.maps = Maps(self._state, self.sources, self.missions)
+        self.objects = Objects(self._state)
         self.events = Events()
         self._watch = Watch(self._state, self.sources, self.events)
+
+    def building(self) -> Building:
+        """The building, with what is in it."""
+        inside = self.maps.floors(), self.sources.cameras(), self.sources.robots(), self.missions.all()
+        return Building.of(self._node.building, *inside, ready=self.readiness().ready)
 
     def traffic(self) -> Traffic:
         """What every node counted, summed by node, camera and robot."""

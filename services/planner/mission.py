@@ -297,4 +297,5 @@ class Mission:
             stamp_ns=clock_ns(), mission=self.id, robot=self.robot, floor=status.floor, step=self._memory.step,
             seq=status.seq, action=decision.action or "", waypoint=decision.waypoint,
             path_m=[(round(x, 3), round(y, 3)) for x, y in decision.path], candidates=list(decision.candidates),
+            why=decision.message,
         )  # fmt: skip

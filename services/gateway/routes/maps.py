@@ -1,4 +1,4 @@
-"""``/floors``, their layers as pictures, ``/objects``."""
+"""``/floors``, and their layers as pictures."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Response
 
 from services.gateway.core.layers import Picture
-from services.gateway.core.resources import ROOT, Floor, Items, Object
+from services.gateway.core.resources import ROOT, Floor, Items
 from services.gateway.maps import Maps
 from services.gateway.routes.paging import Id, Limit, Offset, page_of
-from surveilnav.contract import ID_PATTERN
 
 _PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": {}}, "description": "the picture"}}
 
 
 def router(found: Maps) -> APIRouter:
-    """Floors, pictures of their layers, objects."""
+    """Floors, pictures of their layers."""
     router = APIRouter(prefix=ROOT, tags=["building"])
 
     @router.get("/floors")
@@ -36,19 +35,6 @@ def router(found: Maps) -> APIRouter:
         """
         picture, revision = found.layer(id, layer, target.strip())
         return Response(picture.png, media_type="image/png", headers=_headers(picture, revision))
-
-    @router.get("/objects")
-    def objects(
-        floor: Annotated[str | None, Query(pattern=ID_PATTERN)] = None,
-        label: Annotated[str | None, Query(max_length=200)] = None,
-        text: Annotated[str, Query(max_length=200)] = "",
-        limit: Limit = 100,
-        offset: Offset = 0,
-    ) -> Items[Object]:
-        """Objects with their histories, by floor, last seen first. ``text``: words that a perception worker
-        understands (one with a closed set refuses others); those that look most like them first, with their
-        ``relevance``."""
-        return page_of(found.objects(floor, label, text.strip()), limit, offset)
 
     return router
 

@@ -1,4 +1,4 @@
-"""``/traffic``, ``/services``, ``/metrics``, and how the whole is: ``/healthz``, ``/readyz``."""
+"""``/buildings``, ``/traffic``, ``/services``, ``/metrics``, and how the whole is: ``/healthz``, ``/readyz``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import ROOT, Items, Readiness, Service, Traffic
+from services.gateway.core.resources import ROOT, Building, Items, Readiness, Service, Traffic
 from services.gateway.routes.paging import Limit, Offset, page_of
 from services.gateway.service import Gateway
 
@@ -20,6 +20,11 @@ _METRICS: dict[int | str, dict[str, Any]] = {
 def router(gateway: Gateway) -> APIRouter:
     """Traffic, services, health and readiness."""
     router = APIRouter()
+
+    @router.get(f"{ROOT}/buildings", tags=["building"])
+    def buildings(limit: Limit = 100, offset: Offset = 0) -> Items[Building]:
+        """The buildings that this gateway knows: one."""
+        return page_of([gateway.building()], limit, offset)
 
     @router.get(f"{ROOT}/traffic", tags=["building"])
     def traffic() -> Traffic:

@@ -78,7 +78,10 @@ class Candidate(msgspec.Struct, frozen=True):
 
 
 class Plan(Message, frozen=True, kw_only=True):
-    """The planner's present plan: waypoint, path (x, y in the world, metres), and what else it weighed."""
+    """The planner's present plan: waypoint, path (x, y in the world, metres), and what else it weighed.
+
+    ``why``: what the robot is up to, for people. ``candidates``: also objects that were left aside, each with why.
+    """
 
     mission: str
     robot: str
@@ -89,3 +92,4 @@ class Plan(Message, frozen=True, kw_only=True):
     waypoint: Candidate | None
     path_m: list[tuple[float, float]]
     candidates: list[Candidate]
+    why: str = ""

@@ -137,6 +137,7 @@ class FakeBuilding:
                 waypoint=waypoint,
                 path_m=[(0.0, 0.0), (1.5, 0.2), (float("nan"), 1.0)],
                 candidates=[waypoint],
+                why="to a frontier, 3.0 m",
             )
         )
 
@@ -213,6 +214,10 @@ class FakeBuilding:
             m.ObjectRecord(id=i, label=label, label_surveillance=label, **common)
             for i, label in enumerate(("couch", "tv"))
         ]  # type: ignore[arg-type]
+        if wanted := request.parameters.get("object"):
+            objects = [o for o in objects if str(o.id) == wanted]
+            if not objects:
+                raise Refused("unknown_object", f"floor '0' has no object {wanted} (any more)")
         return Answer(m.ObjectList(stamp_ns=clock_ns(), floor="0", revision=1, objects=objects), ids={"floor": "0"})
 
     # --- camera, robot, perception --------------------------------------------------------------------------------

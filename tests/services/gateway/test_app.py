@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import ExitStack
 from typing import Any
 
@@ -106,6 +107,7 @@ def test_plan_of_a_mission(client):
     assert plan["waypoint"]["kind"] == "frontier"
     assert plan["path_m"] == [[0.0, 0.0], [1.5, 0.2], [None, 1.0]]  # what isn't finite is null, not a crash
     assert plan["stale"] is False
+    assert (plan["why"], plan["candidates"][0]["note"]) == ("to a frontier, 3.0 m", "nearest with value")
 
 
 def test_the_same_idempotency_key_is_one_mission(client, building):
@@ -385,6 +387,54 @@ def test_objects_with_their_histories(client):
     problem(client.get("/api/v1/objects?floor=7"), 404)
 
 
+@pytest.mark.parametrize(
+    ("asked", "labels"),
+    [
+        ({}, ["couch", "tv"]),
+        ({"floor": "0", "min_confidence": "0.8"}, ["couch", "tv"]),
+        ({"min_confidence": "0.81"}, []),
+        ({"status": "rejected"}, []),
+        ({"status": "confirmed", "label": "TV"}, ["tv"]),
+    ],
+)
+def test_objects_by_what_they_must_be(client, asked, labels):
+    found = client.get("/api/v1/objects", params=asked).json()
+    assert [o["label"] for o in found["items"]] == labels
+    assert found["total"] == len(labels)
+
+
+@pytest.mark.parametrize(
+    "asked", ["min_confidence=1.1", "min_confidence=nan", "min_confidence=x", "status=sure", "text=" + "x" * 201]
+)
+def test_objects_that_cant_be_asked_for(client, asked):
+    problem(client.get(f"/api/v1/objects?{asked}"), 422)
+
+
+def test_one_object_with_its_whole_history(client, building):
+    couch = client.get("/api/v1/floors/0/objects/0").json()
+    assert (couch["id"], couch["label"], couch["history"][0]["note"]) == (0, "couch", "0.80 >= 0.5")
+    assert building.objects_asked[-1] == {"object": "0"}
+
+
+@pytest.mark.parametrize(
+    ("floor", "id", "status"), [("0", 7, 404), ("9", 0, 404), ("0", -1, 422), ("0", 2**31, 422), ("0", "x", 422)]
+)
+def test_one_object_that_isnt_there(client, floor, id, status):
+    problem(client.get(f"/api/v1/floors/{floor}/objects/{id}"), status)
+
+
+def test_the_building(client):
+    def found() -> dict[str, Any]:
+        answer = client.get("/api/v1/buildings").json()
+        assert answer["total"] == 1
+        return dict(answer["items"][0])
+
+    until(lambda: found()["ready"], "the building never became ready")
+    assert (found()["id"], found()["stale"], found()["floors"]) == ("building", False, ["0"])
+    assert found()["cameras"] >= 1
+    assert found()["last_seen"]
+
+
 @pytest.mark.parametrize("query", ["limit=0", "limit=1001", "limit=x", "offset=-1"])
 def test_limits(client, query):
     problem(client.get(f"/api/v1/cameras?{query}"), 422)
@@ -438,10 +488,26 @@ def test_health_and_openapi(client):
 
 @pytest.mark.parametrize(
     ("method", "path", "status"),
-    [("GET", "/api/v1/nothing", 404), ("DELETE", "/api/v1/missions", 405), ("GET", "/docs", 404)],
+    [
+        ("GET", "/api/v1/nothing", 404),
+        ("DELETE", "/api/v1/missions", 405),
+        ("GET", "/redoc", 404),
+        ("GET", "/docs/other.js", 404),
+    ],
 )
 def test_addresses_that_arent_there(client, method, path, status):
     problem(client.request(method, path), status)
+
+
+def test_the_documentation_needs_nothing_from_elsewhere(client):
+    answer = client.get("/docs")
+    assert "default-src 'none'" in answer.headers["content-security-policy"]
+    links = re.findall(r'(?:src|href)="([^"]+)"', answer.text)
+    assert len(links) == 3
+    for link in links:
+        assert client.get(link).status_code == 200, link
+    assert "https://" not in answer.text
+    assert '"validatorUrl": null' in answer.text
 
 
 def test_the_page_needs_nothing_from_elsewhere(client):

@@ -6,6 +6,7 @@ angles radians, positions in the world frame. Numbers that aren't finite become 
 """
 
 from services.gateway.core.resources.base import ROOT, Items
+from services.gateway.core.resources.building import Building
 from services.gateway.core.resources.camera import Camera
 from services.gateway.core.resources.floor import Floor
 from services.gateway.core.resources.mission import Mission, MissionPlan, NewMission
@@ -16,6 +17,6 @@ from services.gateway.core.resources.service import Service
 from services.gateway.core.resources.traffic import Traffic
 
 __all__ = [
-    "NEEDED", "ROOT", "Camera", "Floor", "Items", "Mission", "MissionPlan", "NewMission", "Object", "Readiness", "Robot",
-    "Service", "Traffic", "Worker",
+    "NEEDED", "ROOT", "Building", "Camera", "Floor", "Items", "Mission", "MissionPlan", "NewMission", "Object", "Readiness",
+    "Robot", "Service", "Traffic", "Worker",
 ]  # fmt: skip

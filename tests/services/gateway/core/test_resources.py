@@ -108,3 +108,28 @@ def test_invalid_requests_say_where():
     )
     assert (body["status"], body["detail"]) == (422, "body.target: Field required")
     assert body["errors"] == [{"where": "body.target", "message": "Field required"}]
+
+
+S = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("facts", "elapsed", "remaining"),
+    [
+        ({"started_ns": S, "stamp_ns": 41 * S, "path_m": 10.0, "distance_remaining_m": 5.0}, 40.0, 20.0),
+        ({"started_ns": S, "stamp_ns": 41 * S, "path_m": 0.9, "distance_remaining_m": 5.0}, 40.0, None),  # no pace yet
+        ({"started_ns": S, "stamp_ns": 41 * S, "path_m": 10.0}, 40.0, None),  # no waypoint
+        ({"started_ns": S, "finished_ns": 3 * S, "stamp_ns": 9 * S, "state": "done", "path_m": 9.0}, 2.0, None),
+        ({"started_ns": 0, "stamp_ns": 9 * S, "path_m": 10.0, "distance_remaining_m": 5.0}, None, None),
+        (
+            {"started_ns": 9 * S, "stamp_ns": S, "path_m": 10.0, "distance_remaining_m": 5.0},
+            None,
+            None,
+        ),  # clocks disagree
+        ({"started_ns": S, "stamp_ns": 9 * S, "path_m": math.nan, "distance_remaining_m": 5.0}, 8.0, None),
+        ({"started_ns": S, "stamp_ns": 9 * S, "path_m": 2.0, "distance_remaining_m": math.inf}, 8.0, None),
+    ],
+)
+def test_times_of_a_mission(facts, elapsed, remaining):
+    mission = Mission.from_status(status(**facts), 1, True)
+    assert (mission.elapsed_s, mission.time_remaining_s) == (elapsed, remaining)
