@@ -5,11 +5,11 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from services.gateway.asking import ask_known
 from services.gateway.core import layers
-from services.gateway.core.layers import Picture
+from services.gateway.core.layers import Drawn
 from services.gateway.core.problems import Problem
 from services.gateway.core.resources import Floor
 from services.gateway.missions import Missions
@@ -20,13 +20,15 @@ from surveilnav.errors import WireError
 from surveilnav.sensing.layers import unpack_layer
 
 _CACHED_PICTURES = 64
+Form = Literal["png", "npy"]
 
 
-class _PictureKey(NamedTuple):
-    """What a picture shows. ``stamp_ns``: of the revision; a fusion that started anew counts from 1 again."""
+class _Key(NamedTuple):
+    """What a picture or array shows. ``stamp_ns``: of the revision; a fusion that started anew counts from 1 again."""
 
     floor: str
     layer: str
+    form: Form
     target: str
     stamp_ns: int
 
@@ -36,7 +38,7 @@ class Maps:
 
     def __init__(self, state: BuildingState, sources: Sources, missions: Missions) -> None:
         self._state, self._node, self._sources, self._missions = state, state.node, sources, missions
-        self._pictures: OrderedDict[_PictureKey, tuple[Picture, int]] = OrderedDict()
+        self._pictures: OrderedDict[_Key, tuple[Drawn, int]] = OrderedDict()
         self._pictures_lock = threading.Lock()
 
     def floors(self) -> list[Floor]:
@@ -56,13 +58,14 @@ class Maps:
             for name in sorted(names)
         ]
 
-    def layer(self, floor: str, layer: str, target: str) -> tuple[Picture, int]:
-        """The picture of a layer, and the revision that it shows. Asked of fusion only if the floor's maps changed."""
+    def layer(self, floor: str, layer: str, target: str, form: Form = "png") -> tuple[Drawn, int]:
+        """A layer as a picture or an array, and the revision that it shows. Asked of fusion only if the floor's maps
+        changed."""
         if layer not in layers.COLOURS:
             raise Problem(404, "unknown_layer", f"no picture of {layer!r}; layers: {', '.join(layers.COLOURS)}")
         target = (target or self._searched(floor)) if layer == "value" else ""
         revision = self._state.revisions.newest("floor").get(floor)
-        key = _PictureKey(floor, layer, target, revision.message.stamp_ns if revision else 0)
+        key = _Key(floor, layer, form, target, revision.message.stamp_ns if revision else 0)
         if revision and (cached := self._cached(key)):
             return cached
         drawn = self._drawn(key)
@@ -77,25 +80,26 @@ class Maps:
             raise Problem(422, "no_target", "the value layer belongs to a target: add ?target=..., or submit a mission")
         return missions[0].target
 
-    def _drawn(self, key: _PictureKey) -> tuple[Picture, int]:
-        floor, layer, target, _ = key
+    def _drawn(self, key: _Key) -> tuple[Drawn, int]:
+        floor, layer, form, target, _ = key
         parameters = {"target": target} if target else None
         row = ask_known(
             self._node, "floor", floor, "fusion", contract.MAP_LAYER, parameters=parameters, floor=floor, layer=layer
         )
         try:
-            picture = layers.render(layer, row.message.grid, unpack_layer(layer, row.message, row.payload))
+            cells = unpack_layer(layer, row.message, row.payload)
         except WireError as error:
             raise Problem(502, "bad_layer", f"fusion sent a {layer} layer that can't be read: {error}") from error
-        return replace(picture, views_left_out=row.message.views_left_out), row.message.revision
+        drawn = (layers.render if form == "png" else layers.as_array)(layer, row.message.grid, cells)
+        return replace(drawn, views_left_out=row.message.views_left_out), row.message.revision
 
-    def _cached(self, key: _PictureKey) -> tuple[Picture, int] | None:
+    def _cached(self, key: _Key) -> tuple[Drawn, int] | None:
         with self._pictures_lock:
             if key in self._pictures:
                 self._pictures.move_to_end(key)
             return self._pictures.get(key)
 
-    def _cache(self, key: _PictureKey, drawn: tuple[Picture, int]) -> None:
+    def _cache(self, key: _Key, drawn: tuple[Drawn, int]) -> None:
         with self._pictures_lock:
             self._pictures[key] = drawn
             if len(self._pictures) > _CACHED_PICTURES:

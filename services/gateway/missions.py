@@ -8,8 +8,9 @@ import uuid
 from collections import OrderedDict
 
 from services.gateway.asking import ask, ask_known
+from services.gateway.core.cursors import Place, page_after
 from services.gateway.core.problems import Problem, refusal
-from services.gateway.core.resources import Mission, MissionPlan, NewMission
+from services.gateway.core.resources import GrowingItems, Mission, MissionPlan, NewMission
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
@@ -54,8 +55,16 @@ class Missions:
 
     def all(self) -> list[Mission]:
         """Newest first."""
-        rows = self._state.missions.newest("mission").values()
-        return [self._told(r) for r in sorted(rows, key=lambda r: (-r.message.started_ns, r.ids["mission"]))]
+        return [self._told(row) for row in self._rows()]
+
+    def page(self, cursor: str | None, offset: int, limit: int) -> GrowingItems[Mission]:
+        """At most ``limit``, newest first, after a cursor or from ``offset``."""
+        rows = self._rows()
+        page, next_cursor = page_after(rows, _place, cursor, offset, limit)
+        return GrowingItems(items=[self._told(row) for row in page], total=len(rows), next=next_cursor)
+
+    def _rows(self) -> list[Received[MissionStatus]]:
+        return sorted(self._state.missions.newest("mission").values(), key=_place)
 
     def get(self, id: str) -> Mission:
         """The mission as it was last told of, or as the planner tells when asked."""
@@ -81,6 +90,11 @@ class Missions:
 
     def _told(self, row: Received[MissionStatus]) -> Mission:
         return Mission.from_status(row.message, row.received_ns, self._state.alive("planner"))
+
+
+def _place(row: Received[MissionStatus]) -> Place:
+    """Newest first."""
+    return -max(0, row.message.started_ns), row.ids["mission"]
 
 
 def _repeated(goal: NewMission, same: bool, mission: Mission) -> Mission:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Header, Response
+from fastapi import APIRouter, Body, Header, Query, Response
 
-from services.gateway.core.resources import ROOT, Items, Mission, MissionPlan, NewMission
+from services.gateway.core.resources import ROOT, GrowingItems, Mission, MissionPlan, NewMission
 from services.gateway.missions import Missions
-from services.gateway.routes.paging import Id, Limit, Offset, page_of
+from services.gateway.routes.paging import Id, Limit, Offset
 
 
 def router(found: Missions) -> APIRouter:
@@ -27,9 +27,12 @@ def router(found: Missions) -> APIRouter:
         return mission
 
     @router.get("")
-    def missions(limit: Limit = 100, offset: Offset = 0) -> Items[Mission]:
-        """Missions, newest first."""
-        return page_of(found.all(), limit, offset)
+    def missions(
+        limit: Limit = 100, offset: Offset = 0, cursor: Annotated[str | None, Query(max_length=100)] = None
+    ) -> GrowingItems[Mission]:
+        """Missions, newest first. ``cursor``: the ``next`` of the page before; it goes on there, whatever was submitted
+        meanwhile."""
+        return found.page(cursor, offset, limit)
 
     @router.get("/{id}")
     def mission(id: Id) -> Mission:

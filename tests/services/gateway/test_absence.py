@@ -53,7 +53,7 @@ def test_a_mission_without_a_planner_is_503(lonely):
 
 @pytest.mark.parametrize("name", ["missions", "cameras", "robots", "floors", "perception"])
 def test_lists_are_empty(lonely, name):
-    assert lonely.get(f"/api/v1/{name}").json() == {"items": [], "total": 0}
+    assert {"items": [], "total": 0}.items() <= lonely.get(f"/api/v1/{name}").json().items()
 
 
 def test_values_need_a_target_while_there_is_no_mission(lonely):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from contextlib import ExitStack
 from typing import Any
@@ -385,6 +386,47 @@ def test_objects_with_their_histories(client):
     assert couch["history"][0]["what"] == "confirmed"
     assert couch["history"][0]["box_px"] == [1.0, 2.0, 30.0, 40.0]
     problem(client.get("/api/v1/objects?floor=7"), 404)
+
+
+@pytest.mark.parametrize("form", ["png", "npy"])
+def test_a_layer_that_the_client_has_already_isnt_sent_again(client, building, form):
+    address = f"/api/v1/floors/0/layers/occupancy.{form}"
+    first = client.get(address)
+    tag = first.headers["etag"]
+    for known in (tag, f'"other", W/{tag}', "*"):
+        again = client.get(address, headers={"If-None-Match": known})
+        assert (again.status_code, again.content) == (304, b"")
+        assert (again.headers["etag"], again.headers["x-surveilnav-grid"]) == (tag, "-1 -2 0.5 12 16")
+    assert client.get(address, headers={"If-None-Match": '"other"'}).content == first.content
+
+
+def test_a_layer_as_an_array_with_its_place_in_the_world(client):
+    layer = client.get("/api/v1/floors/0/layers/value", params={"target": "a & b"}).json()
+    assert (layer["rows"], layer["cols"], layer["target"]) == (12, 16, "a & b")
+    assert layer["T_world_cell"] == [[0.5, 0.0, -0.75], [0.0, 0.5, -1.75], [0.0, 0.0, 1.0]]
+    assert (layer["low"], layer["high"]) == pytest.approx((0.2, 0.9))
+    array = np.load(io.BytesIO(client.get(layer["array"]).content), allow_pickle=False)
+    assert array.shape == (12, 16)
+    assert array[5, 5] == pytest.approx(0.9)
+    assert client.get(layer["picture"]).headers["content-type"] == "image/png"
+
+
+@pytest.mark.parametrize(("layer", "status"), [("cloud", 404), ("secret", 404), ("x.gif", 422), ("a" * 65, 422)])
+def test_layers_without_an_array(client, layer, status):
+    problem(client.get(f"/api/v1/floors/0/layers/{layer}"), status)
+
+
+def test_missions_by_cursor(client):
+    ids = [submit(client).json()["id"] for _ in range(5)]
+    until(lambda: client.get("/api/v1/missions?limit=1").json()["items"][0]["id"] == ids[-1], "the newest isn't first")
+    got, asked = [], "limit=2"
+    while len(got) < 5:
+        page = client.get(f"/api/v1/missions?{asked}").json()
+        got += [mission["id"] for mission in page["items"]]
+        asked = f"limit=2&cursor={page['next']}"
+        submit(client)  # what comes meanwhile shifts nothing
+    assert got[:5] == ids[::-1]
+    assert named(problem(client.get("/api/v1/missions?cursor=nonsense"), 422)) == "bad_cursor"
 
 
 @pytest.mark.parametrize(

@@ -55,3 +55,9 @@ class Items(BaseModel, Generic[T]):
 
     items: list[T]
     total: int
+
+
+class GrowingItems(Items[T], Generic[T]):
+    """A list that grows at its head, in pages that don't shift meanwhile."""
+
+    next: str | None = Field(description="the `cursor` of the next page; null: there is none")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
+from services.gateway.core.resources import examples
 from services.gateway.core.resources.base import ROOT, Number, Resource, finite
 from surveilnav.messages import CameraInfo, CameraUse, CameraViewInfo
 
@@ -32,6 +33,8 @@ class CameraView(BaseModel):
 
 
 class Camera(Resource):
+    model_config = ConfigDict(json_schema_extra={"example": examples.CAMERA})
+
     id: str = Field(validation_alias="camera")
     floor: str
     position_m: tuple[float, float, float]

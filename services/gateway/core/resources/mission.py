@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from services.gateway.core.resources import examples
 from services.gateway.core.resources.base import Number, Resource, Text, Time
 from surveilnav.contract import ID_PATTERN
 from surveilnav.messages import FINISHED_STATES, MissionAck, MissionStatus, Plan
@@ -15,7 +16,9 @@ _LEAST_WAY_M = 1.0
 class NewMission(BaseModel):
     """Find ``target``."""
 
-    model_config = ConfigDict(extra="forbid", str_strip_whitespace=True)
+    model_config = ConfigDict(
+        extra="forbid", str_strip_whitespace=True, json_schema_extra={"example": examples.NEW_MISSION}
+    )
 
     target: str = Field(min_length=1, max_length=200, description="what to find: 'potted plant', 'couch', ...")
     robot: str | None = Field(default=None, pattern=ID_PATTERN, description="which robot; null: any free one")
@@ -23,6 +26,8 @@ class NewMission(BaseModel):
 
 
 class Mission(Resource):
+    model_config = ConfigDict(json_schema_extra={"example": examples.MISSION})
+
     id: str = Field(validation_alias="mission")
     target: str
     robot: Text
@@ -89,6 +94,8 @@ class Place(BaseModel):
 
 
 class MissionPlan(Resource):
+    model_config = ConfigDict(json_schema_extra={"example": examples.PLAN})
+
     mission: str
     robot: str
     floor: str

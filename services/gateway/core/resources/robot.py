@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from msgspec.structs import asdict
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
+from services.gateway.core.resources import examples
 from services.gateway.core.resources.base import Number, Resource
 from surveilnav.geometry import yaw_of
 from surveilnav.histogram import quantile_ms
@@ -12,6 +13,8 @@ from surveilnav.messages import RobotStatus, WorkerLoad
 
 
 class Robot(Resource):
+    model_config = ConfigDict(json_schema_extra={"example": examples.ROBOT})
+
     id: str = Field(validation_alias="robot")
     floor: str
     state: str
