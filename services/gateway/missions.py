@@ -14,7 +14,7 @@ from services.gateway.core.resources import GrowingItems, Mission, MissionPlan, 
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
-from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionStatus
+from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionPause, MissionStatus
 from surveilnav.words import canonical
 
 _REMEMBERED_KEYS = 10_000
@@ -46,7 +46,12 @@ class Missions:
 
     def _submit(self, id: str, goal: NewMission) -> Mission:
         message = MissionGoal(
-            stamp_ns=clock_ns(), mission=id, target=goal.target, robot=goal.robot or "", max_steps=goal.max_steps
+            stamp_ns=clock_ns(),
+            mission=id,
+            target=goal.target,
+            robot=goal.robot or "",
+            max_steps=goal.max_steps,
+            queue=goal.queue,
         )
         ack: MissionAck = ask(self._node, "planner", contract.MISSION_GOAL, message, mission=id).message
         if not ack.accepted:
@@ -76,10 +81,18 @@ class Missions:
     def cancel(self, id: str, reason: str) -> Mission:
         """Asks the planner to end a mission; one that is finished can't be cancelled (409)."""
         message = MissionCancel(stamp_ns=clock_ns(), mission=id, reason=reason)
-        ack: MissionAck = ask(self._node, "planner", contract.MISSION_CANCEL, message, mission=id).message
+        return self._done(id, ask(self._node, "planner", contract.MISSION_CANCEL, message, mission=id).message)
+
+    def pause(self, id: str, reason: str, *, paused: bool) -> Mission:
+        """Pauses a mission, or has it go on; one that is finished does neither (409)."""
+        message = MissionPause(stamp_ns=clock_ns(), mission=id, paused=paused, reason=reason)
+        return self._done(id, ask(self._node, "planner", contract.MISSION_PAUSE, message, mission=id).message)
+
+    def _done(self, id: str, ack: MissionAck) -> Mission:
+        """The mission in the state that the planner says it came to."""
         if not ack.accepted:
             if ack.state in FINISHED_STATES and not ack.error:
-                raise Problem(409, "finished", f"mission {id} is {ack.state} already")
+                raise Problem(409, "finished", f"mission {id} is {ack.state} already; submit a new one")
             raise refusal(ack.error, ack.message)
         return self.get(id).model_copy(update={"state": ack.state})
 

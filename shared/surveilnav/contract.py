@@ -132,6 +132,10 @@ ROBOT_COMMAND = Stream(
     "robot_command", "{building}/robot/{robot}/command", m.CommandReply, "robot_node", "query", None, 2_000,
     "control", "one action, the sequence number it expects, a deadline", request=m.Command,
 )  # fmt: skip
+ROBOT_HALT = Stream(
+    "robot_halt", "{building}/robot/{robot}/halt", m.HaltReply, "robot_node", "query", None, 2_000,
+    "control", "stop at once and stay, or be released: one robot or all", request=m.Halt, asked_of_all=True,
+)  # fmt: skip
 PERCEPTION_INFER = Stream(
     "perception_infer", "{building}/perception/{worker}/infer", m.InferReply, "perception", "query", None, 30_000,
     "data", "a picture in, detections and embeddings out", request=m.InferRequest,
@@ -165,6 +169,10 @@ MISSION_GOAL = Stream(
 MISSION_CANCEL = Stream(
     "mission_cancel", "{building}/mission/{mission}/cancel", m.MissionAck, "planner", "query", None, 5_000,
     "control", "cancel a mission", request=m.MissionCancel,
+)  # fmt: skip
+MISSION_PAUSE = Stream(
+    "mission_pause", "{building}/mission/{mission}/pause", m.MissionAck, "planner", "query", None, 5_000,
+    "control", "pause a mission, or have it go on", request=m.MissionPause,
 )  # fmt: skip
 MISSION_STATUS = Stream(
     "mission_status", "{building}/mission/{mission}/status", m.MissionStatus, "planner", "put+query", None, 5_000,

@@ -23,6 +23,7 @@ STATUS_OF = {
     "bad_view": 404,
     "no_plan": 404,
     "busy": 503,
+    "queue_full": 503,
     "perception_down": 503,
     "fusion_down": 503,
     "store_failed": 503,

@@ -12,7 +12,7 @@ from services.gateway.routes.paging import Id, Limit, Offset
 
 
 def router(found: Missions) -> APIRouter:
-    """Submit, list, follow and cancel missions."""
+    """Submit, list, follow, pause and cancel missions."""
     router = APIRouter(prefix=f"{ROOT}/missions", tags=["missions"])
 
     @router.post("", status_code=202)
@@ -42,6 +42,16 @@ def router(found: Missions) -> APIRouter:
     def cancel(id: Id, reason: Annotated[str, Body(embed=True, max_length=500)] = "") -> Mission:
         """Cancels a mission; its robot stops."""
         return found.cancel(id, reason)
+
+    @router.post("/{id}/pause", status_code=202)
+    def pause(id: Id, reason: Annotated[str, Body(embed=True, max_length=500)] = "") -> Mission:
+        """Pauses a mission: its robot ends its action and stays where it is."""
+        return found.pause(id, reason, paused=True)
+
+    @router.post("/{id}/resume", status_code=202)
+    def resume(id: Id) -> Mission:
+        """Has a paused mission go on."""
+        return found.pause(id, "", paused=False)
 
     @router.get("/{id}/plan")
     def plan(id: Id) -> MissionPlan:

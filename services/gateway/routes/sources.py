@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Response
+from fastapi import APIRouter, Body, Path, Response
 
-from services.gateway.core.resources import ROOT, Camera, Items, Robot, Worker
+from services.gateway.core.resources import ROOT, Camera, Items, Robot, RobotHalt, Worker
 from services.gateway.routes.paging import Id, Limit, Offset, page_of
 from services.gateway.sources import Sources
 
@@ -33,6 +33,17 @@ def router(found: Sources) -> APIRouter:
     @router.get("/robots")
     def robots(limit: Limit = 100, offset: Offset = 0) -> Items[Robot]:
         return page_of(found.robots(), limit, offset)
+
+    @router.post("/robots/stop")
+    def stop(reason: Annotated[str, Body(embed=True, max_length=200)] = "") -> Items[RobotHalt]:
+        """EMERGENCY STOP: every robot stops at once, whoever drives it, and refuses to move until it is released. Its
+        mission is paused."""
+        return page_of(found.halt(True, reason), 1000, 0)
+
+    @router.post("/robots/release")
+    def release() -> Items[RobotHalt]:
+        """Releases all robots. Nothing moves by that: missions stay paused until each is resumed."""
+        return page_of(found.halt(False, ""), 1000, 0)
 
     @router.get("/perception")
     def perception(limit: Limit = 100, offset: Offset = 0) -> Items[Worker]:

@@ -8,6 +8,7 @@ from contextlib import ExitStack, closing
 
 import cv2
 import httpx
+import msgspec
 import numpy as np
 import pytest
 
@@ -59,6 +60,7 @@ class FakeBuilding:
         self.status = {}
         self.planner.serve(contract.MISSION_GOAL, self._goal)
         self.planner.serve(contract.MISSION_CANCEL, self._cancel)
+        self.planner.serve(contract.MISSION_PAUSE, self._pause)
         self.planner.serve(contract.MISSION_STATUS, self._status)
         self.planner.serve(contract.MISSION_PLAN, self._plan)
 
@@ -116,6 +118,22 @@ class FakeBuilding:
         if status.state in m.FINISHED_STATES:
             return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=False, state=status.state))
         return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=True, state="cancelled"))
+
+    def _pause(self, request: Request) -> Answer:
+        status = self._known(request)
+        if status.state in m.FINISHED_STATES:
+            return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=False, state=status.state))
+        if not request.message.paused and self.halted:
+            ack = m.MissionAck(
+                stamp_ns=clock_ns(), mission=status.mission, accepted=False, state="failed", error="robot_halted",
+                message="robot 'r1' is halted: release it first",
+            )  # fmt: skip
+            return Answer(ack)
+        state = "paused" if request.message.paused else "active"
+        self.put_status(
+            msgspec.structs.replace(status, stamp_ns=clock_ns(), state=state, message=request.message.reason)
+        )
+        return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=True, state=state))
 
     def _status(self, request: Request) -> Answer | list[Answer]:
         if "mission" in request.ids:
@@ -240,9 +258,16 @@ class FakeBuilding:
         )
         self.camera.serve(contract.CAMERA_INFO, lambda _: Answer(self.info), floor="0", camera="c1")
         self.camera.serve(contract.CAMERA_REQUEST, self._thumbnail, floor="0", camera="c1")
+        self.halted, self.halt_reasons = False, []
+        self.robot.serve(contract.ROBOT_HALT, self._halt, robot="r1")
         self._summary = self.camera.publisher(contract.CAMERA_SUMMARY, floor="0", camera="c1")
         self._robot_status = self.robot.publisher(contract.ROBOT_STATUS, robot="r1")
         self._load = self.worker.publisher(contract.PERCEPTION_LOAD, worker="w1")
+
+    def _halt(self, request: Request) -> Answer:
+        self.halted = request.message.halted
+        self.halt_reasons.append(request.message.reason)
+        return Answer(m.HaltReply(stamp_ns=clock_ns(), robot="r1", halted=self.halted))
 
     def put_sources(self) -> None:
         pose = Pose.from_matrix(base_pose((0.5, 0.25, 0.0), 1.0))

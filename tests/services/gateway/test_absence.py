@@ -48,7 +48,9 @@ def test_a_mission_without_a_planner_is_503(lonely):
     answer = lonely.post("/api/v1/missions", json={"target": "tv"})
     assert answer.status_code == 503
     assert "services.planner" in answer.json()["detail"]
-    assert lonely.post("/api/v1/missions/m-1/cancel").status_code == 503
+    for what in ("cancel", "pause", "resume"):
+        assert lonely.post(f"/api/v1/missions/m-1/{what}").status_code == 503
+    assert lonely.post("/api/v1/robots/stop").status_code == 503
 
 
 @pytest.mark.parametrize("name", ["missions", "cameras", "robots", "floors", "perception"])

@@ -102,6 +102,57 @@ def test_cancel(client, building):
     assert (answer.status_code, answer.json()["state"]) == (202, "cancelled")
 
 
+def test_pause_and_resume(client, building):
+    id = submit(client).json()["id"]
+    answer = client.post(f"/api/v1/missions/{id}/pause", json={"reason": "visitors"})
+    assert (answer.status_code, answer.json()["state"]) == (202, "paused")
+    until(lambda: client.get(f"/api/v1/missions/{id}").json()["state"] == "paused", "it was never paused")
+    answer = client.post(f"/api/v1/missions/{id}/resume")
+    assert (answer.status_code, answer.json()["state"]) == (202, "active")
+
+
+@pytest.mark.parametrize("what", ["pause", "resume"])
+def test_what_cant_be_paused(client, building, what):
+    for id in ("m-unknown", "*", "a%2Fb"):
+        answer = client.post(f"/api/v1/missions/{id}/{what}")
+        problem(answer, answer.status_code)
+        assert answer.status_code in (404, 422)
+    id = submit(client).json()["id"]
+    building.put_status(msgspec.structs.replace(building.missions[id], stamp_ns=clock_ns(), state="done"))
+    assert named(problem(client.post(f"/api/v1/missions/{id}/{what}"), 409)) == "finished"
+    problem(client.post("/api/v1/missions/m-1/pause", json={"reason": "x" * 501}), 422)
+
+
+def test_a_goal_may_wait_for_a_robot(client, building):
+    assert client.post("/api/v1/missions", json={"target": "tv", "queue": True}).status_code == 202
+    assert building.goals[-1].queue
+    assert named(problem(client.post("/api/v1/missions", json={"target": "tv", "queue": "later"}), 422)) == "invalid"
+
+
+def test_all_robots_stop_and_are_released(client, building):
+    answer = client.post("/api/v1/robots/stop", json={"reason": "smoke"})
+    try:
+        assert answer.status_code == 200, answer.text
+        assert {"robot": "r1", "halted": True, "stale": False} in answer.json()["items"]
+        assert building.halt_reasons[-1] == "smoke"
+        id = submit(client).json()["id"]
+        assert named(problem(client.post(f"/api/v1/missions/{id}/resume"), 409)) == "robot_halted"
+    finally:
+        answer = client.post("/api/v1/robots/release")
+    assert {"robot": "r1", "halted": False, "stale": False} in answer.json()["items"]
+    assert not building.halted
+    problem(client.post("/api/v1/robots/stop", json={"reason": "x" * 201}), 422)
+
+
+def test_a_robot_that_doesnt_say_that_it_stopped_is_named(client, building):
+    with Node("robot", "deaf", building.settings):
+        until(lambda: client.post("/api/v1/robots/stop").status_code == 504, "a silent robot went unnoticed")
+        told = problem(client.post("/api/v1/robots/stop"), 504)
+        assert "deaf" in told["detail"]
+        assert {"robot": "r1", "halted": True, "stale": False} in told["robots"]
+    until(lambda: client.post("/api/v1/robots/release").status_code == 200, "one that left is waited for")
+
+
 def test_plan_of_a_mission(client):
     id = submit(client).json()["id"]
     plan = client.get(f"/api/v1/missions/{id}/plan").json()

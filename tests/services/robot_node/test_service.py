@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 import time
 
 import msgspec
@@ -14,9 +15,9 @@ from services.robot_node.config import RobotSettings
 from services.robot_node.core import RobotState, camera_pose_of
 from services.robot_node.service import RobotService
 from surveilnav.bus import Refused, clock_ns
-from surveilnav.contract import ROBOT_COMMAND, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
+from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
 from surveilnav.geometry import Pinhole, yaw_of
-from surveilnav.messages import Command, RobotStatus, Stair
+from surveilnav.messages import Command, Halt, RobotStatus, Stair
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
@@ -33,6 +34,7 @@ class Body:
 
     def __init__(self, real=False):
         self.state, self.real = RobotState(0.0, 0.0, 0.0, "0", 0.5), real
+        self.halts = 0
 
     def refusal(self, action, to_floor=None):
         return "it has no wings" if action == "look_up" else ""
@@ -47,6 +49,9 @@ class Body:
             s, seq=s.seq + 1, x_m=x_m, path_m=s.path_m + x_m - s.x_m, last_action=action, stopped=action == "stop",
             collided=action == "move_forward" and x_m - s.x_m < 0.25,
         )  # fmt: skip
+
+    def halt(self):
+        self.halts += 1
 
     def observe(self):
         T, s = camera_pose_of(self.state, 0.7), self.state
@@ -189,3 +194,64 @@ def test_a_status_of_an_older_sender_still_decodes(robot, client):
         plain.pop(name, None)
     status = msgspec.msgpack.decode(msgspec.msgpack.encode(plain), type=RobotStatus)
     assert (status.collided, status.last_action, status.path_m) == (False, None, 0.0)
+
+
+def halt(client, *, halted=True, reason="smoke"):
+    """Asks all robots, as who stops everything does."""
+    return [row.message for row in client.ask_all(ROBOT_HALT, Halt(stamp_ns=clock_ns(), halted=halted, reason=reason))]
+
+
+def test_a_halted_robot_refuses_to_move_until_it_is_released(robot, client, command):
+    body = Body()
+    robot(body)
+    assert command("move_forward", 0).accepted
+    assert [(r.robot, r.halted) for r in halt(client)] == [("r1", True)]
+    assert body.halts
+    status = client.ask(ROBOT_STATUS, robot="r1").message
+    assert (status.state, status.seq) == ("halted", 1)
+    assert "smoke" in status.message
+    for action in ("move_forward", "turn_left", "take_stairs"):
+        with pytest.raises(Refused, match="smoke") as refused:
+            command(action, 1)
+        assert refused.value.name == "halted"
+    assert body.state.seq == 1
+    assert command("stop", 1).accepted, "a mission may be cancelled meanwhile"
+    assert client.ask(ROBOT_STATUS, robot="r1").message.state == "halted"
+    assert [r.halted for r in halt(client, halted=False)] == [False]
+    assert command("move_forward", 2).accepted
+    assert client.ask(ROBOT_STATUS, robot="r1").message.state == "moving"
+
+
+def test_a_halt_ends_the_action_under_way_and_answers_then(robot, client, command):
+    class Slow(Body):
+        """Its actions take for ever, unless it is halted."""
+
+        def __init__(self):
+            super().__init__()
+            self.acting, self.braked = threading.Event(), threading.Event()
+
+        def act(self, action, to_floor=None):
+            self.acting.set()
+            assert self.braked.wait(20)
+            super().act(action, to_floor)
+
+        def halt(self):
+            super().halt()
+            if self.halts > 1:  # the first comes too early, as for a command that has just slipped in
+                self.braked.set()
+
+    body = Slow()
+    robot(body)
+    moving = threading.Thread(target=lambda: command("move_forward", 0), daemon=True)
+    moving.start()
+    assert body.acting.wait(10)
+    assert [r.halted for r in halt(client)] == [True]
+    assert body.braked.is_set()
+    moving.join(10)
+    assert body.state.seq == 1
+
+
+def test_another_halts_reason_is_cut(robot, client):
+    robot(Body())
+    halt(client, reason="x" * 100_000)
+    assert len(client.ask(ROBOT_STATUS, robot="r1").message.message) < 500

@@ -6,7 +6,7 @@ from typing import Any
 
 _TIMES = {"last_seen": "2026-01-31T10:00:41Z", "stale": False}
 
-NEW_MISSION: dict[str, Any] = {"target": "potted plant", "robot": None, "max_steps": 500}
+NEW_MISSION: dict[str, Any] = {"target": "potted plant", "robot": None, "max_steps": 500, "queue": False}
 MISSION: dict[str, Any] = {
     **_TIMES,
     "id": "m-0123456789ab",

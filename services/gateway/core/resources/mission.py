@@ -23,6 +23,7 @@ class NewMission(BaseModel):
     target: str = Field(min_length=1, max_length=200, description="what to find: 'potted plant', 'couch', ...")
     robot: str | None = Field(default=None, pattern=ID_PATTERN, description="which robot; null: any free one")
     max_steps: int = Field(default=500, ge=1, le=100_000, description="give up after so many actions")
+    queue: bool = Field(default=False, description="wait for a robot if none is free, instead of a refusal")
 
 
 class Mission(Resource):
@@ -31,7 +32,7 @@ class Mission(Resource):
     id: str = Field(validation_alias="mission")
     target: str
     robot: Text
-    state: str = Field(description="queued, active, confirming, done, failed or cancelled")
+    state: str = Field(description="queued, active, confirming, paused, done, failed or cancelled")
     phase: str = ""
     step: int = 0
     max_steps: int | None = None

@@ -33,6 +33,14 @@ class Robot(Resource):
         return cls.made_of(status, **where, mission=mission, last_seen=seen_ns, stale=stale)
 
 
+class RobotHalt(BaseModel):
+    """What a robot answered to be stopped or released."""
+
+    robot: str
+    halted: bool | None = Field(description="whether it is halted now; null: it didn't say")
+    stale: bool = Field(description="it left the bus, so nobody could ask it")
+
+
 class StageTimes(BaseModel):
     views: int
     p50_ms: Number
