@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Literal, NamedTuple
 
 from services.gateway.asking import ask_known
+from services.gateway.cameras import Cameras
 from services.gateway.core import layers
 from services.gateway.core.layers import Drawn
 from services.gateway.core.problems import Problem
@@ -36,15 +37,16 @@ class _Key(NamedTuple):
 class Maps:
     """What fusion holds of the building, floor by floor."""
 
-    def __init__(self, state: BuildingState, sources: Sources, missions: Missions) -> None:
-        self._state, self._node, self._sources, self._missions = state, state.node, sources, missions
+    def __init__(self, state: BuildingState, cameras: Cameras, sources: Sources, missions: Missions) -> None:
+        self._state, self._node = state, state.node
+        self._cameras, self._sources, self._missions = cameras, sources, missions
         self._pictures: OrderedDict[_Key, tuple[Drawn, int]] = OrderedDict()
         self._pictures_lock = threading.Lock()
 
     def floors(self) -> list[Floor]:
         """Every floor that has a map, a camera or a robot."""
         revisions = self._state.revisions.newest("floor")
-        cameras, robots = self._sources.cameras(), self._sources.robots()
+        cameras, robots = self._cameras.all(), self._sources.robots()
         names = set(revisions) | {c.floor for c in cameras} | {r.floor for r in robots}
         return [
             Floor.from_revision(

@@ -6,6 +6,7 @@ Calls block for as long as the contract says that an answer may take: run them o
 
 from __future__ import annotations
 
+from services.gateway.cameras import Cameras
 from services.gateway.core.metrics import Heard
 from services.gateway.core.resources import NEEDED, Building, Readiness, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
@@ -20,21 +21,22 @@ from surveilnav.bus import Node
 
 
 class Gateway:
-    """Everything that the web side may ask for: ``missions``, ``sources``, ``maps``, ``objects``, ``events``, and the whole."""
+    """All that the web side may ask for, a part for each kind of resource, and the whole: building, traffic, readiness."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._state = BuildingState(node)
         self.missions = Missions(self._state)
+        self.cameras = Cameras(self._state)
         self.sources = Sources(self._state)
-        self.maps = Maps(self._state, self.sources, self.missions)
+        self.maps = Maps(self._state, self.cameras, self.sources, self.missions)
         self.objects = Objects(self._state)
         self.events = Events()
-        self._watch = Watch(self._state, self.sources, self.events)
+        self._watch = Watch(self._state, self.cameras, self.sources, self.events)
 
     def building(self) -> Building:
         """The building, with what is in it."""
-        inside = self.maps.floors(), self.sources.cameras(), self.sources.robots(), self.missions.all()
+        inside = self.maps.floors(), self.cameras.all(), self.sources.robots(), self.missions.all()
         return Building.of(self._node.building, *inside, ready=self.readiness().ready)
 
     def traffic(self) -> Traffic:
@@ -57,7 +59,7 @@ class Gateway:
         alive, loads = self._node.alive("perception"), self._state.loads
         workers = {id: (row.message, id not in alive or loads.old(row)) for id, row in loads.newest("worker").items()}
         return Heard(
-            cameras=self.sources.cameras(), floors=self.maps.floors(), robots=self.sources.robots(),
+            cameras=self.cameras.all(), floors=self.maps.floors(), robots=self.sources.robots(),
             missions=self.missions.all(), processes=self.services(), workers=workers, traffic=self.traffic(),
             ready=self.readiness().ready, event_streams=self.events.streams, events=self.events.newest,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What looks and moves: cameras, robots, and the perception workers behind them."""
+"""What moves and what looks at pictures: robots and perception workers."""
 
 from __future__ import annotations
 
@@ -6,52 +6,18 @@ from contextlib import suppress
 
 from services.gateway.asking import absent, ask
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import ROOT, Camera, Robot, RobotHalt, Worker
+from services.gateway.core.resources import Robot, RobotHalt, Worker
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import clock_ns
-from surveilnav.messages import FINISHED_STATES, CameraRequest, Halt
+from surveilnav.messages import FINISHED_STATES, Halt
 
 
 class Sources:
-    """All cameras, robots and workers that were ever heard of, those that left as stale."""
+    """All robots and workers that were ever heard of, those that left as stale."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
-
-    def cameras(self) -> list[Camera]:
-        """Every camera, with what the maps hold of it and what it last saw."""
-        uses = {u.camera: u for r in self._state.revisions.rows() for u in r.message.cameras}
-        summaries = self._state.summaries.newest("camera")
-        alive = self._node.alive("camera")
-        found = []
-        for id, row in self._state.cameras.newest("camera").items():
-            summary = summaries.get(id)
-            seen_ns = max(row.received_ns, summary.received_ns if summary else 0)
-            labels = summary.message.labels if summary else {}
-            found.append(Camera.from_info(row.message, uses.get(id), labels, seen_ns, id in alive))
-        return found
-
-    def camera(self, id: str) -> Camera:
-        """One camera; 404 if it has never announced itself."""
-        for camera in self.cameras():
-            if camera.id == id:
-                return camera
-        raise Problem(
-            404, "unknown_camera", f"no camera {id!r} has announced itself; {ROOT}/cameras lists those that have"
-        )
-
-    def thumbnail(self, id: str, view: int) -> bytes:
-        """A JPEG that the camera makes for this viewer: counted as viewer traffic, no invocation."""
-        camera = self.camera(id)
-        views = sorted(v.view for v in camera.views)
-        if view not in views:
-            raise Problem(404, "unknown_view", f"camera {id} has the views {', '.join(map(str, views))}, not {view}")
-        request = CameraRequest(stamp_ns=clock_ns(), action="thumbnail", views=[view])
-        row = ask(self._node, f"camera {id}", contract.CAMERA_REQUEST, request, floor=camera.floor, camera=id)
-        if not row.payload.startswith(b"\xff\xd8"):
-            raise Problem(502, "bad_picture", f"camera {id} answered with {len(row.payload)} bytes that are no JPEG")
-        return row.payload
 
     def robots(self) -> list[Robot]:
         """Every robot, with the mission under way that it belongs to."""

@@ -58,6 +58,13 @@ class LastKnown:
                 found[row.ids[field]] = row
         return dict(sorted(found.items()))
 
+    def forget(self, field: str, id: str) -> None:
+        """Drops what is known of one owner; it comes back if that announces itself again."""
+        with self._lock:
+            for key in [k for k, row in self._asked.items() if row.ids[field] == id]:
+                del self._asked[key]
+        self._table.forget(field, id)
+
     def old(self, row: Received[Any]) -> bool:
         """Whether a row came longer ago than the contract allows."""
         return row.age_s * 1000 > self._stream.max_age_ms

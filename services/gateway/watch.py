@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from services.gateway.cameras import Cameras
 from services.gateway.core import changes
 from services.gateway.core.changes import CameraState, Change, RobotSituation, Tracked
 from services.gateway.core.resources.event import Event
@@ -28,8 +29,9 @@ _SERVICES = ("planner", "fusion", "perception")
 class Watch:
     """Compares the state of the building with what it was, on a thread of its own, until the node ends."""
 
-    def __init__(self, state: BuildingState, sources: Sources, events: Events) -> None:
-        self._state, self._node, self._sources, self._events = state, state.node, sources, events
+    def __init__(self, state: BuildingState, cameras: Cameras, sources: Sources, events: Events) -> None:
+        self._state, self._node = state, state.node
+        self._all_cameras, self._sources, self._events = cameras, sources, events
         self._lock = threading.Lock()  # missions are told of by the bus's thread, too
         self._missions: Tracked[MissionStatus] = Tracked(changes.of_mission)
         self._cameras: Tracked[CameraState] = Tracked(changes.of_camera)
@@ -72,7 +74,8 @@ class Watch:
 
     def _camera_states(self) -> dict[str, CameraState]:
         return {
-            c.id: CameraState(floor=c.floor, online=not c.stale, invoked=c.invoked) for c in self._sources.cameras()
+            c.id: CameraState(floor=c.floor, online=not c.stale, invoked=c.invoked, paused=c.paused)
+            for c in self._all_cameras.all()
         }
 
     def _robot_situations(self) -> dict[str, RobotSituation]:

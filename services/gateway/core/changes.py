@@ -16,11 +16,12 @@ S = TypeVar("S")
 
 @dataclass(frozen=True, slots=True)
 class CameraState:
-    """Whether a camera is there, and whether the maps of its floor ask it for views."""
+    """Whether a camera is there, whether the maps of its floor ask it for views, and whether a person paused it."""
 
     floor: str
     online: bool
     invoked: bool
+    paused: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,7 @@ def of_object(before: ObjectRecord | None, now: ObjectRecord | None) -> Iterable
 
 
 def of_camera(before: CameraState | None, now: CameraState | None) -> Iterable[str]:
-    """``new``, ``offline``, ``back``; ``invoked``, ``released``."""
+    """``new``, ``offline``, ``back``; ``invoked``, ``released``; ``paused``, ``resumed``."""
     if now is None:
         return
     if before is None:
@@ -103,6 +104,8 @@ def of_camera(before: CameraState | None, now: CameraState | None) -> Iterable[s
         yield "back" if now.online else "offline"
     if now.invoked != (before is not None and before.invoked):
         yield "invoked" if now.invoked else "released"
+    if now.paused != (before is not None and before.paused):
+        yield "paused" if now.paused else "resumed"
 
 
 def of_robot(before: RobotSituation | None, now: RobotSituation | None) -> Iterable[str]:

@@ -136,6 +136,11 @@ class Table(Generic[M]):
                 return row
         return None
 
+    def forget(self, field: str, id: str) -> None:
+        """Drops the rows of one owner, until it puts again."""
+        with self._lock:
+            self._rows = {key: row for key, row in self._rows.items() if row.ids.get(field) != id}
+
     def close(self) -> None:
         """Stops listening."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]

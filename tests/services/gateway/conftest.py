@@ -260,6 +260,7 @@ class FakeBuilding:
         self.camera.serve(contract.CAMERA_REQUEST, self._thumbnail, floor="0", camera="c1")
         self.halted, self.halt_reasons = False, []
         self.robot.serve(contract.ROBOT_HALT, self._halt, robot="r1")
+        self._info = self.camera.publisher(contract.CAMERA_INFO, floor="0", camera="c1")
         self._summary = self.camera.publisher(contract.CAMERA_SUMMARY, floor="0", camera="c1")
         self._robot_status = self.robot.publisher(contract.ROBOT_STATUS, robot="r1")
         self._load = self.worker.publisher(contract.PERCEPTION_LOAD, worker="w1")
@@ -290,7 +291,13 @@ class FakeBuilding:
         )
 
     def _thumbnail(self, request: Request) -> Answer:
-        assert request.message.action == "thumbnail"
+        if (action := request.message.action) != "thumbnail":
+            assert action in ("pause", "resume")
+            self.info = msgspec.structs.replace(self.info, stamp_ns=clock_ns(), paused=action == "pause")
+            self._info.put(self.info)
+            return Answer(m.Ack(stamp_ns=clock_ns()), b"")
+        if self.info.paused:
+            raise Refused("paused", "camera/c1 is paused")
         self.thumbnails += 1
         _, jpeg = cv2.imencode(".jpg", np.full((48, 64, 3), 10 * request.message.views[0], np.uint8))
         return Answer(m.Ack(stamp_ns=clock_ns()), b"no picture" if request.message.views[0] == 11 else jpeg.tobytes())

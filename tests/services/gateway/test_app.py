@@ -312,6 +312,55 @@ def test_views_that_arent_there(client, view, status):
     problem(client.get(f"/api/v1/cameras/c1/views/{view}.jpg"), status)
 
 
+def test_the_latest_picture_is_made_once_for_all_viewers(client, building):
+    asked = building.thumbnails
+    first = client.get("/api/v1/cameras/c1/latest.jpg")
+    assert (first.status_code, first.headers["content-type"]) == (200, "image/jpeg")
+    for _ in range(5):
+        again = client.get("/api/v1/cameras/c1/latest.jpg", headers={"If-None-Match": first.headers["etag"]})
+        assert again.status_code == 304
+    assert building.thumbnails <= asked + 2  # a second may pass
+    other = client.get("/api/v1/cameras/c1/latest.jpg?view=5")
+    assert other.headers["etag"] != first.headers["etag"]
+    for path, status in (("c1/latest.jpg?view=13", 404), ("c9x/latest.jpg", 404), ("c1/latest.jpg?view=-1", 422)):
+        problem(client.get(f"/api/v1/cameras/{path}"), status)
+
+
+def test_cones_lie_on_the_floor_in_front_of_the_camera(client):
+    cones = client.get("/api/v1/cameras/c1/cones").json()["items"]
+    assert [c["view"] for c in cones] == list(range(13))
+    east = np.array(cones[0]["outline_m"])  # the camera stands at (2, 1)
+    assert (east[:, 0] > 2).all()
+    assert np.abs(east[:, 1].mean() - 1) < 0.01
+    problem(client.get("/api/v1/cameras/nobody/cones"), 404)
+
+
+def test_a_camera_is_paused_and_resumed(client):
+    answer = client.post("/api/v1/cameras/c1/pause")
+    try:
+        assert (answer.status_code, answer.json()["paused"]) == (202, True)
+        until(lambda: client.get("/api/v1/cameras/c1").json()["paused"], "it never said that it is paused")
+        assert named(problem(client.get("/api/v1/cameras/c1/views/3.jpg"), 409)) == "paused"
+    finally:
+        answer = client.post("/api/v1/cameras/c1/resume")
+    assert answer.json()["paused"] is False
+    assert client.get("/api/v1/cameras/c1/views/3.jpg").status_code == 200
+    problem(client.post("/api/v1/cameras/nobody/pause"), 404)
+
+
+def test_a_camera_that_is_gone_can_be_forgotten(client, building):
+    assert named(problem(client.delete("/api/v1/cameras/c1"), 409)) == "camera_present"
+    problem(client.delete("/api/v1/cameras/nobody"), 404)
+    for _ in range(2):  # it may come back
+        with Node("camera", "c6", building.settings) as passing:
+            passing.publisher(contract.CAMERA_INFO, floor="0", camera="c6").put(_renamed(building.info, "c6"))
+            until(lambda: client.get("/api/v1/cameras/c6").status_code == 200, "the camera never came")
+        until(lambda: client.get("/api/v1/cameras/c6").json()["stale"], "the camera is gone but not stale")
+        answer = client.delete("/api/v1/cameras/c6")
+        assert (answer.status_code, answer.content) == (204, b"")
+        problem(client.get("/api/v1/cameras/c6"), 404)
+
+
 def test_a_camera_that_left_stays_listed_as_stale(client, building):
     def camera() -> dict[str, Any]:
         return dict(client.get("/api/v1/cameras/c9").json())

@@ -32,6 +32,15 @@ class CameraView(BaseModel):
         )
 
 
+class CameraCone(BaseModel):
+    """What of its floor a view looks at."""
+
+    view: int
+    outline_m: list[tuple[float, float]] = Field(
+        description="(x, y) of the corners of the stretch of floor in the picture, at most 5 m off; walls aren't known here"
+    )
+
+
 class Camera(Resource):
     model_config = ConfigDict(json_schema_extra={"example": examples.CAMERA})
 
@@ -43,6 +52,7 @@ class Camera(Resource):
     width_px: int
     height_px: int
     tier: str
+    paused: bool = Field(description="a person has it show nothing")
     invoked: bool = Field(description="the maps of its floor subscribe to it")
     views_processed: int = Field(default=0, description="how many of its views the maps hold or have refused for good")
     labels: dict[str, Number] = Field(default_factory=dict, description="what it last saw, with confidences")

@@ -116,6 +116,7 @@ CAMERA: dict[str, Any] = {
     "width_px": 1280,
     "height_px": 1280,
     "tier": "jpeg+depth",
+    "paused": False,
     "invoked": True,
     "views_processed": 13,
     "labels": {"couch": 0.81},

@@ -47,6 +47,8 @@ def but(known, /, **facts):
         (changes.of_camera, CAMERA, CameraState("0", online=False, invoked=False), ["offline"]),
         (changes.of_camera, CameraState("0", online=False, invoked=True), CAMERA, ["back", "released"]),
         (changes.of_camera, CAMERA, CAMERA, []),
+        (changes.of_camera, CAMERA, CameraState("0", online=True, invoked=False, paused=True), ["paused"]),
+        (changes.of_camera, CameraState("0", online=True, invoked=False, paused=True), CAMERA, ["resumed"]),
         (changes.of_robot, None, ROBOT, ["new"]),
         (changes.of_robot, ROBOT, RobotSituation(online=False, state="moving", floor="0"), ["silent"]),
         (changes.of_robot, ROBOT, RobotSituation(online=True, state="moving", floor="1"), ["moving", "floor"]),

@@ -21,7 +21,7 @@ COUNTS = {"offered_bytes": 5, "delivered_bytes": 4, "frame_bytes": 3, "frames": 
 def camera(id: str, **facts) -> Camera:
     known = {
         "camera": id, "floor": "0", "position_m": (0, 0, 0), "mounting_offset_m": 2.0, "hfov_rad": 1.0, "width_px": 1,
-        "height_px": 1, "tier": "jpeg+depth", "invoked": True, "views": [], "stale": False,
+        "height_px": 1, "tier": "jpeg+depth", "paused": False, "invoked": True, "views": [], "stale": False,
     }  # fmt: skip
     return Camera.model_validate(known | facts)
 
