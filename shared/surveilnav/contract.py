@@ -113,7 +113,8 @@ CAMERA_SUMMARY = Stream(
 )  # fmt: skip
 CAMERA_REQUEST = Stream(
     "camera_request", "{building}/{floor}/camera/{camera}/request", m.Ack, "camera_node", "query", None, 5_000,
-    "control", "send views again (no payload); a viewer's thumbnail (a JPEG); pause, resume", request=m.CameraRequest, payload=True,
+    "control", "send views again (no payload); a viewer's thumbnail (a JPEG); pause, resume",
+    request=m.CameraRequest, payload=True,
 )  # fmt: skip
 CAMERA_SLOT = Stream(
     "camera_slot", "{building}/camera_slot/{slot}", m.Ack, "camera_node", "query", None, 2_000,
