@@ -41,11 +41,16 @@ def listen(host: str, port: int) -> socket.socket:
     return sock
 
 
-def web_server(gateway: Gateway, names: frozenset[str] | None) -> uvicorn.Server:
-    """The server around ``gateway``, which answers under those names (None: under any); its streams end with it."""
-    server = uvicorn.Server(
-        uvicorn.Config(create_app(gateway, names), log_config=None, access_log=False, lifespan="off")
-    )
+def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = "") -> uvicorn.Server:
+    """The server around ``gateway``, which answers under those names (None: under any); its streams end with it.
+
+    Nothing here depends on ``X-Forwarded-*``, and nobody's are believed.
+    """
+    config = uvicorn.Config(
+        create_app(gateway, names), log_config=None, access_log=False, lifespan="off", proxy_headers=False,
+        root_path=root_path,
+    )  # fmt: skip
+    server = uvicorn.Server(config)
     gateway.events.ended = lambda: server.should_exit
     return server
 
@@ -54,7 +59,7 @@ def serve(settings: GatewaySettings, bus: BusSettings) -> None:
     """Serves until SIGTERM or SIGINT."""
     with listen(settings.host, settings.port) as sock, Node("gateway", settings.node_id, bus) as node:
         host, port = sock.getsockname()[:2]
-        server = web_server(Gateway(node), settings.names)
+        server = web_server(Gateway(node, settings.root_path), settings.names, settings.root_path)
         # uvicorn raises the signal again after it has shut down; the session must still be closed then.
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: None)

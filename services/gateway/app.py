@@ -22,6 +22,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
         description="Surveillance cameras and a robot search a building together.",
         docs_url=None,
         redoc_url=None,
+        redirect_slashes=False,  # an address has one spelling
         responses=problem_answers.RESPONSES,
     )
     app.add_middleware(refusals.Refusals, problem=refusals.check(allowed_hosts))

@@ -30,7 +30,7 @@ class Cameras:
             summary = summaries.get(id)
             seen_ns = max(row.received_ns, summary.received_ns if summary else 0)
             labels = summary.message.labels if summary else {}
-            found.append(Camera.from_info(row.message, uses.get(id), labels, seen_ns, id in alive))
+            found.append(Camera.from_info(row.message, uses.get(id), labels, seen_ns, id in alive, self._state.root))
         return found
 
     def one(self, id: str) -> Camera:

@@ -12,7 +12,7 @@ from services.gateway.cameras import Cameras
 from services.gateway.core import layers
 from services.gateway.core.layers import Drawn
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import Floor
+from services.gateway.core.resources import Floor, Layer
 from services.gateway.missions import Missions
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
@@ -56,9 +56,14 @@ class Maps:
                 [c.id for c in cameras if c.floor == name],
                 revisions[name].received_ns if name in revisions else None,
                 self._state.alive("fusion"),
+                self._state.root,
             )
             for name in sorted(names)
         ]
+
+    def place(self, floor: str, layer: str, target: str) -> Layer:
+        """Where a layer lies in the world."""
+        return Layer.of(floor, layer, target, *self.layer(floor, layer, target, "npy"), self._state.root)
 
     def layer(self, floor: str, layer: str, target: str, form: Form = "png") -> tuple[Drawn, int]:
         """A layer as a picture or an array, and the revision that it shows. Asked of fusion only if the floor's maps

@@ -24,7 +24,7 @@ class Missions:
     """All missions of the building, whoever submitted them."""
 
     def __init__(self, state: BuildingState) -> None:
-        self._state, self._node = state, state.node
+        self._state, self._node, self.root = state, state.node, state.root
         self._submitted: OrderedDict[str, tuple[NewMission, Mission]] = OrderedDict()
         self._submit_lock = threading.Lock()
 

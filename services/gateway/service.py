@@ -23,9 +23,10 @@ from surveilnav.bus import Node
 class Gateway:
     """All that the web side may ask for, a part for each kind of resource, and the whole: building, traffic, readiness."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, root_path: str = "") -> None:
+        """``root_path``: where a proxy has the gateway, such as /surveilnav; "": at the top."""
         self._node = node
-        self._state = BuildingState(node)
+        self._state = BuildingState(node, root_path)
         self.missions = Missions(self._state)
         self.cameras = Cameras(self._state)
         self.sources = Sources(self._state)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from services.gateway.core.resources import ROOT
 from surveilnav import contract
 from surveilnav.bus import Node, Received
 from surveilnav.contract import Stream
@@ -71,10 +72,13 @@ class LastKnown:
 
 
 class BuildingState:
-    """The streams that are remembered, and who is there. ``node`` asks for the rest."""
+    """The streams that are remembered, and who is there. ``node`` asks for the rest.
 
-    def __init__(self, node: Node) -> None:
-        self.node = node
+    ``root``: where the addresses in answers begin; ``root_path``: where a proxy has the gateway, "" at the top.
+    """
+
+    def __init__(self, node: Node, root_path: str = "") -> None:
+        self.node, self.root = node, root_path + ROOT
         self.missions = LastKnown(node, contract.MISSION_STATUS)
         self.cameras = LastKnown(node, contract.CAMERA_INFO)
         self.summaries = LastKnown(node, contract.CAMERA_SUMMARY)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.resources import files
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Response
+from fastapi import APIRouter, Path, Request, Response
 from fastapi.openapi.docs import get_swagger_ui_html
 
 from services.gateway.core.problems import Problem
@@ -19,13 +19,14 @@ _POLICY = (
 )
 
 
-def router(root_path: str = "") -> APIRouter:
-    """The page and its files, below ``root_path`` where a proxy has the gateway there."""
+def router() -> APIRouter:
+    """The page and its files."""
     router = APIRouter(include_in_schema=False)
 
     @router.get("/docs")
-    def page() -> Response:
-        """Swagger UI on /openapi.json."""
+    def page(request: Request) -> Response:
+        """Swagger UI on /openapi.json, wherever a proxy has that."""
+        root_path = request.scope.get("root_path", "")
         answer = get_swagger_ui_html(
             openapi_url=f"{root_path}/openapi.json",
             title="SurveilNav: REST",

@@ -54,8 +54,7 @@ def router(found: Maps) -> APIRouter:
     @router.get("/floors/{id}/layers/{layer}")
     def layer(id: Id, layer: Annotated[str, Path(pattern="^[a-z]{1,64}$")], target: Target = "") -> Layer:
         """Where a map layer lies in the world, and where its picture and its array are."""
-        drawn, revision = found.layer(id, layer, target.strip(), "npy")
-        return Layer.of(id, layer, target.strip(), drawn, revision)
+        return found.place(id, layer, target.strip())
 
     return router
 

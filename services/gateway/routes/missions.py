@@ -23,7 +23,7 @@ def router(found: Missions) -> APIRouter:
     ) -> Mission:
         """Submits a mission. With an Idempotency-Key, a repeated request is the same mission."""
         mission = found.submit(goal, idempotency_key)
-        response.headers["Location"] = f"{ROOT}/missions/{mission.id}"
+        response.headers["Location"] = f"{found.root}/missions/{mission.id}"
         return mission
 
     @router.get("")

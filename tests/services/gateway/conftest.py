@@ -315,11 +315,11 @@ def router() -> Iterator[str]:
         yield endpoint
 
 
-def serve_gateway(endpoint: str, stack: ExitStack) -> tuple[str, Gateway]:
+def serve_gateway(endpoint: str, stack: ExitStack, root_path: str = "") -> tuple[str, Gateway]:
     """A gateway as ``python -m services.gateway`` runs it, on a thread; its address."""
     sock = stack.enter_context(listen("127.0.0.1", 0))
-    gateway = Gateway(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))))
-    server = web_server(gateway, GatewaySettings().names)
+    gateway = Gateway(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))), root_path)
+    server = web_server(gateway, GatewaySettings().names, root_path)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
 

@@ -635,6 +635,7 @@ def test_health_and_openapi(client):
         ("DELETE", "/api/v1/missions", 405),
         ("GET", "/redoc", 404),
         ("GET", "/docs/other.js", 404),
+        ("GET", "/api/v1/cameras/", 404),
     ],
 )
 def test_addresses_that_arent_there(client, method, path, status):

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import io
 import json
+import re
+import threading
+from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
 
 from cli import remote
+from surveilnav.bus import clock_ns
 from surveilnav.client import Client
 from surveilnav.errors import GatewayError
 from tests.waiting import until
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +76,24 @@ def test_the_commands_print_what_the_client_told(gateway, capsys):
     text = shown(remote.system_status, gateway, as_json=False)
     assert "id=c1" in text
     assert "perception (1)" in text
+
+
+def test_the_pages_example_runs(gateway, building, capsys):
+    page = (ROOT / "docs/use/rest.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    submitted = len(building.goals)
+    running = threading.Thread(
+        target=lambda: exec(code.replace("http://127.0.0.1:8080", gateway.url), {}), daemon=True
+    )  # fmt: skip
+    running.start()
+    until(lambda: len(building.goals) > submitted)
+
+    def ends() -> bool:
+        status = building.missions[building.goals[-1].mission]
+        state = "active" if status.state == "done" else "done"  # again and again: when its stream begins isn't known
+        building.put_status(msgspec.structs.replace(status, stamp_ns=clock_ns(), state=state, message="at the target"))
+        running.join(0.1)
+        return not running.is_alive()
+
+    until(ends, "the example never ends")
+    assert "done at the target" in capsys.readouterr().out

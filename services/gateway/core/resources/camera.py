@@ -20,15 +20,15 @@ class CameraView(BaseModel):
     picture: str = Field(description="where a thumbnail is; each request costs the camera one view of traffic")
 
     @classmethod
-    def from_info(cls, camera: str, info: CameraViewInfo) -> CameraView:
-        """A view of ``camera``: where its optical axis points in the world."""
+    def from_info(cls, camera: str, info: CameraViewInfo, root: str = ROOT) -> CameraView:
+        """A view of ``camera``: where its optical axis points in the world. ``root``: where addresses begin."""
         axis = info.T_world_camera.matrix()[:3, 2]
         level = math.hypot(axis[0], axis[1])
         return cls(
             view=info.view,
             yaw_rad=math.atan2(axis[1], axis[0]) if level > 1e-3 else None,
             pitch_rad=math.atan2(axis[2], level),
-            picture=f"{ROOT}/cameras/{camera}/views/{info.view}.jpg",
+            picture=f"{root}/cameras/{camera}/views/{info.view}.jpg",
         )
 
 
@@ -60,7 +60,13 @@ class Camera(Resource):
 
     @classmethod
     def from_info(
-        cls, info: CameraInfo, use: CameraUse | None, labels: dict[str, float], seen_ns: int, alive: bool
+        cls,
+        info: CameraInfo,
+        use: CameraUse | None,
+        labels: dict[str, float],
+        seen_ns: int,
+        alive: bool,
+        root: str = ROOT,
     ) -> Camera:
         """A camera as it announced itself. ``use``: what fusion has processed of it; ``labels``: its newest summary."""
         return cls.made_of(
@@ -72,7 +78,7 @@ class Camera(Resource):
             invoked=use is not None,
             views_processed=use.views_processed if use else 0,
             labels=labels,
-            views=[CameraView.from_info(info.camera, view) for view in info.views],
+            views=[CameraView.from_info(info.camera, view, root) for view in info.views],
             last_seen=seen_ns,
             stale=not alive,
         )

@@ -30,9 +30,9 @@ class Layer(BaseModel):
     array: str = Field(description="where it is as numpy's .npy")
 
     @classmethod
-    def of(cls, floor: str, layer: str, target: str, drawn: Drawn, revision: int) -> Layer:
+    def of(cls, floor: str, layer: str, target: str, drawn: Drawn, revision: int, root: str = ROOT) -> Layer:
         """A layer by its array."""
-        address = f"{ROOT}/floors/{floor}/layers/{layer}"
+        address = f"{root}/floors/{floor}/layers/{layer}"
         asked = f"?target={quote(target)}" if target else ""
         return cls(
             floor=floor, layer=layer, target=target, revision=revision, rows=drawn.grid.rows, cols=drawn.grid.cols,
