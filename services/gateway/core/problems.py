@@ -33,6 +33,7 @@ STATUS_OF = {
 }
 _TITLES = {
     400: "Bad request",
+    403: "Not allowed",
     404: "Not found",
     405: "Method not allowed",
     409: "Conflict",

@@ -245,6 +245,25 @@ def test_a_request_for_a_strangers_name_is_refused(client, method, path):
     assert "SURVEILNAV_GATEWAY__ALLOWED_HOSTS" in told["detail"]
 
 
+@pytest.mark.parametrize(
+    "path", ["robots/release", "robots/stop", "missions/m-1/cancel", "cameras/c1/pause", "missions"]
+)
+def test_a_page_of_another_site_changes_nothing_here(client, building, path):
+    before = len(building.halt_reasons), len(building.goals)
+    for origin in ("http://evil.example", "null"):
+        told = problem(client.post(f"/api/v1/{path}", headers={"origin": origin}), 403)
+        assert named(told) == "foreign_page"
+    assert (len(building.halt_reasons), len(building.goals)) == before
+    assert client.get("/api/v1/robots", headers={"origin": "http://evil.example"}).status_code == 200
+
+
+def test_the_gateways_own_pages_may_ask(client):
+    assert (
+        client.post("/api/v1/missions", json={"target": "tv"}, headers={"origin": str(client.base_url)}).status_code
+        == 202
+    )
+
+
 def test_a_host_that_is_none_breaks_nothing(client):
     assert named(problem(client.get("/healthz", headers={"host": "["}), 421)) == "foreign_host"
 
