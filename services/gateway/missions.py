@@ -6,6 +6,8 @@ import hashlib
 import threading
 import uuid
 from collections import OrderedDict
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 from services.gateway.asking import ask, ask_known
 from services.gateway.core.cursors import Place, page_after
@@ -14,10 +16,12 @@ from services.gateway.core.resources import GrowingItems, Mission, MissionPlan, 
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
+from surveilnav.errors import SurveilNavError
 from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionPause, MissionStatus
 from surveilnav.words import canonical
 
 _REMEMBERED_KEYS = 10_000
+_AT_ONCE = 16
 
 
 class Missions:
@@ -87,6 +91,17 @@ class Missions:
         """Pauses a mission, or has it go on; one that is finished does neither (409)."""
         message = MissionPause(stamp_ns=clock_ns(), mission=id, paused=paused, reason=reason)
         return self._done(id, ask(self._node, "planner", contract.MISSION_PAUSE, message, mission=id).message)
+
+    def pause_all(self, reason: str) -> None:
+        """Pauses what is under way, all at once; what can't be paused now is left: robots that are halted don't move."""
+
+        def pause(id: str) -> None:
+            with suppress(Problem, SurveilNavError):
+                self.pause(id, reason, paused=True)
+
+        under_way = [m.id for m in self.all() if m.state not in FINISHED_STATES]
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            list(pool.map(pause, under_way))
 
     def _done(self, id: str, ack: MissionAck) -> Mission:
         """The mission in the state that the planner says it came to."""

@@ -6,9 +6,11 @@ Calls block for as long as the contract says that an answer may take: run them o
 
 from __future__ import annotations
 
+import threading
+
 from services.gateway.cameras import Cameras
 from services.gateway.core.metrics import Heard
-from services.gateway.core.resources import NEEDED, Building, Readiness, Service, Traffic
+from services.gateway.core.resources import NEEDED, Building, Readiness, RobotHalt, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
 from services.gateway.events import Events
 from services.gateway.maps import Maps
@@ -39,6 +41,12 @@ class Gateway:
         """The building, with what is in it."""
         inside = self.maps.floors(), self.cameras.all(), self.sources.robots(), self.missions.all()
         return Building.of(self._node.building, *inside, ready=self.readiness().ready)
+
+    def stop_robots(self, reason: str) -> list[RobotHalt]:
+        """Emergency stop: robots first, and missions pause meanwhile, also those of robots that don't answer."""
+        why = f"emergency stop{f': {reason}' if reason else ''}"
+        threading.Thread(target=self.missions.pause_all, args=(why,), name="emergency-stop", daemon=True).start()
+        return self.sources.halt(True, reason)
 
     def traffic(self) -> Traffic:
         """What every node counted, summed by node, camera and robot."""

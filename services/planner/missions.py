@@ -83,7 +83,7 @@ class Missions:
             waiting = sum(m.waits for m in self._missions.values())
             if waiting >= self._settings.max_queued:
                 raise MissionError("queue_full", f"{waiting} missions wait for a robot already: cancel one") from error
-            return "", f"waits: {error}"
+            return "", f"waits: {str(error).partition(':')[0]}"  # what else it could do, it does already
 
     def give_robots(self) -> None:
         """Starts those that wait for a robot and can have one now: who came first is served first."""

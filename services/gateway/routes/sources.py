@@ -12,18 +12,12 @@ from services.gateway.sources import Sources
 
 
 def router(found: Sources) -> APIRouter:
-    """Robots, stopped and released, and perception workers."""
+    """Robots, released, and perception workers."""
     router = APIRouter(prefix=ROOT, tags=["building"])
 
     @router.get("/robots")
     def robots(limit: Limit = 100, offset: Offset = 0) -> Items[Robot]:
         return page_of(found.robots(), limit, offset)
-
-    @router.post("/robots/stop")
-    def stop(reason: Annotated[str, Body(embed=True, max_length=200)] = "") -> Items[RobotHalt]:
-        """EMERGENCY STOP: every robot stops at once, whoever drives it, and refuses to move until it is released. Its
-        mission is paused."""
-        return page_of(found.halt(True, reason), 1000, 0)
 
     @router.post("/robots/release")
     def release() -> Items[RobotHalt]:

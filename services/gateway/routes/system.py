@@ -1,14 +1,14 @@
-"""``/buildings``, ``/traffic``, ``/services``, ``/metrics``, and how the whole is: ``/healthz``, ``/readyz``."""
+"""``/buildings``, ``/robots/stop``, ``/traffic``, ``/services``, ``/metrics``, and how the whole is: ``/healthz``, ``/readyz``."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Body, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import ROOT, Building, Items, Readiness, Service, Traffic
+from services.gateway.core.resources import ROOT, Building, Items, Readiness, RobotHalt, Service, Traffic
 from services.gateway.routes.paging import Limit, Offset, page_of
 from services.gateway.service import Gateway
 
@@ -25,6 +25,12 @@ def router(gateway: Gateway) -> APIRouter:
     def buildings(limit: Limit = 100, offset: Offset = 0) -> Items[Building]:
         """The buildings that this gateway knows: one."""
         return page_of([gateway.building()], limit, offset)
+
+    @router.post(f"{ROOT}/robots/stop", tags=["building"])
+    def stop(reason: Annotated[str, Body(embed=True, max_length=200)] = "") -> Items[RobotHalt]:
+        """EMERGENCY STOP: every robot stops at once, whoever drives it, and refuses to move until it is released. All
+        missions are paused."""
+        return page_of(gateway.stop_robots(reason), 1000, 0)
 
     @router.get(f"{ROOT}/traffic", tags=["building"])
     def traffic() -> Traffic:

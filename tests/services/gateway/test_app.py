@@ -130,11 +130,14 @@ def test_a_goal_may_wait_for_a_robot(client, building):
 
 
 def test_all_robots_stop_and_are_released(client, building):
+    under_way = submit(client).json()["id"]
     answer = client.post("/api/v1/robots/stop", json={"reason": "smoke"})
     try:
         assert answer.status_code == 200, answer.text
         assert {"robot": "r1", "halted": True, "stale": False} in answer.json()["items"]
         assert building.halt_reasons[-1] == "smoke"
+        until(lambda: client.get(f"/api/v1/missions/{under_way}").json()["state"] == "paused", "it goes on")
+        assert client.get(f"/api/v1/missions/{under_way}").json()["message"] == "emergency stop: smoke"
         id = submit(client).json()["id"]
         assert named(problem(client.post(f"/api/v1/missions/{id}/resume"), 409)) == "robot_halted"
     finally:

@@ -239,6 +239,16 @@ def test_who_never_reads_is_dropped(router, start_gateway, monkeypatch):
 _init = EventStream.__init__
 
 
+def test_a_quiet_stream_says_where_it_is(client, monkeypatch):
+    """What an id alone on a line does: the client comes back with it, and proxies see that the stream lives."""
+    monkeypatch.setattr("services.gateway.event_stream._HEARTBEAT_S", 0.0)
+    with client.stream("GET", URL) as answer:
+        lines = answer.iter_lines()
+        until(lambda: next(lines) == "", "no first event")
+        beats = [line for line in (next(lines) for _ in range(20)) if line.startswith("id: ")]
+    assert beats
+
+
 @pytest.mark.parametrize("last_id", ["x" * 201, "nonsense", "-1", "0-0; drop"])
 def test_any_last_event_id_is_answered(client, last_id):
     with client.stream("GET", URL, headers={"Last-Event-ID": last_id}) as answer:
