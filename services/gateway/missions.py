@@ -1,11 +1,7 @@
-"""Missions: handed to the planner, followed, cancelled."""
+"""Missions: followed, paused, cancelled."""
 
 from __future__ import annotations
 
-import hashlib
-import threading
-import uuid
-from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
@@ -14,13 +10,12 @@ from services.gateway.core.cursors import Place, page_after
 from services.gateway.core.problems import Problem, refusal
 from services.gateway.core.resources import GrowingItems, Mission, MissionPlan, NewMission
 from services.gateway.state import BuildingState
+from services.gateway.submissions import Submissions, told
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
 from surveilnav.errors import SurveilNavError
-from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionPause, MissionStatus
-from surveilnav.words import canonical
+from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionPause, MissionStatus
 
-_REMEMBERED_KEYS = 10_000
 _AT_ONCE = 16
 
 
@@ -29,38 +24,11 @@ class Missions:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node, self.root = state, state.node, state.root
-        self._submitted: OrderedDict[str, tuple[NewMission, Mission]] = OrderedDict()
-        self._submit_lock = threading.Lock()
+        self._submissions = Submissions(state)
 
     def submit(self, goal: NewMission, idempotency_key: str | None) -> Mission:
         """Hands a goal to the planner. The same key with the same goal is one mission, also across restarts."""
-        if idempotency_key is None:
-            return self._submit(f"m-{uuid.uuid4().hex[:12]}", goal)
-        with self._submit_lock:  # two requests with one key must not both ask
-            if known := self._submitted.get(idempotency_key):
-                return _repeated(goal, known[0] == goal, known[1])
-            id = "m-" + hashlib.sha256(f"{self._node.building}\0{idempotency_key}".encode()).hexdigest()[:16]
-            if row := self._state.missions.newest("mission").get(id):  # a gateway before this one took it
-                return _repeated(goal, canonical(row.message.target) == canonical(goal.target), self._told(row))
-            mission = self._submit(id, goal)
-            self._submitted[idempotency_key] = goal, mission
-            if len(self._submitted) > _REMEMBERED_KEYS:
-                self._submitted.popitem(last=False)
-            return mission
-
-    def _submit(self, id: str, goal: NewMission) -> Mission:
-        message = MissionGoal(
-            stamp_ns=clock_ns(),
-            mission=id,
-            target=goal.target,
-            robot=goal.robot or "",
-            max_steps=goal.max_steps,
-            queue=goal.queue,
-        )
-        ack: MissionAck = ask(self._node, "planner", contract.MISSION_GOAL, message, mission=id).message
-        if not ack.accepted:
-            raise refusal(ack.error, ack.message)
-        return Mission.from_ack(ack, goal, clock_ns())
+        return self._submissions.submit(goal, idempotency_key)
 
     def all(self) -> list[Mission]:
         """Newest first."""
@@ -117,20 +85,9 @@ class Missions:
         return MissionPlan.from_plan(row.message, row.received_ns, self._state.alive("planner"))
 
     def _told(self, row: Received[MissionStatus]) -> Mission:
-        return Mission.from_status(row.message, row.received_ns, self._state.alive("planner"))
+        return told(row, self._state)
 
 
 def _place(row: Received[MissionStatus]) -> Place:
     """Newest first."""
     return -max(0, row.message.started_ns), row.ids["mission"]
-
-
-def _repeated(goal: NewMission, same: bool, mission: Mission) -> Mission:
-    if same:
-        return mission
-    raise Problem(
-        422,
-        "idempotency_key_reused",
-        f"this Idempotency-Key belongs to mission {mission.id} for another goal ({mission.target!r}); "
-        f"send a new key for {goal.target!r}",
-    )

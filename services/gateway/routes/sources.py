@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from fastapi import APIRouter, Body
+from fastapi import APIRouter
 
 from services.gateway.core.resources import ROOT, Items, Robot, RobotHalt, Worker
 from services.gateway.routes.paging import Limit, Offset, page_of

@@ -1,4 +1,4 @@
-"""``/buildings``, ``/robots/stop``, ``/traffic``, ``/services``, ``/metrics``, and how the whole is: ``/healthz``, ``/readyz``."""
+"""The whole: ``/buildings``, ``/robots/stop``, ``/traffic``, ``/services``, ``/metrics``, ``/healthz``, ``/readyz``."""
 
 from __future__ import annotations
 
