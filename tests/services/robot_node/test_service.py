@@ -12,7 +12,8 @@ import pytest
 
 from services.robot_node.bodies.body import Look
 from services.robot_node.config import RobotSettings
-from services.robot_node.core import RobotState, camera_pose_of
+from services.robot_node.core import Halted, RobotState, camera_pose_of
+from services.robot_node.halting import Halting
 from services.robot_node.service import RobotService
 from surveilnav.bus import Refused, clock_ns
 from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
@@ -69,8 +70,8 @@ def client(make_node):
 def robot(make_node, client):
     """``robot(body)``: a service whose loop the test turns, and that others can reach."""
 
-    def start(body):
-        service = RobotService(make_node("robot", "r1"), body, RobotSettings())
+    def start(body, **settings):
+        service = RobotService(make_node("robot", "r1"), body, RobotSettings(**settings))
         until_heard(lambda: client.ask(ROBOT_STATUS, robot="r1"))
         return service
 
@@ -255,3 +256,33 @@ def test_another_halts_reason_is_cut(robot, client):
     robot(Body())
     halt(client, reason="x" * 100_000)
     assert len(client.ask(ROBOT_STATUS, robot="r1").message.message) < 500
+
+
+def test_a_halt_outlives_the_process(tmp_path):
+    store = str(tmp_path / "robot.bin")
+    Halting(store).set(True, "smoke")
+    again = Halting(store)
+    assert (again.now.halted, again.now.reason) == (True, "smoke")
+    again.set(False, "")
+    assert not Halting(store).now.halted
+    Halting(store).set(True, "")
+    assert Halting(store).now == Halted(True, "")
+
+
+def test_a_halt_that_cant_be_kept_still_stops_the_robot(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    halting = Halting(str(tmp_path / "file" / "robot.bin"))
+    halting.set(True, "smoke")
+    assert halting.now.halted
+    halting.set(False, "")
+    assert not halting.now.halted
+
+
+def test_a_robot_that_was_halted_comes_back_halted(robot, client, command, tmp_path):
+    store = str(tmp_path / "robot.bin")
+    Halting(store).set(True, "smoke")
+    robot(Body(), store=store)
+    with pytest.raises(Refused, match="smoke"):
+        command("move_forward", 0)
+    halt(client, halted=False)
+    assert command("move_forward", 0).accepted
