@@ -78,7 +78,7 @@ def system_status(gateway: Client, console: Console, as_json: bool) -> None:
         "perception": list(gateway.perception()), "missions": list(gateway.missions()),
     }  # fmt: skip
     if as_json:
-        print(json.dumps(answer))
+        print(json.dumps({name: {"items": items, "total": len(items)} for name, items in answer.items()}))
         return
     for name, items in answer.items():
         console.print(f"[bold]{name}[/] ({len(items)})")
