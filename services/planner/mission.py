@@ -158,7 +158,7 @@ class Mission:
     def _run(self) -> None:
         try:
             self._say(state="active", phase="waiting", message="waiting for the robot's first view in the maps")
-            self._search()
+            self._search_with_pauses()
         except CancelError:
             if self._node.stopping.is_set():
                 return  # nobody hears us any more; the robot's own deadline stops it
@@ -190,26 +190,25 @@ class Mission:
         out is told by its sequence number.
         """
         while True:
+            self._world.check_cancelled()
+            if self._pending is None:
+                status = self._world.robot_status()
+                # the cameras of a floor that the robot comes to: their first views are worth a wait
+                maps = self._world.maps_with(status.seq, wait_for_cameras=status.floor != self._settled_on)
+                self._settled_on = status.floor
+                self._pending = self._decide(status, maps)
+            self._world.check_cancelled()
+            if self._carry_out(self._pending):
+                return
+            self._pending = None
+
+    def _search_with_pauses(self) -> None:
+        """The search goes on with the same decision after each pause."""
+        while True:
             try:
-                if self._one_step():
-                    return
+                return self._search()
             except PausedError:
                 self._wait_while_paused()
-
-    def _one_step(self) -> bool:
-        """One action, or the end: True. PausedError: it goes on with the same decision later."""
-        self._world.check_cancelled()
-        if self._pending is None:
-            status = self._world.robot_status()
-            # the cameras of a floor that the robot comes to: their first views are worth a wait
-            maps = self._world.maps_with(status.seq, wait_for_cameras=status.floor != self._settled_on)
-            self._settled_on = status.floor
-            self._pending = self._decide(status, maps)
-        self._world.check_cancelled()
-        if self._carry_out(self._pending):
-            return True
-        self._pending = None
-        return False
 
     def _interrupted(self) -> bool:
         """Whether it was cancelled. PausedError: it is paused."""
