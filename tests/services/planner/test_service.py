@@ -502,7 +502,8 @@ def test_a_halted_robots_mission_pauses_until_a_person_has_it_go_on(fakes, plann
     f.tell()
     assert stands_still(f), "a robot that was released doesn't set out by itself"
     until(lambda: pause(client, paused=False).accepted)
-    assert end_of(client).found
+    status = end_of(client)
+    assert (status.found, status.step) == (True, len(f.commands)), "what was refused is no step"
 
 
 def test_a_halted_robot_gets_no_mission(fakes, planner, client):
