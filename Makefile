@@ -80,6 +80,8 @@ docs: $(READY) ## write what is generated: the contract, the settings, the card 
 	$(BIN)/python -m surveilnav.contract > docs/understand/contract.md
 	$(BIN)/python -m cli.settings_page > docs/use/settings.md
 	$(BIN)/python -m training.detector.card > docs/understand/compact.md
+	$(BIN)/python -m cli.client_resources > shared/surveilnav/client/resources.py.new
+	mv shared/surveilnav/client/resources.py.new shared/surveilnav/client/resources.py
 	$(BIN)/python -m benchmark.tables.readme docs/images/results.png
 
 clean: ## remove caches; .venv, .venv-torch and runs/ stay

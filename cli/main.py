@@ -8,7 +8,7 @@ import sys
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.rich_utils import rich_format_error
@@ -18,6 +18,9 @@ from cli.mistakes import as_object, in_words, usage_of
 from cli.options import BUILDING_KINDS, AsJson
 from cli.terminal import Terminal
 from surveilnav.perception.names import BackendName
+
+if TYPE_CHECKING:
+    from surveilnav.client import Client
 
 app = typer.Typer(
     name="surveilnav", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
@@ -109,18 +112,27 @@ def up(
     )  # fmt: skip
 
 
+def _gateway(url: str) -> Client:
+    """The client; imported where it is needed, as all that takes its time."""
+    from surveilnav.client import Client
+
+    return Client(url)
+
+
 @app.command()
 def find(
     target: str,
     robot: Annotated[str, typer.Option(help="A robot; empty: any free one.")] = "",
     max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
+    queue: Annotated[bool, typer.Option("--queue", help="Wait for a robot if none is free.")] = False,
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
     """Send a robot of the running system to find TARGET. Exit 0 only if it was found."""
     from cli.remote import follow_mission
 
-    mission = follow_mission(url, target, robot, max_steps, console)
+    with _gateway(url) as gateway:
+        mission = follow_mission(gateway, target, robot, max_steps, console, queue=queue)
     if as_json:
         print(json.dumps(mission))
     raise typer.Exit(0 if mission.get("found") else 1)
@@ -137,7 +149,8 @@ def objects(
     """List what the running system has seen; with TEXT, what looks most like it first."""
     from cli.remote import list_objects
 
-    list_objects(url, text, label, floor, results, as_json)
+    with _gateway(url) as gateway:
+        list_objects(gateway, text, label, floor, results, as_json)
 
 
 @app.command()
@@ -145,7 +158,28 @@ def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """What the running system is doing: services, robots, cameras, missions."""
     from cli.remote import system_status
 
-    system_status(url, results, as_json)
+    with _gateway(url) as gateway:
+        system_status(gateway, results, as_json)
+
+
+@app.command()
+def stop(
+    reason: Annotated[str, typer.Option(help="Why, for people.")] = "", url: Url = DEFAULT_URL, as_json: AsJson = False
+) -> None:
+    """EMERGENCY STOP: stop all robots of the running system at once. Exit 0 only if each says that it stopped."""
+    from cli.remote import stop_robots
+
+    with _gateway(url) as gateway:
+        stop_robots(gateway, reason, results, as_json)
+
+
+@app.command()
+def release(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """Release all robots after `stop`. Nothing moves by that: missions stay paused until they are resumed."""
+    from cli.remote import release_robots
+
+    with _gateway(url) as gateway:
+        release_robots(gateway, results, as_json)
 
 
 @app.command()

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import time
 from typing import Any
-from urllib.parse import urlencode
 
-import httpx
 from rich.console import Console
 from rich.markup import escape
 
+from surveilnav.client import Client
+from surveilnav.client.resources import Mission, RobotHalt
 from surveilnav.errors import GatewayError
 from surveilnav.messages import FINISHED_STATES
 from surveilnav.words import canonical
@@ -18,43 +18,17 @@ from surveilnav.words import canonical
 _LOST_S = 20.0
 
 
-def call(url: str, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
-    """One REST call; every failure becomes a GatewayError that says what to do."""
+def follow_mission(
+    gateway: Client, target: str, robot: str, max_steps: int, console: Console, *, queue: bool = False
+) -> Mission:
+    """Submits a mission and shows its progress to the end; the mission's last state. ``queue``: it waits for a robot."""
+    mission = gateway.submit(target, robot or None, max_steps, queue=queue)
     try:
-        response = httpx.request(method, url.rstrip("/") + path, json=body, timeout=30.0)
-    except (httpx.HTTPError, httpx.InvalidURL) as error:
-        raise GatewayError(
-            "no_gateway",
-            f"no gateway answers at {url} ({error}). Start one with `surveilnav up` or `docker compose up`, or name its "
-            "address with --url or SURVEILNAV_URL.",
-        ) from error
-    try:
-        answer = response.json()
-    except ValueError:
-        raise GatewayError(
-            "no_gateway", f"{url} isn't a SurveilNav gateway: {path} answered {response.status_code} without JSON"
-        ) from None
-    if response.is_error:
-        raise _refusal(answer if isinstance(answer, dict) else {}, response)
-    return answer
-
-
-def _refusal(problem: dict[str, Any], response: httpx.Response) -> GatewayError:
-    """What RFC 9457's members say; other servers' errors by their status."""
-    name = str(problem.get("type", "")).rpartition(":")[2] or str(response.status_code)
-    return GatewayError(name, str(problem.get("detail") or problem.get("title") or response.reason_phrase))
-
-
-def follow_mission(url: str, target: str, robot: str, max_steps: int, console: Console) -> dict[str, Any]:
-    """Submits a mission and shows its progress to the end; the mission's last state."""
-    body: dict[str, Any] = {"target": target, "max_steps": max_steps} | ({"robot": robot} if robot else {})
-    mission: dict[str, Any] = call(url, "POST", "/api/v1/missions", body)
-    if canonical(target) != canonical(mission["target"]):
-        console.print(f"{target}: perception calls it {mission['target']}", markup=False)
-    try:
-        mission = _followed(url, mission["id"], console)
+        if canonical(target) != canonical(mission["target"]):
+            console.print(f"{target}: perception calls it {mission['target']}", markup=False)
+        mission = _followed(gateway, mission["id"], console)
     except KeyboardInterrupt:
-        call(url, "POST", f"/api/v1/missions/{mission['id']}/cancel")
+        gateway.cancel(mission["id"])
         console.print("cancelled: the robot stops")
         raise
     colour = "green" if mission.get("found") else "red"
@@ -64,11 +38,11 @@ def follow_mission(url: str, target: str, robot: str, max_steps: int, console: C
     return mission
 
 
-def _followed(url: str, id: str, console: Console) -> dict[str, Any]:
+def _followed(gateway: Client, id: str, console: Console) -> Mission:
     """The finished mission; until then a line for each change."""
     shown, heard_s = "", time.monotonic()
     while True:
-        mission: dict[str, Any] = call(url, "GET", f"/api/v1/missions/{id}")
+        mission = gateway.mission(id)
         line = f"{mission['phase']}  step {mission['step']}/{mission['max_steps']}  {mission.get('message', '')}"
         if line != shown:
             shown = line
@@ -83,11 +57,9 @@ def _followed(url: str, id: str, console: Console) -> dict[str, Any]:
         time.sleep(0.5)
 
 
-def list_objects(url: str, text: str, label: str, floor: str, console: Console, as_json: bool) -> None:
+def list_objects(gateway: Client, text: str, label: str, floor: str, console: Console, as_json: bool) -> None:
     """Prints the objects of the maps: the last seen first, or those first that look most like a text."""
-    asked = {"text": text, "label": label, "floor": floor}
-    query = urlencode({name: value for name, value in asked.items() if value} | {"limit": "1000"})
-    items = call(url, "GET", f"/api/v1/objects?{query}")["items"]
+    items = gateway.objects(text, label=label, floor=floor)
     if as_json:
         print(json.dumps(items))
         return
@@ -102,18 +74,37 @@ def list_objects(url: str, text: str, label: str, floor: str, console: Console, 
         )
 
 
-def system_status(url: str, console: Console, as_json: bool) -> None:
+def system_status(gateway: Client, console: Console, as_json: bool) -> None:
     """Prints what the gateway knows."""
-    paths = {name: f"/api/v1/{name}" for name in ("services", "robots", "cameras", "perception", "missions")}
-    answer = {name: call(url, "GET", path) for name, path in paths.items()}
+    answer: dict[str, list[Any]] = {
+        "services": list(gateway.services()), "robots": list(gateway.robots()), "cameras": list(gateway.cameras()),
+        "perception": list(gateway.perception()), "missions": list(gateway.missions()),
+    }  # fmt: skip
     if as_json:
-        print(json.dumps(answer))
+        print(json.dumps({name: {"items": items, "total": len(items)} for name, items in answer.items()}))
         return
-    for name, rows in answer.items():
-        items = rows.get("items", []) if isinstance(rows, dict) else rows
+    for name, items in answer.items():
         console.print(f"[bold]{name}[/] ({len(items)})")
         for row in items:
             facts = {k: v for k, v in row.items() if isinstance(v, (str, int, float, bool)) and v != ""}
             console.print("  " + "  ".join(f"{k}={v}" for k, v in list(facts.items())[:8]), markup=False)
             for note in row.get("notes", []):
                 console.print(f"  note: {note}", markup=False)
+
+
+def stop_robots(gateway: Client, reason: str, console: Console, as_json: bool) -> None:
+    """Stops all robots at once, or (GatewayError) says which of them didn't answer."""
+    _tell_of_robots(gateway.stop_robots(reason), "stopped, until `surveilnav release`", console, as_json)
+
+
+def release_robots(gateway: Client, console: Console, as_json: bool) -> None:
+    """Releases all robots."""
+    _tell_of_robots(gateway.release_robots(), "released; its mission is paused until it is resumed", console, as_json)
+
+
+def _tell_of_robots(robots: list[RobotHalt], what: str, console: Console, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps({"robots": robots}))
+        return
+    for robot in robots:
+        console.print(f"{robot['robot']}  {'not there' if robot['stale'] else what}", markup=False)

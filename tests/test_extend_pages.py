@@ -20,9 +20,9 @@ from services.camera_node.service import CameraService
 from services.robot_node.config import RobotSettings
 from services.robot_node.service import RobotService
 from surveilnav.bus import Refused, clock_ns
-from surveilnav.contract import CAMERA_FRAME, ROBOT_COMMAND, ROBOT_OBSERVATION
+from surveilnav.contract import CAMERA_FRAME, ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import Command
+from surveilnav.messages import Command, Halt
 from surveilnav.sensing.packing import decode_frame
 from tests.waiting import patient, until
 
@@ -118,6 +118,9 @@ class Drive:
         self.x_m = min(0.3, self.x_m + 0.25 * (action == "move_forward"))
         self.yaw_rad += math.radians(30) * ((action == "turn_left") - (action == "turn_right"))
 
+    def brake(self):
+        self.done.append("brake")
+
     def pose(self):
         return self.x_m, 0.0, self.yaw_rad
 
@@ -147,5 +150,6 @@ def test_a_robot_body_obeys(make_node, client):
     with pytest.raises(Refused, match="can't take_stairs"):
         command("take_stairs", 4, to_floor="1")
     assert command("stop", 4).accepted
-    assert drive.done == actions[:3]
+    assert client.ask(ROBOT_HALT, Halt(stamp_ns=clock_ns(), halted=True), robot="r1").message.halted
+    assert drive.done == [*actions[:3], "brake"]
     assert body.state.stopped

@@ -29,7 +29,7 @@ def main() -> None:
         service = CameraService(node, source, settings)
         with open_eyes(
             node, source, settings, n_floors=len(plan.floors), load=lambda: _backend(building, settings),
-            busy=lambda: service.sending,
+            busy=lambda: service.sending or service.paused,
         ):  # fmt: skip
             node.run(service.step, idle_s=0.02)
 

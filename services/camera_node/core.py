@@ -24,7 +24,12 @@ class SendState:
 
 
 def views_to_send(
-    state: SendState, *, versions: Mapping[int, int], matched: Collection[int], requested: Collection[int] = ()
+    state: SendState,
+    *,
+    versions: Mapping[int, int],
+    matched: Collection[int],
+    requested: Collection[int] = (),
+    paused: bool = False,
 ) -> tuple[SendState, tuple[int, ...]]:
     """Decides which views to put now: those that somebody listens to and doesn't have, or asks for again.
 
@@ -32,11 +37,14 @@ def views_to_send(
         versions: version of what each view shows now, by view; a new number means that the picture changed.
         matched: views whose publishers have a listener. Nobody listens: nothing is rendered, encoded or sent.
         requested: views that someone asked to have again; they too need a listener.
+        paused: nothing is sent, and afterwards every listener gets each view anew.
 
     Returns:
         The next state, assuming that all are put, and the views, those asked for first. A view that loses its last
         listener is forgotten, so that the next listener gets it at once.
     """
+    if paused:
+        return SendState(), ()
     listened = [v for v in sorted(versions) if v in matched]
     due = [v for v in listened if v in requested or state.sent.get(v) != versions[v]]
     sent = {v: versions[v] if v in due else state.sent[v] for v in listened}

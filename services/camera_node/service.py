@@ -31,10 +31,13 @@ class CameraService:
         self._lock = threading.Lock()
         #: Frames are on their way: whatever can wait should.
         self.sending = False
+        #: A person has it look at nothing.
+        self.paused = False
         self._seq = dict.fromkeys(views, 0)
         node.serve(CAMERA_INFO, lambda _: Answer(self._info()), **ids)
         node.serve(CAMERA_REQUEST, self._on_request, **ids)
-        node.publisher(CAMERA_INFO, **ids).put(self._info())
+        self._infos = node.publisher(CAMERA_INFO, **ids)
+        self._infos.put(self._info())
 
     def step(self) -> bool:
         """Puts the views that are due; True if there were any."""
@@ -42,7 +45,9 @@ class CameraService:
         with self._lock:
             requested, self._requested = self._requested, set()
         versions = {v: version for v in self._frames if (version := self._source.version(v)) is not None}
-        self._state, due = core.views_to_send(self._state, versions=versions, matched=matched, requested=requested)
+        self._state, due = core.views_to_send(
+            self._state, versions=versions, matched=matched, requested=requested, paused=self.paused
+        )
         self.sending = bool(due)
         for view in due:
             if self._node.stopping.is_set():
@@ -77,20 +82,32 @@ class CameraService:
         return CameraInfo(
             stamp_ns=clock_ns(), camera=place.name, floor=place.floor, position_m=place.position_m,
             mounting_offset_m=place.mounting_offset_m, intrinsics=source.intrinsics,
-            views=[CameraViewInfo(v, pose) for v, pose in enumerate(source.views)],
+            views=[CameraViewInfo(v, pose) for v, pose in enumerate(source.views)], paused=self.paused,
         )  # fmt: skip
 
     def _on_request(self, request: Request) -> Answer:
-        views = request.message.views
+        action, views = request.message.action, request.message.views
+        if action in ("pause", "resume"):
+            return self._pause(action == "pause")
+        if self.paused:
+            raise Refused("paused", f"{self._name} is paused: a person has it show nothing until it is resumed")
         unknown = set(views) - set(self._frames)
         if unknown or not views:
             raise Refused("bad_view", f"expected views of 0-{len(self._frames) - 1}, got {views}")
-        if request.message.action == "thumbnail":
+        if action == "thumbnail":
             return Answer(Ack(stamp_ns=clock_ns()), self._thumbnail(views[0]))
         with self._lock:
             self._requested |= set(views)
         self._node.wake.set()
         return Answer(Ack(stamp_ns=clock_ns(), message=f"{len(views)} views will come again"))
+
+    def _pause(self, paused: bool) -> Answer:
+        if paused != self.paused:
+            self.paused = paused
+            self._node.log.warning("paused" if paused else "resumed")
+            self._infos.put(self._info())
+            self._node.wake.set()
+        return Answer(Ack(stamp_ns=clock_ns(), message="paused" if paused else "looking"))
 
     def _thumbnail(self, view: int) -> bytes:
         if self._source.version(view) is None:

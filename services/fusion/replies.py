@@ -97,7 +97,7 @@ class Replies:
 
     def objects(self, request: Request) -> list[Answer]:
         """All objects of one floor or of all; ``object=ID``: only that one; both it and ``history=all``: all events;
-        ``text=...``: with how well each fits, by its kept embedding."""
+        ``text=...``: with how well each fits, by its kept embedding; ``detail=brief``: without points and events."""
         floor, wanted = request.ids.get("floor"), request.parameters.get("object", "")
         if wanted and not (wanted.isascii() and wanted.isdigit() and floor is not None):
             raise Refused("unknown_object", "ask objects/FLOOR?object=ID, ID a number")
@@ -111,6 +111,8 @@ class Replies:
                     raise Refused("unknown_object", f"floor {name!r} has no object {wanted} (any more)")
             if wanted or request.parameters.get("history") == "all":
                 objects = [self._with_history(o) for o in objects]
+            elif request.parameters.get("detail") == "brief":
+                objects = [msgspec.structs.replace(o, points=b"", history=[]) for o in objects]
             message = ObjectList(stamp_ns=clock_ns(), floor=name, revision=revision, objects=objects)
             answers.append(Answer(message, ids={"floor": name}))
         return answers

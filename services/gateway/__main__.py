@@ -15,6 +15,9 @@ from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
 from surveilnav.errors import BusError
 
+#: What was sent to a client that doesn't read waits so long, then its connection ends.
+_UNREAD_MS = 30_000
+
 
 def listen(host: str, port: int) -> socket.socket:
     """A listening socket.
@@ -24,22 +27,39 @@ def listen(host: str, port: int) -> socket.socket:
     """
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        return socket.create_server((host, port), family=family, backlog=128)
+        sock = socket.create_server((host, port), family=family, backlog=128)
     except OSError as error:
         raise BusError(
             f"can't listen at {host} port {port} ({error.strerror or error}). Stop what listens there "
             f"(`ss -ltnp 'sport = :{port}'` shows it) or choose another with SURVEILNAV_GATEWAY__PORT "
             "and SURVEILNAV_GATEWAY__HOST."
         ) from error
+    if hasattr(
+        socket, "TCP_USER_TIMEOUT"
+    ):  # Linux, inherited by connections: the kernel drops who doesn't take its bytes
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
+    return sock
+
+
+def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = "") -> uvicorn.Server:
+    """The server around ``gateway``, which answers under those names (None: under any); its streams end with it.
+
+    Nothing here depends on ``X-Forwarded-*``, and nobody's are believed.
+    """
+    config = uvicorn.Config(
+        create_app(gateway, names), log_config=None, access_log=False, lifespan="off", proxy_headers=False,
+        root_path=root_path,
+    )  # fmt: skip
+    server = uvicorn.Server(config)
+    gateway.events.ended = lambda: server.should_exit
+    return server
 
 
 def serve(settings: GatewaySettings, bus: BusSettings) -> None:
     """Serves until SIGTERM or SIGINT."""
     with listen(settings.host, settings.port) as sock, Node("gateway", settings.node_id, bus) as node:
         host, port = sock.getsockname()[:2]
-        server = uvicorn.Server(
-            uvicorn.Config(create_app(Gateway(node), settings.names), log_config=None, access_log=False, lifespan="off")
-        )
+        server = web_server(Gateway(node, settings.root_path), settings.names, settings.root_path)
         # uvicorn raises the signal again after it has shut down; the session must still be closed then.
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: None)

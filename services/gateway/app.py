@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import FastAPI
 
 from services.gateway import problem_answers, refusals
-from services.gateway.routes import maps, missions, page, sources, system
+from services.gateway.routes import cameras, documentation, events, maps, missions, objects, page, sources, system
 from services.gateway.service import Gateway
 from surveilnav import __version__
 
@@ -15,20 +15,25 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
 
     It serves until its owner closes the node.
     """
-    # FastAPI's own documentation pages load their scripts from elsewhere: none.
+    # FastAPI's own documentation pages load their scripts from elsewhere.
     app = FastAPI(
         title="SurveilNav",
         version=__version__,
         description="Surveillance cameras and a robot search a building together.",
         docs_url=None,
         redoc_url=None,
+        redirect_slashes=False,  # an address has one spelling
         responses=problem_answers.RESPONSES,
     )
     app.add_middleware(refusals.Refusals, problem=refusals.check(allowed_hosts))
     problem_answers.answer_failures(app)
     app.include_router(missions.router(gateway.missions))
+    app.include_router(cameras.router(gateway.cameras))
     app.include_router(sources.router(gateway.sources))
     app.include_router(maps.router(gateway.maps))
+    app.include_router(objects.router(gateway.objects))
+    app.include_router(events.router(gateway.events))
     app.include_router(system.router(gateway))
     app.include_router(page.router())
+    app.include_router(documentation.router())
     return app

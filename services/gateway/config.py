@@ -21,6 +21,11 @@ class GatewaySettings(BaseSettings):
         default="localhost,127.0.0.1,[::1]",
         description="names that requests may be for (their Host), without ports, with commas between, beside the host; * for any",
     )
+    root_path: str = Field(
+        default="",
+        pattern=r"^(/[A-Za-z0-9_.~-]+)*$",
+        description="where a proxy has the gateway, such as /surveilnav; the proxy takes it off",
+    )
     node_id: str = Field(default="gateway", description="its name on the bus")
 
     @field_validator("host")

@@ -1,34 +1,35 @@
-"""The joint map: floors, objects, and pictures of layers."""
+"""The joint map: floors, and pictures of layers."""
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
-from services.gateway.asking import absent, ask_known
+from services.gateway.asking import ask_known
+from services.gateway.cameras import Cameras
 from services.gateway.core import layers
-from services.gateway.core.layers import Picture
+from services.gateway.core.layers import Drawn
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import Floor, Object
+from services.gateway.core.resources import Floor, Layer
 from services.gateway.missions import Missions
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.errors import WireError
-from surveilnav.nouns import thing_asked_for
 from surveilnav.sensing.layers import unpack_layer
-from surveilnav.words import canonical
 
 _CACHED_PICTURES = 64
+Form = Literal["png", "npy"]
 
 
-class _PictureKey(NamedTuple):
-    """What a picture shows. ``stamp_ns``: of the revision; a fusion that started anew counts from 1 again."""
+class _Key(NamedTuple):
+    """What a picture or array shows. ``stamp_ns``: of the revision; a fusion that started anew counts from 1 again."""
 
     floor: str
     layer: str
+    form: Form
     target: str
     stamp_ns: int
 
@@ -36,15 +37,16 @@ class _PictureKey(NamedTuple):
 class Maps:
     """What fusion holds of the building, floor by floor."""
 
-    def __init__(self, state: BuildingState, sources: Sources, missions: Missions) -> None:
-        self._state, self._node, self._sources, self._missions = state, state.node, sources, missions
-        self._pictures: OrderedDict[_PictureKey, tuple[Picture, int]] = OrderedDict()
+    def __init__(self, state: BuildingState, cameras: Cameras, sources: Sources, missions: Missions) -> None:
+        self._state, self._node = state, state.node
+        self._cameras, self._sources, self._missions = cameras, sources, missions
+        self._pictures: OrderedDict[_Key, tuple[Drawn, int]] = OrderedDict()
         self._pictures_lock = threading.Lock()
 
     def floors(self) -> list[Floor]:
         """Every floor that has a map, a camera or a robot."""
         revisions = self._state.revisions.newest("floor")
-        cameras, robots = self._sources.cameras(), self._sources.robots()
+        cameras, robots = self._cameras.all(), self._sources.robots()
         names = set(revisions) | {c.floor for c in cameras} | {r.floor for r in robots}
         return [
             Floor.from_revision(
@@ -54,39 +56,23 @@ class Maps:
                 [c.id for c in cameras if c.floor == name],
                 revisions[name].received_ns if name in revisions else None,
                 self._state.alive("fusion"),
+                self._state.root,
             )
             for name in sorted(names)
         ]
 
-    def objects(self, floor: str | None, label: str | None, text: str = "") -> list[Object]:
-        """Objects by floor, last seen first; of one floor or one label if given. With a text: those first that fit it
-        best, by what their pictures looked like."""
-        parameters = {"text": text} if text else None
-        if floor is None and not text:
-            rows = self._node.ask_all(contract.OBJECTS)
-            if not rows and not self._state.alive("fusion"):
-                raise absent("fusion")
-        elif floor is None and not self._state.alive("fusion"):
-            raise absent("fusion")
-        else:  # a text may be refused, which must be told
-            rows = [
-                ask_known(self._node, "floor", name, "fusion", contract.OBJECTS, parameters=parameters, floor=name)
-                for name in ([floor] if floor is not None else self._state.revisions.newest("floor"))
-            ]
-        wanted = None if label is None else {canonical(label), thing_asked_for(label)}
-        records = [r for row in rows for r in row.message.objects if wanted is None or r.label in wanted]
-        records.sort(key=lambda r: (r.floor, -r.last_seen_ns, r.id))
-        if text:
-            records.sort(key=lambda r: (r.relevance is None, -(r.relevance or 0.0)))
-        return [Object.from_record(r) for r in records]
+    def place(self, floor: str, layer: str, target: str) -> Layer:
+        """Where a layer lies in the world."""
+        return Layer.of(floor, layer, target, *self.layer(floor, layer, target, "npy"), self._state.root)
 
-    def layer(self, floor: str, layer: str, target: str) -> tuple[Picture, int]:
-        """The picture of a layer, and the revision that it shows. Asked of fusion only if the floor's maps changed."""
+    def layer(self, floor: str, layer: str, target: str, form: Form = "png") -> tuple[Drawn, int]:
+        """A layer as a picture or an array, and the revision that it shows. Asked of fusion only if the floor's maps
+        changed."""
         if layer not in layers.COLOURS:
             raise Problem(404, "unknown_layer", f"no picture of {layer!r}; layers: {', '.join(layers.COLOURS)}")
         target = (target or self._searched(floor)) if layer == "value" else ""
         revision = self._state.revisions.newest("floor").get(floor)
-        key = _PictureKey(floor, layer, target, revision.message.stamp_ns if revision else 0)
+        key = _Key(floor, layer, form, target, revision.message.stamp_ns if revision else 0)
         if revision and (cached := self._cached(key)):
             return cached
         drawn = self._drawn(key)
@@ -101,25 +87,26 @@ class Maps:
             raise Problem(422, "no_target", "the value layer belongs to a target: add ?target=..., or submit a mission")
         return missions[0].target
 
-    def _drawn(self, key: _PictureKey) -> tuple[Picture, int]:
-        floor, layer, target, _ = key
+    def _drawn(self, key: _Key) -> tuple[Drawn, int]:
+        floor, layer, form, target, _ = key
         parameters = {"target": target} if target else None
         row = ask_known(
             self._node, "floor", floor, "fusion", contract.MAP_LAYER, parameters=parameters, floor=floor, layer=layer
         )
         try:
-            picture = layers.render(layer, row.message.grid, unpack_layer(layer, row.message, row.payload))
+            cells = unpack_layer(layer, row.message, row.payload)
         except WireError as error:
             raise Problem(502, "bad_layer", f"fusion sent a {layer} layer that can't be read: {error}") from error
-        return replace(picture, views_left_out=row.message.views_left_out), row.message.revision
+        drawn = (layers.render if form == "png" else layers.as_array)(layer, row.message.grid, cells)
+        return replace(drawn, views_left_out=row.message.views_left_out), row.message.revision
 
-    def _cached(self, key: _PictureKey) -> tuple[Picture, int] | None:
+    def _cached(self, key: _Key) -> tuple[Drawn, int] | None:
         with self._pictures_lock:
             if key in self._pictures:
                 self._pictures.move_to_end(key)
             return self._pictures.get(key)
 
-    def _cache(self, key: _PictureKey, drawn: tuple[Picture, int]) -> None:
+    def _cache(self, key: _Key, drawn: tuple[Drawn, int]) -> None:
         with self._pictures_lock:
             self._pictures[key] = drawn
             if len(self._pictures) > _CACHED_PICTURES:

@@ -1,62 +1,47 @@
-"""Missions: handed to the planner, followed, cancelled."""
+"""Missions: followed, paused, cancelled."""
 
 from __future__ import annotations
 
-import hashlib
-import threading
-import uuid
-from collections import OrderedDict
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 from services.gateway.asking import ask, ask_known
+from services.gateway.core.cursors import Place, page_after
 from services.gateway.core.problems import Problem, refusal
-from services.gateway.core.resources import Mission, MissionPlan, NewMission
+from services.gateway.core.resources import GrowingItems, Mission, MissionPlan, NewMission
 from services.gateway.state import BuildingState
+from services.gateway.submissions import Submissions, told
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
-from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionStatus
-from surveilnav.words import canonical
+from surveilnav.errors import SurveilNavError
+from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionPause, MissionStatus
 
-_REMEMBERED_KEYS = 10_000
+_AT_ONCE = 16
 
 
 class Missions:
     """All missions of the building, whoever submitted them."""
 
     def __init__(self, state: BuildingState) -> None:
-        self._state, self._node = state, state.node
-        self._submitted: OrderedDict[str, tuple[NewMission, Mission]] = OrderedDict()
-        self._submit_lock = threading.Lock()
+        self._state, self._node, self.root = state, state.node, state.root
+        self._submissions = Submissions(state)
 
     def submit(self, goal: NewMission, idempotency_key: str | None) -> Mission:
         """Hands a goal to the planner. The same key with the same goal is one mission, also across restarts."""
-        if idempotency_key is None:
-            return self._submit(f"m-{uuid.uuid4().hex[:12]}", goal)
-        with self._submit_lock:  # two requests with one key must not both ask
-            if known := self._submitted.get(idempotency_key):
-                return _repeated(goal, known[0] == goal, known[1])
-            id = "m-" + hashlib.sha256(f"{self._node.building}\0{idempotency_key}".encode()).hexdigest()[:16]
-            if row := self._state.missions.newest("mission").get(id):  # a gateway before this one took it
-                said = {canonical(row.message.target), canonical(row.message.asked)}
-                return _repeated(goal, canonical(goal.target) in said, self._told(row))
-            mission = self._submit(id, goal)
-            self._submitted[idempotency_key] = goal, mission
-            if len(self._submitted) > _REMEMBERED_KEYS:
-                self._submitted.popitem(last=False)
-            return mission
-
-    def _submit(self, id: str, goal: NewMission) -> Mission:
-        message = MissionGoal(
-            stamp_ns=clock_ns(), mission=id, target=goal.target, robot=goal.robot or "", max_steps=goal.max_steps
-        )
-        ack: MissionAck = ask(self._node, "planner", contract.MISSION_GOAL, message, mission=id).message
-        if not ack.accepted:
-            raise refusal(ack.error, ack.message)
-        return Mission.from_ack(ack, goal, clock_ns())
+        return self._submissions.submit(goal, idempotency_key)
 
     def all(self) -> list[Mission]:
         """Newest first."""
-        rows = self._state.missions.newest("mission").values()
-        return [self._told(r) for r in sorted(rows, key=lambda r: (-r.message.started_ns, r.ids["mission"]))]
+        return [self._told(row) for row in self._rows()]
+
+    def page(self, cursor: str | None, offset: int, limit: int) -> GrowingItems[Mission]:
+        """At most ``limit``, newest first, after a cursor or from ``offset``."""
+        rows = self._rows()
+        page, next_cursor = page_after(rows, _place, cursor, offset, limit)
+        return GrowingItems(items=[self._told(row) for row in page], total=len(rows), next=next_cursor)
+
+    def _rows(self) -> list[Received[MissionStatus]]:
+        return sorted(self._state.missions.newest("mission").values(), key=_place)
 
     def get(self, id: str) -> Mission:
         """The mission as it was last told of, or as the planner tells when asked."""
@@ -68,10 +53,29 @@ class Missions:
     def cancel(self, id: str, reason: str) -> Mission:
         """Asks the planner to end a mission; one that is finished can't be cancelled (409)."""
         message = MissionCancel(stamp_ns=clock_ns(), mission=id, reason=reason)
-        ack: MissionAck = ask(self._node, "planner", contract.MISSION_CANCEL, message, mission=id).message
+        return self._done(id, ask(self._node, "planner", contract.MISSION_CANCEL, message, mission=id).message)
+
+    def pause(self, id: str, reason: str, *, paused: bool) -> Mission:
+        """Pauses a mission, or has it go on; one that is finished does neither (409)."""
+        message = MissionPause(stamp_ns=clock_ns(), mission=id, paused=paused, reason=reason)
+        return self._done(id, ask(self._node, "planner", contract.MISSION_PAUSE, message, mission=id).message)
+
+    def pause_all(self, reason: str) -> None:
+        """Pauses what is under way, all at once; what can't be paused now is left: robots that are halted don't move."""
+
+        def pause(id: str) -> None:
+            with suppress(Problem, SurveilNavError):
+                self.pause(id, reason, paused=True)
+
+        under_way = [m.id for m in self.all() if m.state not in FINISHED_STATES]
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            list(pool.map(pause, under_way))
+
+    def _done(self, id: str, ack: MissionAck) -> Mission:
+        """The mission in the state that the planner says it came to."""
         if not ack.accepted:
             if ack.state in FINISHED_STATES and not ack.error:
-                raise Problem(409, "finished", f"mission {id} is {ack.state} already")
+                raise Problem(409, "finished", f"mission {id} is {ack.state} already; submit a new one")
             raise refusal(ack.error, ack.message)
         return self.get(id).model_copy(update={"state": ack.state})
 
@@ -81,15 +85,9 @@ class Missions:
         return MissionPlan.from_plan(row.message, row.received_ns, self._state.alive("planner"))
 
     def _told(self, row: Received[MissionStatus]) -> Mission:
-        return Mission.from_status(row.message, row.received_ns, self._state.alive("planner"))
+        return told(row, self._state)
 
 
-def _repeated(goal: NewMission, same: bool, mission: Mission) -> Mission:
-    if same:
-        return mission
-    raise Problem(
-        422,
-        "idempotency_key_reused",
-        f"this Idempotency-Key belongs to mission {mission.id} for another goal ({mission.target!r}); "
-        f"send a new key for {goal.target!r}",
-    )
+def _place(row: Received[MissionStatus]) -> Place:
+    """Newest first."""
+    return -max(0, row.message.started_ns), row.ids["mission"]

@@ -6,24 +6,47 @@ Calls block for as long as the contract says that an answer may take: run them o
 
 from __future__ import annotations
 
-from services.gateway.core.resources import NEEDED, Readiness, Service, Traffic
+import threading
+
+from services.gateway.cameras import Cameras
+from services.gateway.core.metrics import Heard
+from services.gateway.core.resources import NEEDED, Building, Readiness, RobotHalt, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
+from services.gateway.events import Events
 from services.gateway.maps import Maps
 from services.gateway.missions import Missions
+from services.gateway.objects import Objects
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
+from services.gateway.watch import Watch
 from surveilnav.bus import Node
 
 
 class Gateway:
-    """Everything that the web side may ask for: ``missions``, ``sources`` and ``maps``, traffic and readiness."""
+    """All that the web side may ask for, a part for each kind of resource, and the whole: building, traffic, readiness."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, root_path: str = "") -> None:
+        """``root_path``: where a proxy has the gateway, such as /surveilnav; "": at the top."""
         self._node = node
-        self._state = BuildingState(node)
+        self._state = BuildingState(node, root_path)
         self.missions = Missions(self._state)
+        self.cameras = Cameras(self._state)
         self.sources = Sources(self._state)
-        self.maps = Maps(self._state, self.sources, self.missions)
+        self.maps = Maps(self._state, self.cameras, self.sources, self.missions)
+        self.objects = Objects(self._state)
+        self.events = Events()
+        self._watch = Watch(self._state, self.cameras, self.sources, self.events)
+
+    def building(self) -> Building:
+        """The building, with what is in it."""
+        inside = self.maps.floors(), self.cameras.all(), self.sources.robots(), self.missions.all()
+        return Building.of(self._node.building, *inside, ready=self.readiness().ready)
+
+    def stop_robots(self, reason: str) -> list[RobotHalt]:
+        """Emergency stop: robots first, and missions pause meanwhile, also those of robots that don't answer."""
+        why = f"emergency stop{f': {reason}' if reason else ''}"
+        threading.Thread(target=self.missions.pause_all, args=(why,), name="emergency-stop", daemon=True).start()
+        return self.sources.halt(True, reason)
 
     def traffic(self) -> Traffic:
         """What every node counted, summed by node, camera and robot."""
@@ -39,6 +62,16 @@ class Gateway:
             for row in told.newest("supervisor").values()
             for state in row.message.services
         ]
+
+    def heard(self) -> Heard:
+        """What metrics are made of."""
+        alive, loads = self._node.alive("perception"), self._state.loads
+        workers = {id: (row.message, id not in alive or loads.old(row)) for id, row in loads.newest("worker").items()}
+        return Heard(
+            cameras=self.cameras.all(), floors=self.maps.floors(), robots=self.sources.robots(),
+            missions=self.missions.all(), processes=self.services(), workers=workers, traffic=self.traffic(),
+            ready=self.readiness().ready, event_streams=self.events.streams, events=self.events.newest,
+        )  # fmt: skip
 
     def readiness(self) -> Readiness:
         """Whether a mission could run now, and what is missing."""

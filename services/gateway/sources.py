@@ -1,55 +1,23 @@
-"""What looks and moves: cameras, robots, and the perception workers behind them."""
+"""What moves and what looks at pictures: robots and perception workers."""
 
 from __future__ import annotations
 
-from services.gateway.asking import ask
+from contextlib import suppress
+
+from services.gateway.asking import absent, ask
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import ROOT, Camera, Robot, Worker
+from services.gateway.core.resources import Robot, RobotHalt, Worker
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import clock_ns
-from surveilnav.messages import FINISHED_STATES, CameraRequest
+from surveilnav.messages import FINISHED_STATES, Halt
 
 
 class Sources:
-    """All cameras, robots and workers that were ever heard of, those that left as stale."""
+    """All robots and workers that were ever heard of, those that left as stale."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
-
-    def cameras(self) -> list[Camera]:
-        """Every camera, with what the maps hold of it and what it last saw."""
-        uses = {u.camera: u for r in self._state.revisions.rows() for u in r.message.cameras}
-        summaries = self._state.summaries.newest("camera")
-        alive = self._node.alive("camera")
-        found = []
-        for id, row in self._state.cameras.newest("camera").items():
-            summary = summaries.get(id)
-            seen_ns = max(row.received_ns, summary.received_ns if summary else 0)
-            labels = summary.message.labels if summary else {}
-            found.append(Camera.from_info(row.message, uses.get(id), labels, seen_ns, id in alive))
-        return found
-
-    def camera(self, id: str) -> Camera:
-        """One camera; 404 if it has never announced itself."""
-        for camera in self.cameras():
-            if camera.id == id:
-                return camera
-        raise Problem(
-            404, "unknown_camera", f"no camera {id!r} has announced itself; {ROOT}/cameras lists those that have"
-        )
-
-    def thumbnail(self, id: str, view: int) -> bytes:
-        """A JPEG that the camera makes for this viewer: counted as viewer traffic, no invocation."""
-        camera = self.camera(id)
-        views = sorted(v.view for v in camera.views)
-        if view not in views:
-            raise Problem(404, "unknown_view", f"camera {id} has the views {', '.join(map(str, views))}, not {view}")
-        request = CameraRequest(stamp_ns=clock_ns(), action="thumbnail", views=[view])
-        row = ask(self._node, f"camera {id}", contract.CAMERA_REQUEST, request, floor=camera.floor, camera=id)
-        if not row.payload.startswith(b"\xff\xd8"):
-            raise Problem(502, "bad_picture", f"camera {id} answered with {len(row.payload)} bytes that are no JPEG")
-        return row.payload
 
     def robots(self) -> list[Robot]:
         """Every robot, with the mission under way that it belongs to."""
@@ -60,6 +28,31 @@ class Sources:
             Robot.from_status(row.message, busy.get(id), row.received_ns, id not in alive or statuses.old(row))
             for id, row in statuses.newest("robot").items()
         ]
+
+    def halt(self, halted: bool, reason: str) -> list[RobotHalt]:
+        """Stops all robots at once, or releases them; what each answered. Those that don't are asked again by name.
+
+        Raises:
+            Problem: no robot is there (503), or one that is doesn't say that it obeyed (504, with all answers).
+        """
+        here = self._node.alive("robot")
+        message = Halt(stamp_ns=clock_ns(), halted=halted, reason=reason)
+        told = {
+            r.ids["robot"]: r.message.halted for r in self._node.ask_all(contract.ROBOT_HALT, message, timeout_s=1.0)
+        }
+        for robot in sorted(here - set(told)):
+            with suppress(Problem):
+                told[robot] = ask(
+                    self._node, f"robot {robot}", contract.ROBOT_HALT, message, robot=robot
+                ).message.halted
+        known = here | set(told) | set(self._state.robots.newest("robot"))
+        answers = [RobotHalt(robot=robot, halted=told.get(robot), stale=robot not in here) for robot in sorted(known)]
+        if not answers:
+            raise absent("robot")
+        if silent := [a.robot for a in answers if a.halted is not halted and not a.stale]:
+            detail = f"{', '.join(silent)} didn't say that it {'stopped' if halted else 'is released'}: go there, or try again"
+            raise Problem(504, "robot_silent", detail, robots=[a.model_dump() for a in answers])
+        return answers
 
     def workers(self) -> list[Worker]:
         """Every perception worker, with what it runs."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
+from services.gateway.core.resources import ROOT
 from surveilnav import contract
 from surveilnav.bus import Node, Received
 from surveilnav.contract import Stream
@@ -24,7 +26,9 @@ class LastKnown:
 
     def __init__(self, node: Node, stream: Stream, capacity: int = 20_000) -> None:
         self._node, self._stream, self._capacity = node, stream, capacity
-        self._table = node.table(stream)
+        #: Is handed every message that is put, on the bus's own thread.
+        self.on_message: Callable[[Received[Any]], None] = lambda _: None
+        self._table = node.table(stream, on_message=lambda row: self.on_message(row))
         self._asked: dict[str, Received[Any]] = {}
         self._asked_s = time.monotonic()
         self._lock = threading.Lock()
@@ -55,16 +59,26 @@ class LastKnown:
                 found[row.ids[field]] = row
         return dict(sorted(found.items()))
 
+    def forget(self, field: str, id: str) -> None:
+        """Drops what is known of one owner; it comes back if that announces itself again."""
+        with self._lock:
+            for key in [k for k, row in self._asked.items() if row.ids[field] == id]:
+                del self._asked[key]
+        self._table.forget(field, id)
+
     def old(self, row: Received[Any]) -> bool:
         """Whether a row came longer ago than the contract allows."""
         return row.age_s * 1000 > self._stream.max_age_ms
 
 
 class BuildingState:
-    """The streams that are remembered, and who is there. ``node`` asks for the rest."""
+    """The streams that are remembered, and who is there. ``node`` asks for the rest.
 
-    def __init__(self, node: Node) -> None:
-        self.node = node
+    ``root``: where the addresses in answers begin; ``root_path``: where a proxy has the gateway, "" at the top.
+    """
+
+    def __init__(self, node: Node, root_path: str = "") -> None:
+        self.node, self.root = node, root_path + ROOT
         self.missions = LastKnown(node, contract.MISSION_STATUS)
         self.cameras = LastKnown(node, contract.CAMERA_INFO)
         self.summaries = LastKnown(node, contract.CAMERA_SUMMARY)

@@ -29,4 +29,5 @@ class PlannerSettings(BaseSettings):
     ask_timeout_s: float = Field(default=2.0, gt=0, description="for one query")
     command_deadline_s: float = Field(default=60.0, gt=0, description="a robot that hears nothing for so long stops")
     max_steps: int = Field(default=5000, ge=1, description="the most that a mission may ask for")
+    max_queued: int = Field(default=100, ge=0, description="so many missions may wait for a robot")
     finished_missions_kept: int = Field(default=1000, ge=1, description="the oldest are forgotten first")

@@ -10,6 +10,7 @@ import msgspec
 
 from services.planner.config import PlannerSettings
 from services.planner.core import Decision, MapView, MissionState, RobotView, memory, step
+from services.planner.pausing import Pause, PausedError
 from services.planner.store import Pending, SavedMission, Store, StoreError
 from services.planner.summaries import Summaries
 from services.planner.world import CancelError, LostError, World
@@ -20,6 +21,7 @@ from surveilnav.words import canonical
 
 #: So often in a row a robot may refuse a stair; the core gives the stair up long before.
 _MAX_REFUSALS = 5
+_PAUSED_LOOK_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +35,16 @@ class Surroundings:
     store: Store
 
 
-def accepted(goal: MissionGoal, target: str, robot: str) -> SavedMission:
-    """A mission that nothing was done for yet."""
+def accepted(goal: MissionGoal, target: str, robot: str, message: str = "") -> SavedMission:
+    """A mission that nothing was done for yet. ``robot`` "": it waits for the goal's, or for any; ``message`` says so."""
     now_ns = clock_ns()
     asked = _as_asked(goal) if canonical(goal.target) != target else ""
     return SavedMission(
         status=MissionStatus(
             stamp_ns=now_ns, mission=goal.mission, target=target, robot=robot, state="queued", phase="queued", step=0,
-            max_steps=goal.max_steps, path_m=0.0, started_ns=now_ns, asked=asked,
-        )
+            max_steps=goal.max_steps, path_m=0.0, started_ns=now_ns, message=message, asked=asked,
+        ),
+        wanted_robot=goal.robot,
     )  # fmt: skip
 
 
@@ -58,7 +61,8 @@ class Mission:
         self._summaries = around.summaries
         self.status, self.plan, self.robot = saved.status, saved.plan, saved.status.robot
         self._memory = self._remembered(saved)
-        self._pending, self._cancel = saved.pending, saved.cancel
+        self._pending, self._cancel, self._pause = saved.pending, saved.cancel, Pause(saved.paused)
+        self.wanted_robot = saved.wanted_robot
         self._robot_path_m = saved.robot_path_m
         self._path_before_m = self.status.path_m - saved.robot_path_m
         self._refusals = 0
@@ -67,8 +71,7 @@ class Mission:
         self.unsaved = False
         self._saving = threading.Lock()  # who cancels writes too, and an older state must not come last
         self._world = World(
-            self._node, self._settings, around.revisions, self.robot, self.status.target, self._hold,
-            lambda: self._cancel is not None,
+            self._node, self._settings, around.revisions, self.robot, self.status.target, self._hold, self._interrupted,
         )  # fmt: skip
         # what was heard before counts too: the choice stands on it
         heard = sum(self._summaries.received_bytes().values()) - self._summaries.held_bytes()
@@ -76,6 +79,7 @@ class Mission:
         self._statuses: Publisher | None = None
         self._plans: Publisher | None = None
         self._thread = threading.Thread(target=self._run, name=f"mission-{self.id}", daemon=True)
+        self._starting = threading.Lock()  # who cancels a mission that waits for a robot may meet its start
 
     @property
     def id(self) -> str:
@@ -91,23 +95,45 @@ class Mission:
         said = {self.status.target, self.status.asked} - {""}
         return self.status.max_steps == goal.max_steps and not said.isdisjoint({target, _as_asked(goal)})
 
+    @property
+    def waits(self) -> bool:
+        """Whether it has no robot yet."""
+        return not self.robot and not self.finished
+
     def save(self) -> None:
         """Writes the mission to the store. Raises StoreError."""
         with self._saving:
             memory = "" if self.finished else self._memory.to_json().decode()
             saved = SavedMission(
                 status=self.status, plan=self.plan, pending=self._pending, robot_path_m=self._robot_path_m,
-                cancel=self._cancel, memory=memory,
+                cancel=self._cancel, paused=self._pause.reason, wanted_robot=self.wanted_robot, memory=memory,
             )  # fmt: skip
             under_way = not self.finished and self._pending is not None and self._cancel is None
             self._store.save(saved, finished=self.finished, sync=not under_way)
 
-    def start(self) -> None:
-        """Begins, or goes on where the store says that it was."""
+    def announce(self) -> None:
+        """Says that it is there; one that has a robot begins, or goes on where the store says that it was."""
         self._statuses = self._node.publisher(MISSION_STATUS, mission=self.id)
         self._plans = self._node.publisher(MISSION_PLAN, mission=self.id)
         self._say()
-        self._thread.start()
+        if self.robot:
+            self._thread.start()
+
+    def give(self, robot: str) -> None:
+        """Begins with a robot; one that waited for it. Raises StoreError: that can't be written, so it still waits."""
+        with self._starting:
+            if not self.waits:
+                return
+            waiting = self.status
+            self._note(robot=robot, message="")
+            try:
+                self.save()
+            except StoreError:
+                self.status = waiting
+                raise
+            self.robot, self._world = robot, replace(self._world, robot=robot)
+            self._say()
+            self._thread.start()
 
     def supersede(self, by: str) -> None:
         """Ends a mission that can't be taken up again: its robot has a later one."""
@@ -121,16 +147,31 @@ class Mission:
 
     def cancel(self, reason: str, wait_s: float) -> None:
         """Has the robot stop; waits a little for that to have happened."""
-        self._cancel = reason or "cancelled"
+        with self._starting:
+            self._cancel = reason or "cancelled"
+            if self.waits:
+                self._end("cancelled", message=self._cancel)
+                self._close()
+                self._ended.set()
         self._save_or_warn()
         self._ended.wait(wait_s)
+
+    def pause(self, reason: str) -> None:
+        """Has the robot stay where it is once its action is done; the status says when that is so."""
+        self._pause.begin(reason)
+        self._save_or_warn()
+
+    def resume(self) -> None:
+        """Has it go on where it was paused."""
+        self._pause.end()
+        self._save_or_warn()
 
     # --- the loop -------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         try:
             self._say(state="active", phase="waiting", message="waiting for the robot's first view in the maps")
-            self._search()
+            self._search_with_pauses()
         except CancelError:
             if self._node.stopping.is_set():
                 return  # nobody hears us any more; the robot's own deadline stops it
@@ -148,9 +189,12 @@ class Mission:
         finally:
             self._ended.set()
             if not self._node.stopping.is_set():
-                for publisher in (self._statuses, self._plans):
-                    if publisher is not None:
-                        publisher.close()
+                self._close()
+
+    def _close(self) -> None:
+        for publisher in (self._statuses, self._plans):
+            if publisher is not None:
+                publisher.close()
 
     def _search(self) -> None:
         """Maps that hold observation n -> decision -> action -> observation n + 1, until the mission ends.
@@ -170,6 +214,29 @@ class Mission:
             if self._carry_out(self._pending):
                 return
             self._pending = None
+
+    def _search_with_pauses(self) -> None:
+        """The search goes on with the same decision after each pause."""
+        while True:
+            try:
+                return self._search()
+            except PausedError:
+                self._wait_while_paused()
+
+    def _interrupted(self) -> bool:
+        """Whether it was cancelled. PausedError: it is paused."""
+        if self._cancel is None:
+            self._pause.check()
+        return self._cancel is not None
+
+    def _wait_while_paused(self) -> None:
+        """CancelError: it was cancelled meanwhile, or the service ends."""
+        self._say(state="paused", phase="paused", message=self._pause.reason or "")
+        while self._pause.reason is not None:
+            if self._cancel is not None or self._node.stopping.is_set():
+                raise CancelError
+            self._pause.wait(_PAUSED_LOOK_S)
+        self._say(state="active", phase="waiting", message="going on")
 
     def _decide(self, status: RobotStatus, maps: MapView) -> Pending:
         """The next action; written to the store, so that it may be sent."""
@@ -218,6 +285,9 @@ class Mission:
         try:
             self._world.move(action, pending.seq, self.id, pending.to_floor)
         except Refused as refused:
+            if refused.name == "halted":  # it may go on when a person says so, not when the robot is released
+                self.pause(f"robot {self.robot} is halted: release it, then resume this mission")
+                raise PausedError from refused
             self._refusals += 1  # the core counts it against the stair, and chooses again
             if action != "take_stairs" or self._refusals > _MAX_REFUSALS:
                 raise LostError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
@@ -310,4 +380,5 @@ class Mission:
             stamp_ns=clock_ns(), mission=self.id, robot=self.robot, floor=status.floor, step=self._memory.step,
             seq=status.seq, action=decision.action or "", waypoint=decision.waypoint,
             path_m=[(round(x, 3), round(y, 3)) for x, y in decision.path], candidates=list(decision.candidates),
+            why=decision.message,
         )  # fmt: skip

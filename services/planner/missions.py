@@ -62,15 +62,41 @@ class Missions:
         return mission
 
     def _begin(self, goal: MissionGoal, target: str) -> Mission:
-        mission = Mission(self._around, accepted(goal, target, self._free_robot(goal.robot)))
+        robot, why = self._robot_for(goal)
+        mission = Mission(self._around, accepted(goal, target, robot, why))
         try:
             mission.save()  # before it is acknowledged: what was accepted exists, come what may
         except StoreError as error:
             raise MissionError("store_failed", str(error)) from error
         self._missions[mission.id] = mission
         self._forget_oldest()
-        mission.start()
+        mission.announce()
         return mission
+
+    def _robot_for(self, goal: MissionGoal) -> tuple[str, str]:
+        """The robot for a goal, or "" and why it waits for one. MissionError: there is none, and it doesn't wait."""
+        try:
+            return self._free_robot(goal.robot), ""
+        except MissionError as error:
+            if not goal.queue or error.name == "unknown_robot":
+                raise
+            waiting = sum(m.waits for m in self._missions.values())
+            if waiting >= self._settings.max_queued:
+                raise MissionError("queue_full", f"{waiting} missions wait for a robot already: cancel one") from error
+            return "", f"waits: {str(error).partition(':')[0]}"  # what else it could do, it does already
+
+    def give_robots(self) -> None:
+        """Starts those that wait for a robot and can have one now: who came first is served first."""
+        with self._lock:
+            for mission in [m for m in self._missions.values() if m.waits]:
+                try:
+                    mission.give(self._free_robot(mission.wanted_robot))
+                except (MissionError, StoreError):
+                    continue
+
+    def halted(self, robot: str) -> bool:
+        """Whether a robot was stopped by hand, by its newest word."""
+        return any(row.message.robot == robot and row.message.state == "halted" for row in self._robots.rows())
 
     def _resume(self) -> bool:
         """Takes up the unfinished missions of the store, and knows the finished ones again; False if it can't be read.
@@ -83,22 +109,22 @@ class Missions:
             self._node.warn_seldom("store_failed: no mission is resumed yet", error=str(error))
             return False
         self._missions = {s.status.mission: Mission(self._around, s) for s in saved}
-        last = {m.robot: m for m in self._missions.values() if not m.finished}
+        last = {m.robot: m for m in self._missions.values() if not m.finished and m.robot}
         for mission in list(self._missions.values()):
             if mission.finished:
                 continue
-            if mission is not last[mission.robot]:
+            if mission.robot and mission is not last[mission.robot]:
                 mission.supersede(last[mission.robot].id)
                 continue
             self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
-            mission.start()
+            mission.announce()
         self._forget_oldest()
         return True
 
     def _free_robot(self, wanted: str) -> str:
         """The robot asked for, or any that is here and has no mission."""
         here = sorted(self._node.alive("robot") & {row.message.robot for row in self._robots.rows()})
-        busy = {m.robot: m.id for m in self._missions.values() if not m.finished}
+        busy = {m.robot: m.id for m in self._missions.values() if not m.finished and m.robot}
         if wanted:
             if wanted not in here:
                 known = ", ".join(here) or "none"
@@ -107,13 +133,18 @@ class Missions:
                 raise MissionError(
                     "robot_busy", f"robot {wanted!r} is on mission {busy[wanted]!r}: cancel that or wait for its end"
                 )
+            if self.halted(wanted):
+                raise MissionError("robot_halted", f"robot {wanted!r} is halted: release it first")
             return wanted
-        free = [robot for robot in here if robot not in busy]
+        free = [robot for robot in here if robot not in busy and not self.halted(robot)]
         if not here:
             raise MissionError("no_free_robot", "no robot is on the bus: start a robot node and send the goal again")
         if not free:
-            held = ", ".join(f"{robot} on {busy[robot]}" for robot in here)
-            raise MissionError("no_free_robot", f"every robot has a mission ({held}): cancel one or wait for its end")
+            held = ", ".join(f"{robot} on {busy[robot]}" if robot in busy else f"{robot} halted" for robot in here)
+            raise MissionError(
+                "no_free_robot",
+                f"no robot is free ({held}): cancel a mission, release a robot, wait, or queue the goal",
+            )
         return free[0]
 
     def _forget_oldest(self) -> None:

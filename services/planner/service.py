@@ -12,12 +12,13 @@ from services.planner.config import PlannerSettings
 from services.planner.mission import Mission
 from services.planner.missions import Missions
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
-from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_PLAN, MISSION_STATUS
+from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_PAUSE, MISSION_PLAN, MISSION_STATUS
 from surveilnav.errors import MissionError
-from surveilnav.messages import MissionAck, MissionCancel, MissionGoal
+from surveilnav.messages import MissionAck, MissionCancel, MissionGoal, MissionPause
 
-_CANCEL_WAIT_S = 3.0
+_CANCEL_WAIT_S = _PAUSE_WAIT_S = 3.0
 _SAVE_AGAIN_S = 2.0
+_GIVE_S = 0.2
 
 
 class PlannerService:
@@ -27,15 +28,20 @@ class PlannerService:
         for kind in ("robot", "fusion", "perception"):
             node.alive(kind)  # the first call starts watching
         self._node, self._missions = node, Missions(node, settings)
-        self._saved_s = time.monotonic()
+        self._saved_s = self._gave_s = time.monotonic()
         node.serve(MISSION_GOAL, self._on_goal)
         node.serve(MISSION_CANCEL, self._on_cancel, workers=2)
+        node.serve(MISSION_PAUSE, self._on_pause, workers=2)
         node.serve(MISSION_STATUS, lambda request: self._tell(request, _status_of))
         node.serve(MISSION_PLAN, lambda request: self._tell(request, _plan_of))
 
     def step(self) -> bool:
-        """Missions run on threads of their own; here what the store couldn't do is tried again now and then."""
+        """Missions run on threads of their own; here those without a robot get one, and what the store couldn't do is tried
+        again now and then."""
         now_s = time.monotonic()
+        if now_s - self._gave_s >= _GIVE_S:
+            self._gave_s = now_s
+            self._missions.give_robots()
         if now_s - self._saved_s >= _SAVE_AGAIN_S:
             self._saved_s = now_s
             self._missions.save_again()
@@ -61,6 +67,29 @@ class PlannerService:
         if mission.finished:
             return _acknowledged(mission, accepted=False, message=f"it is {mission.status.state} already")
         mission.cancel(cancel.reason, _CANCEL_WAIT_S)
+        return _acknowledged(mission, accepted=True)
+
+    def _on_pause(self, request: Request) -> Answer:
+        """Pauses or resumes, and waits a little for that to have happened."""
+        wanted: MissionPause = request.message
+        id = request.ids["mission"]
+        mission = self._missions.get(id)
+        if mission is None:
+            return _refused(wanted.mission, "unknown_mission", f"no mission {id!r} is known here")
+        if mission.finished:
+            return _acknowledged(mission, accepted=False, message=f"it is {mission.status.state} already")
+        if mission.waits:
+            return _refused(
+                id, "not_begun", f"mission {id!r} has no robot yet, so there is nothing to pause; cancel it instead"
+            )
+        if not wanted.paused and self._missions.halted(mission.robot):
+            return _refused(id, "robot_halted", f"robot {mission.robot!r} is halted: release it first")
+        mission.pause(wanted.reason) if wanted.paused else mission.resume()
+        until_s = time.monotonic() + _PAUSE_WAIT_S
+        while (
+            (mission.status.state == "paused") != wanted.paused and not mission.finished and time.monotonic() < until_s
+        ):
+            time.sleep(0.01)
         return _acknowledged(mission, accepted=True)
 
     def _tell(self, request: Request, what: Callable[[Mission], Answer | None]) -> list[Answer]:

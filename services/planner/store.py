@@ -58,7 +58,8 @@ class SavedMission(msgspec.Struct, frozen=True, kw_only=True):
     """A mission as it goes on after a restart.
 
     ``robot_path_m``: of ``status.path_m`` what the robot itself spoke of at the last decision; ``cancel``: the reason, once
-    somebody cancelled it; ``memory``: the core's, as JSON ("": none yet, or the mission is over).
+    somebody cancelled it; ``paused``: the same while it is paused; ``wanted_robot``: the one that it asked for, "": any;
+    ``memory``: the core's, as JSON ("": none yet, or the mission is over).
     """
 
     status: MissionStatus
@@ -66,6 +67,8 @@ class SavedMission(msgspec.Struct, frozen=True, kw_only=True):
     pending: Pending | None = None
     robot_path_m: float = 0.0
     cancel: str | None = None
+    paused: str | None = None
+    wanted_robot: str = ""
     memory: str = ""
 
 
@@ -77,6 +80,8 @@ class _Record(msgspec.Struct, frozen=True, kw_only=True):
     pending: Pending | None
     cancel: str | None
     robot_path_m: float | None = None
+    paused: str | None = None
+    wanted_robot: str = ""
 
 
 class Store:

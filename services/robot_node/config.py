@@ -16,5 +16,7 @@ class RobotSettings(BaseSettings):
     id: str = Field("r1", pattern=ID_PATTERN, description="its name in its keys")
     start: str = Field("", description="x,y,floor,yaw_deg in the world; empty: a place drawn by the seed")
     start_for: str = Field("", description="begin out of sight and at least 5 m away from this target")
-    store: str = Field("", description="a file that keeps where it stands; empty: it begins at its start each time")
+    store: str = Field(
+        "", description="a file that keeps where it stands, and beside it whether it is halted; empty: nothing"
+    )
     jpeg_quality: int = Field(90, ge=10, le=100, description="of its observations")

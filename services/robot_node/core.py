@@ -18,7 +18,7 @@ from surveilnav.geometry import Matrix4, Pinhole, Pose, base_pose, camera_pose
 from surveilnav.messages import ACTIONS, RobotStatus, Stair
 from surveilnav.robot_body import CAMERA_HEIGHT_M, LOOK_RAD, STAIR_REACH_M, STEP_M, TURN_RAD
 
-StateName = Literal["ready", "moving", "stopped", "error"]
+StateName = Literal["ready", "moving", "stopped", "halted", "error"]
 
 MAX_PITCH_RAD = math.radians(60.0)
 #: Habitat's ObjectNav sensor: 640x480 at 79 degrees, depth from 0.5 to 5 m.
@@ -112,6 +112,27 @@ def stairs_of(navigation: NavigationLike) -> list[Stair]:
         for t in navigation.transits
         for floor in _floors_of(t)
     ]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Halted:
+    """Whether a robot was stopped by hand, and why. It stays so until it is released, whatever is commanded meanwhile."""
+
+    halted: bool = False
+    reason: str = ""
+
+    def refusal(self, action: str) -> str:
+        """Why an action isn't carried out, for people; empty if it is. To stop is always allowed."""
+        if not self.halted or action == "stop":
+            return ""
+        return f"the robot is halted ({self.reason or 'no reason was given'}): release it first"
+
+
+def state_name(state: RobotState, halted: Halted, *, late: bool, awaiting: bool) -> StateName:
+    """What the robot says that it does. ``late``: no command came in time; ``awaiting``: the next one is expected."""
+    if halted.halted:
+        return "halted"
+    return "stopped" if state.stopped or late else "moving" if awaiting else "ready"
 
 
 def status_of(

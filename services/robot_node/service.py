@@ -8,14 +8,16 @@ import time
 from services.robot_node import core
 from services.robot_node.bodies.body import Body
 from services.robot_node.config import RobotSettings
+from services.robot_node.halting import Halting
 from services.robot_node.observation import Encoded, encode
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
-from surveilnav.contract import ROBOT_COMMAND, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
-from surveilnav.messages import CommandReply, RobotStatus
+from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
+from surveilnav.messages import CommandReply, HaltReply, RobotStatus
 from surveilnav.sensing.truth import truth_to_wire
 
 #: An observation that nobody follows up is put again, ever more seldom: the router may have lost it.
 _REPEAT_S = (1.0, 2.0, 4.0, 8.0)
+_HALT_AGAIN_S = 0.05
 
 
 class RobotService:
@@ -29,11 +31,13 @@ class RobotService:
         self._deadline_s: float | None = None
         self._published_s = self._status_s = 0.0
         self._message = ""
+        self._halting = Halting(settings.store)
         self._latest: Encoded | None = None
         self._observation = node.publisher(ROBOT_OBSERVATION, robot=settings.id)
         self._status = node.publisher(ROBOT_STATUS, robot=settings.id)
         self._truth = node.publisher(TRUTH, source=f"robot-{settings.id}", view=0)
         node.serve(ROBOT_COMMAND, self._on_command, robot=settings.id)
+        node.serve(ROBOT_HALT, self._on_halt, robot=settings.id)
         node.serve(ROBOT_STATUS, lambda _: Answer(self._status_message()), robot=settings.id)
 
     def _on_command(self, request: Request) -> Answer:
@@ -43,6 +47,8 @@ class RobotService:
             if command.seq_expected != seq:
                 why = f"expected sequence number {seq}, got {command.seq_expected}"
                 return Answer(CommandReply(stamp_ns=clock_ns(), accepted=False, seq=seq, error=why))
+            if reason := self._halting.now.refusal(command.action):
+                raise Refused("halted", reason)
             if reason := body.refusal(command.action, command.to_floor):
                 raise Refused("bad_command", reason)
             if command.mission != body.state.mission:
@@ -52,6 +58,20 @@ class RobotService:
             self._deadline_s = None if body.state.stopped else time.monotonic() + command.deadline_ms / 1000
             self._node.wake.set()
             return Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=body.state.seq))
+
+    def _on_halt(self, request: Request) -> Answer:
+        """Has the body end the command that it carries out; the answer says that it did."""
+        halt = request.message
+        self._halting.set(halt.halted, halt.reason)
+        if halt.halted:
+            self._body.halt()
+            while not self._lock.acquire(timeout=_HALT_AGAIN_S):  # a command may have slipped in just before
+                self._body.halt()
+            self._lock.release()
+        self._node.log.warning("halted" if halt.halted else "released", reason=halt.reason)
+        self._status_s = 0.0  # tell at once
+        self._node.wake.set()
+        return Answer(HaltReply(stamp_ns=clock_ns(), robot=self._settings.id, halted=halt.halted))
 
     def step(self) -> bool:
         """One turn of the loop; True if there was something to do."""
@@ -89,10 +109,9 @@ class RobotService:
 
     def _status_message(self) -> RobotStatus:
         state = self._body.state  # once: a mission and its way begin together
-        kind: core.StateName = (
-            "stopped" if state.stopped or self._message else "moving" if self._deadline_s else "ready"
-        )
+        late, awaiting = bool(self._message), self._deadline_s is not None
+        kind = core.state_name(state, self._halting.now, late=late, awaiting=awaiting)
         return core.status_of(
-            state, robot=self._settings.id, kind=kind, message=self._message,
+            state, robot=self._settings.id, kind=kind, message=self._halting.now.refusal("move") or self._message,
             stairs=self._body.stairs, notes=self._body.notes, stamp_ns=clock_ns(),
         )  # fmt: skip

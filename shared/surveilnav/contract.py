@@ -113,7 +113,8 @@ CAMERA_SUMMARY = Stream(
 )  # fmt: skip
 CAMERA_REQUEST = Stream(
     "camera_request", "{building}/{floor}/camera/{camera}/request", m.Ack, "camera_node", "query", None, 5_000,
-    "control", "send views again (no payload); a viewer's thumbnail (a JPEG)", request=m.CameraRequest, payload=True,
+    "control", "send views again (no payload); a viewer's thumbnail (a JPEG); pause, resume",
+    request=m.CameraRequest, payload=True,
 )  # fmt: skip
 CAMERA_SLOT = Stream(
     "camera_slot", "{building}/camera_slot/{slot}", m.Ack, "camera_node", "query", None, 2_000,
@@ -131,6 +132,10 @@ ROBOT_STATUS = Stream(
 ROBOT_COMMAND = Stream(
     "robot_command", "{building}/robot/{robot}/command", m.CommandReply, "robot_node", "query", None, 2_000,
     "control", "one action, the sequence number it expects, a deadline", request=m.Command,
+)  # fmt: skip
+ROBOT_HALT = Stream(
+    "robot_halt", "{building}/robot/{robot}/halt", m.HaltReply, "robot_node", "query", None, 2_000,
+    "control", "stop at once and stay, or be released: one robot or all", request=m.Halt, asked_of_all=True,
 )  # fmt: skip
 PERCEPTION_INFER = Stream(
     "perception_infer", "{building}/perception/{worker}/infer", m.InferReply, "perception", "query", None, 30_000,
@@ -156,7 +161,7 @@ OBJECTS = Stream(
     "objects", "{building}/objects/{floor}", m.ObjectList, "fusion", "query", None, 5_000,
     "data",
     "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; "
-    "text=WORDS: with how well each fits",
+    "text=WORDS: with how well each fits; detail=brief: without points and events",
 )  # fmt: skip
 MISSION_GOAL = Stream(
     "mission_goal", "{building}/mission/{mission}/goal", m.MissionAck, "planner", "query", None, 5_000,
@@ -165,6 +170,10 @@ MISSION_GOAL = Stream(
 MISSION_CANCEL = Stream(
     "mission_cancel", "{building}/mission/{mission}/cancel", m.MissionAck, "planner", "query", None, 5_000,
     "control", "cancel a mission", request=m.MissionCancel,
+)  # fmt: skip
+MISSION_PAUSE = Stream(
+    "mission_pause", "{building}/mission/{mission}/pause", m.MissionAck, "planner", "query", None, 5_000,
+    "control", "pause a mission, or have it go on", request=m.MissionPause,
 )  # fmt: skip
 MISSION_STATUS = Stream(
     "mission_status", "{building}/mission/{mission}/status", m.MissionStatus, "planner", "put+query", None, 5_000,

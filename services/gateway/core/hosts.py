@@ -2,6 +2,7 @@
 
 A page of a stranger can have its own name resolve to this machine (DNS rebinding). The browser then takes the gateway
 for that page's own site, and hands over what it answers. It says the stranger's name as ``Host``, so that is looked at.
+It can also have the browser send a request here without reading the answer. Then it is named as ``Origin``.
 """
 
 from __future__ import annotations
@@ -63,6 +64,13 @@ def foreign(headers: Iterable[str], allowed: frozenset[str] | None) -> str | Non
         return None
     said = list(headers)
     return next((host for host in said if host_name(host) not in allowed), None if said else "")
+
+
+def foreign_origin(origins: Iterable[str], allowed: frozenset[str] | None) -> str | None:
+    """Which of a request's ``Origin`` headers is a page of another site; None: none is, or no page sent it."""
+    if allowed is None:
+        return None
+    return next((o for o in origins if host_name(o.partition("://")[2]) not in allowed), None)
 
 
 def _name_of(entry: str) -> str:

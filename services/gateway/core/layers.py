@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import dataclass
 
@@ -31,25 +32,41 @@ MAX_PIXELS = 4096 * 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
-    """A PNG, the grid whose cells are its pixels (row 0 of the grid is the lowest line), the scale of values, and how many
-    views they leave out."""
+class Drawn:
+    """A layer as bytes (PNG, or an array in numpy's format), the grid whose cells are its pixels or elements, the scale of
+    values, and how many views they leave out."""
 
-    png: bytes
+    data: bytes
     grid: Grid
     low: float | None = None
     high: float | None = None
     views_left_out: int = 0
 
 
-def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS) -> Picture:
-    """The picture of ``cells`` (rows, cols): uint8 0/1, or float with NaN where unknown for ``value``."""
+def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS) -> Drawn:
+    """The picture of ``cells`` (rows, cols): uint8 0/1, or float with NaN where unknown for ``value``. Row 0 of the grid is
+    the lowest line."""
     grid, cells = _coarser(grid, cells, max_pixels)
     colour = COLOURS[layer]
     if colour is not None:
-        return Picture(encode_png(colour_cells(cells, colour)), grid)
+        return Drawn(encode_png(colour_cells(cells, colour)), grid)
     rgba, low, high = colour_values(cells)
-    return Picture(encode_png(rgba), grid, low, high)
+    return Drawn(encode_png(rgba), grid, low, high)
+
+
+def as_array(layer: str, grid: Grid, cells: NDArray) -> Drawn:
+    """``cells`` as they are, in numpy's format (.npy); row 0 is the southernmost."""
+    file = io.BytesIO()
+    np.save(file, np.ascontiguousarray(cells), allow_pickle=False)
+    known = cells[np.isfinite(cells)] if layer == "value" else cells[:0]
+    low, high = (float(known.min()), float(known.max())) if known.size else (None, None)
+    return Drawn(file.getvalue(), grid, low, high)
+
+
+def transform(grid: Grid) -> list[list[float]]:
+    """(3, 3): maps (column, row, 1) of a cell to the place of its centre (x, y, 1) [m, world]."""
+    r = grid.resolution_m
+    return [[r, 0.0, grid.origin_x_m + r / 2], [0.0, r, grid.origin_y_m + r / 2], [0.0, 0.0, 1.0]]
 
 
 def colour_cells(cells: NDArray, colour: tuple[int, int, int]) -> NDArray[np.uint8]:

@@ -23,6 +23,7 @@ STATUS_OF = {
     "bad_view": 404,
     "no_plan": 404,
     "busy": 503,
+    "queue_full": 503,
     "perception_down": 503,
     "fusion_down": 503,
     "store_failed": 503,
@@ -32,6 +33,7 @@ STATUS_OF = {
 }
 _TITLES = {
     400: "Bad request",
+    403: "Not allowed",
     404: "Not found",
     405: "Method not allowed",
     409: "Conflict",

@@ -1,4 +1,4 @@
-"""``/floors``, their layers as pictures, ``/objects``."""
+"""``/floors``, and their layers as pictures and arrays."""
 
 from __future__ import annotations
 
@@ -7,17 +7,26 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Response
 
-from services.gateway.core.layers import Picture
-from services.gateway.core.resources import ROOT, Floor, Items, Object
+from services.gateway.core.layers import Drawn
+from services.gateway.core.resources import ROOT, Floor, Items, Layer
 from services.gateway.maps import Maps
+from services.gateway.routes.conditional import NOT_CHANGED, IfNoneMatch, answer
 from services.gateway.routes.paging import Id, Limit, Offset, page_of
-from surveilnav.contract import ID_PATTERN
 
-_PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": {}}, "description": "the picture"}}
+_PNG: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"image/png": {}}, "description": "the picture"},
+    **NOT_CHANGED,
+}
+_NPY: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/octet-stream": {}}, "description": "the array"},
+    **NOT_CHANGED,
+}
+LayerName = Annotated[str, Path(max_length=64)]
+Target = Annotated[str, Query(max_length=200)]
 
 
 def router(found: Maps) -> APIRouter:
-    """Floors, pictures of their layers, objects."""
+    """Floors and their layers."""
     router = APIRouter(prefix=ROOT, tags=["building"])
 
     @router.get("/floors")
@@ -25,42 +34,38 @@ def router(found: Maps) -> APIRouter:
         return page_of(found.floors(), limit, offset)
 
     @router.get("/floors/{id}/layers/{layer}.png", response_class=Response, responses=_PNG)
-    def layer(
-        id: Id, layer: Annotated[str, Path(max_length=64)], target: Annotated[str, Query(max_length=200)] = ""
-    ) -> Response:
+    def picture(id: Id, layer: LayerName, target: Target = "", if_none_match: IfNoneMatch = "") -> Response:
         """A map layer, north up, one pixel a cell: occupancy (slate), explored (pale blue), frontier (orange), or
         value (viridis from the lowest to the highest value, for ``target``; default: the newest mission's). All
         else is transparent. ``X-Surveilnav-Grid`` holds the world position of the lower left corner, the cell
         size [m], rows and columns; ``X-Surveilnav-Range`` the ends of the value scale;
         ``X-Surveilnav-Views-Left-Out`` how many views another model looked at, if any.
         """
-        picture, revision = found.layer(id, layer, target.strip())
-        return Response(picture.png, media_type="image/png", headers=_headers(picture, revision))
+        drawn, revision = found.layer(id, layer, target.strip())
+        return answer(drawn.data, "image/png", _headers(drawn, revision), if_none_match)
 
-    @router.get("/objects")
-    def objects(
-        floor: Annotated[str | None, Query(pattern=ID_PATTERN)] = None,
-        label: Annotated[str | None, Query(max_length=200)] = None,
-        text: Annotated[str, Query(max_length=200)] = "",
-        limit: Limit = 100,
-        offset: Offset = 0,
-    ) -> Items[Object]:
-        """Objects with their histories, by floor, last seen first. ``text``: words that a perception worker
-        understands (one with a closed set refuses others); those that look most like them first, with their
-        ``relevance``."""
-        return page_of(found.objects(floor, label, text.strip()), limit, offset)
+    @router.get("/floors/{id}/layers/{layer}.npy", response_class=Response, responses=_NPY)
+    def array(id: Id, layer: LayerName, target: Target = "", if_none_match: IfNoneMatch = "") -> Response:
+        """A map layer as numpy's .npy, with the headers of its picture. Row 0 is the southernmost. uint8 0 or 1; for
+        value float32, NaN where unknown."""
+        drawn, revision = found.layer(id, layer, target.strip(), "npy")
+        return answer(drawn.data, "application/octet-stream", _headers(drawn, revision), if_none_match)
+
+    @router.get("/floors/{id}/layers/{layer}")
+    def layer(id: Id, layer: Annotated[str, Path(pattern="^[a-z]{1,64}$")], target: Target = "") -> Layer:
+        """Where a map layer lies in the world, and where its picture and its array are."""
+        return found.place(id, layer, target.strip())
 
     return router
 
 
-def _headers(picture: Picture, revision: int) -> dict[str, str]:
+def _headers(drawn: Drawn, revision: int) -> dict[str, str]:
     headers = {
-        "Cache-Control": "no-cache",
         "X-Surveilnav-Revision": str(revision),
-        "X-Surveilnav-Grid": " ".join(f"{v:g}" for v in astuple(picture.grid)),
+        "X-Surveilnav-Grid": " ".join(f"{v:g}" for v in astuple(drawn.grid)),
     }
-    if picture.views_left_out:
-        headers["X-Surveilnav-Views-Left-Out"] = str(picture.views_left_out)
-    if picture.low is not None and picture.high is not None:
-        headers["X-Surveilnav-Range"] = f"{picture.low:.6g} {picture.high:.6g}"
+    if drawn.views_left_out:
+        headers["X-Surveilnav-Views-Left-Out"] = str(drawn.views_left_out)
+    if drawn.low is not None and drawn.high is not None:
+        headers["X-Surveilnav-Range"] = f"{drawn.low:.6g} {drawn.high:.6g}"
     return headers

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Header, Response
+from fastapi import APIRouter, Body, Header, Query, Response
 
-from services.gateway.core.resources import ROOT, Items, Mission, MissionPlan, NewMission
+from services.gateway.core.resources import ROOT, GrowingItems, Mission, MissionPlan, NewMission
 from services.gateway.missions import Missions
-from services.gateway.routes.paging import Id, Limit, Offset, page_of
+from services.gateway.routes.paging import Id, Limit, Offset
 
 
 def router(found: Missions) -> APIRouter:
-    """Submit, list, follow and cancel missions."""
+    """Submit, list, follow, pause and cancel missions."""
     router = APIRouter(prefix=f"{ROOT}/missions", tags=["missions"])
 
     @router.post("", status_code=202)
@@ -23,13 +23,16 @@ def router(found: Missions) -> APIRouter:
     ) -> Mission:
         """Submits a mission. With an Idempotency-Key, a repeated request is the same mission."""
         mission = found.submit(goal, idempotency_key)
-        response.headers["Location"] = f"{ROOT}/missions/{mission.id}"
+        response.headers["Location"] = f"{found.root}/missions/{mission.id}"
         return mission
 
     @router.get("")
-    def missions(limit: Limit = 100, offset: Offset = 0) -> Items[Mission]:
-        """Missions, newest first."""
-        return page_of(found.all(), limit, offset)
+    def missions(
+        limit: Limit = 100, offset: Offset = 0, cursor: Annotated[str | None, Query(max_length=100)] = None
+    ) -> GrowingItems[Mission]:
+        """Missions, newest first. ``cursor``: the ``next`` of the page before; it goes on there, whatever was submitted
+        meanwhile."""
+        return found.page(cursor, offset, limit)
 
     @router.get("/{id}")
     def mission(id: Id) -> Mission:
@@ -39,6 +42,16 @@ def router(found: Missions) -> APIRouter:
     def cancel(id: Id, reason: Annotated[str, Body(embed=True, max_length=500)] = "") -> Mission:
         """Cancels a mission; its robot stops."""
         return found.cancel(id, reason)
+
+    @router.post("/{id}/pause", status_code=202)
+    def pause(id: Id, reason: Annotated[str, Body(embed=True, max_length=500)] = "") -> Mission:
+        """Pauses a mission: its robot ends its action and stays where it is."""
+        return found.pause(id, reason, paused=True)
+
+    @router.post("/{id}/resume", status_code=202)
+    def resume(id: Id) -> Mission:
+        """Has a paused mission go on."""
+        return found.pause(id, "", paused=False)
 
     @router.get("/{id}/plan")
     def plan(id: Id) -> MissionPlan:

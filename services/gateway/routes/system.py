@@ -1,18 +1,36 @@
-"""``/traffic``, ``/services``, and how the whole is: ``/healthz``, ``/readyz``."""
+"""The whole: ``/buildings``, ``/robots/stop``, ``/traffic``, ``/services``, ``/metrics``, ``/healthz``, ``/readyz``."""
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Response
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import ROOT, Items, Readiness, Service, Traffic
+from services.gateway.core.resources import ROOT, Building, Items, Readiness, RobotHalt, Service, Traffic
 from services.gateway.routes.paging import Limit, Offset, page_of
 from services.gateway.service import Gateway
+
+_METRICS: dict[int | str, dict[str, Any]] = {
+    200: {"description": "the text format of Prometheus", "content": {"text/plain": {"schema": {"type": "string"}}}}
+}
 
 
 def router(gateway: Gateway) -> APIRouter:
     """Traffic, services, health and readiness."""
     router = APIRouter()
+
+    @router.get(f"{ROOT}/buildings", tags=["building"])
+    def buildings(limit: Limit = 100, offset: Offset = 0) -> Items[Building]:
+        """The buildings that this gateway knows: one."""
+        return page_of([gateway.building()], limit, offset)
+
+    @router.post(f"{ROOT}/robots/stop", tags=["building"])
+    def stop(reason: Annotated[str, Body(embed=True, max_length=200)] = "") -> Items[RobotHalt]:
+        """EMERGENCY STOP: every robot stops at once, whoever drives it, and refuses to move until it is released. All
+        missions are paused."""
+        return page_of(gateway.stop_robots(reason), 1000, 0)
 
     @router.get(f"{ROOT}/traffic", tags=["building"])
     def traffic() -> Traffic:
@@ -23,6 +41,11 @@ def router(gateway: Gateway) -> APIRouter:
     def services(limit: Limit = 100, offset: Offset = 0) -> Items[Service]:
         """Processes that `surveilnav up` keeps running, and how often each was started again. Compose tells of its own."""
         return page_of(gateway.services(), limit, offset)
+
+    @router.get("/metrics", tags=["health"], response_class=Response, responses=_METRICS)
+    def metrics() -> Response:
+        """All that is counted, for Prometheus."""
+        return Response(generate_latest(gateway.heard()), media_type=CONTENT_TYPE_LATEST)
 
     @router.get("/healthz", tags=["health"])
     def healthz() -> dict[str, str]:

@@ -9,12 +9,14 @@ progress is given up, and whatever is given up twice (a confirmed target: four t
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from services.planner.core import memory
 from services.planner.core.config import PlannerConfig
 from services.planner.core.context import FrontierRule, StepContext
 from services.planner.core.goals.floors import seen_elsewhere, what_was_barred
 from services.planner.core.goals.frontier_choice import best_frontier
+from services.planner.core.goals.passed_over import passed_over
 from services.planner.core.motion.drive import FmmPlanner, LocalPlanner
 from services.planner.core.stages.confirmed_target import let_go_of_lost_object
 from services.planner.core.stages.last_resort import accept_when_steps_run_out
@@ -53,7 +55,8 @@ def step(
     context = StepContext.of(state, maps, robot, config, planner, summaries, rule)
     decision = _fail_if_spent(context) or look_around(context) or _choose_waypoint_and_drive(context)
     memory.note_decision(state, decision)
-    return state, decision
+    weighed = decision.candidates + passed_over(context, decision.candidates)
+    return state, replace(decision, candidates=weighed)
 
 
 def _choose_waypoint_and_drive(context: StepContext) -> Decision:

@@ -66,6 +66,10 @@ class Body(Protocol):
         """Carries out one action to its end; ask ``refusal`` first."""
         ...
 
+    def halt(self) -> None:
+        """Stops moving at once, also in the middle of an action, which then ends where it is. Comes from a third thread."""
+        ...
+
     def observe(self) -> Look:
         """What it sees now."""
         ...

@@ -53,6 +53,9 @@ class SimulatedBody:
         """Carries out one action, at once. Raises ValueError: it can't be carried out."""
         self._enter(core.act(self._state, action, self._building.navigation, to_floor))
 
+    def halt(self) -> None:
+        """Nothing to do: its actions take no time, so it never moves when this comes."""
+
     def _enter(self, state: core.RobotState) -> None:
         self._keep(state)
         self._state = state

@@ -142,9 +142,11 @@ class Node:
         """The newest message of one concrete key."""
         return Slot(self._connection, stream, self.key(stream, **ids))
 
-    def table(self, stream: Stream, **ids: object) -> Table[Any]:
-        """The newest message of every key that matches; fields left out are wildcards."""
-        return Table(self._connection, stream, self.key(stream, **ids))
+    def table(
+        self, stream: Stream, on_message: Callable[[Received[Any]], None] | None = None, **ids: object
+    ) -> Table[Any]:
+        """The newest message of every key that matches; fields left out are wildcards. ``on_message``: as ``subscribe``."""
+        return Table(self._connection, stream, self.key(stream, **ids), on_message=on_message)
 
     def subscribe(
         self, stream: Stream, on_message: Callable[[Received[Any]], None], **ids: object

@@ -88,11 +88,16 @@ class Subscription(Generic[M]):
 class Table(Generic[M]):
     """The newest message of every key of a stream: for small messages (status, info, load).
 
-    At most ``capacity`` keys are kept: a stranger who invents keys fills no memory.
+    At most ``capacity`` keys are kept: a stranger who invents keys fills no memory. ``on_message`` gets every message
+    that is put, too, on the bus's own thread: for what is quickly put aside.
     """
 
-    def __init__(self, connection: Connection, stream: Stream, key: str, capacity: int = 20_000) -> None:
+    def __init__(
+        self, connection: Connection, stream: Stream, key: str, capacity: int = 20_000,
+        on_message: Callable[[Received[M]], None] | None = None,
+    ) -> None:  # fmt: skip
         self._connection, self._stream, self._capacity = connection, stream, capacity
+        self._on_message = on_message
         self._rows: dict[str, Received[M]] = {}
         self._lock = threading.Lock()
         self._subscriber = connection.session.declare_subscriber(key, self._on_sample)
@@ -106,6 +111,8 @@ class Table(Generic[M]):
                 self._rows.pop(str(sample.key_expr), None)
         elif received := self._connection.received(self._stream, sample):
             self._store(received)
+            if self._on_message is not None:
+                self._on_message(received)
         self._connection.wake.set()
 
     def _store(self, received: Received[M]) -> None:
@@ -128,6 +135,11 @@ class Table(Generic[M]):
             if all(row.ids.get(k) == v for k, v in wanted.items()):
                 return row
         return None
+
+    def forget(self, field: str, id: str) -> None:
+        """Drops the rows of one owner, until it puts again."""
+        with self._lock:
+            self._rows = {key: row for key, row in self._rows.items() if row.ids.get(field) != id}
 
     def close(self) -> None:
         """Stops listening."""

@@ -18,7 +18,10 @@ class CameraViewInfo(msgspec.Struct, frozen=True):
 
 
 class CameraInfo(Message, frozen=True, kw_only=True):
-    """A surveillance camera: place (world, metres), views, delivery tier. ``mounting_offset_m``: the paper's delta z^c."""
+    """A surveillance camera: place (world, metres), views, delivery tier. ``mounting_offset_m``: the paper's delta z^c.
+
+    ``paused``: a person has it look at nothing, and send nothing, whoever listens.
+    """
 
     camera: str
     floor: str
@@ -27,6 +30,7 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     intrinsics: Pinhole
     views: list[CameraViewInfo]
     tier: Literal["jpeg+depth"] = "jpeg+depth"
+    paused: bool = False
 
 
 class CameraSummary(Message, frozen=True, kw_only=True):
@@ -38,10 +42,11 @@ class CameraSummary(Message, frozen=True, kw_only=True):
 
 
 class CameraRequest(Message, frozen=True, kw_only=True):
-    """Asks a camera to put views again (on their frame keys), or to answer with a thumbnail (JPEG payload)."""
+    """Asks a camera to put views again (on their frame keys), to answer with a thumbnail (JPEG payload), or to pause or
+    resume (no views): while it is paused it refuses the others as "paused"."""
 
-    action: Literal["resend", "thumbnail"]
-    views: list[int]
+    action: Literal["resend", "thumbnail", "pause", "resume"]
+    views: list[int] = []
 
 
 class SlotClaim(Message, frozen=True, kw_only=True):

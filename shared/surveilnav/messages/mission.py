@@ -8,23 +8,24 @@ import msgspec
 
 from surveilnav.messages.base import Message
 
-MissionState = Literal["queued", "active", "confirming", "done", "failed", "cancelled"]
+MissionState = Literal["queued", "active", "confirming", "paused", "done", "failed", "cancelled"]
 #: States that a mission never leaves.
 FINISHED_STATES: tuple[MissionState, ...] = ("done", "failed", "cancelled")
 
 
 class MissionGoal(Message, frozen=True, kw_only=True):
-    """Find ``target`` with ``robot`` (empty: any free one)."""
+    """Find ``target`` with ``robot`` (empty: any free one). ``queue``: wait for it if it is busy, instead of a refusal."""
 
     mission: str
     target: str
     robot: str = ""
     max_steps: int = 500
+    queue: bool = False
 
 
 class MissionAck(Message, frozen=True, kw_only=True):
-    """Answer to a goal or a cancel: taken or refused, with the error's name and text. ``target``: what the mission looks for,
-    as perception calls it."""
+    """Answer to a goal, a pause or a cancel: taken or refused, with the error's name and text. ``target``: what the mission
+    looks for, as perception calls it."""
 
     mission: str
     accepted: bool
@@ -39,6 +40,14 @@ class MissionCancel(Message, frozen=True, kw_only=True):
     """Cancel a mission; its robot stops."""
 
     mission: str
+    reason: str = ""
+
+
+class MissionPause(Message, frozen=True, kw_only=True):
+    """Pauses a mission (its robot ends its action and stays where it is), or (not ``paused``) has it go on."""
+
+    mission: str
+    paused: bool
     reason: str = ""
 
 
@@ -82,7 +91,10 @@ class Candidate(msgspec.Struct, frozen=True):
 
 
 class Plan(Message, frozen=True, kw_only=True):
-    """The planner's present plan: waypoint, path (x, y in the world, metres), and what else it weighed."""
+    """The planner's present plan: waypoint, path (x, y in the world, metres), and what else it weighed.
+
+    ``why``: what the robot is up to, for people. ``candidates``: also objects that were left aside, each with why.
+    """
 
     mission: str
     robot: str
@@ -93,3 +105,4 @@ class Plan(Message, frozen=True, kw_only=True):
     waypoint: Candidate | None
     path_m: list[tuple[float, float]]
     candidates: list[Candidate]
+    why: str = ""

@@ -50,13 +50,14 @@ class RobotStatus(Message, frozen=True, kw_only=True):
     ``stairs``: the stairs (or lifts) of the building that this robot can take, in both directions.
     ``notes``: what people should know of where it can go ("robots reach 39 of 118 m²: no stair leads to level 2").
     ``mission``: the one that it last obeyed; ``last_action`` led to ``seq`` (None: nothing done in it yet); ``collided``: it was
-    cut short; ``path_m``: length of the way since that mission began (or since start-up).
+    cut short; ``path_m``: length of the way since that mission began (or since start-up). ``halted``: somebody stopped it by
+    hand, and it refuses to move until it is released.
     """
 
     robot: str
     floor: str
     seq: int
-    state: Literal["ready", "moving", "stopped", "error"]
+    state: Literal["ready", "moving", "stopped", "halted", "error"]
     T_world_base: Pose
     pitch_rad: float = 0.0
     message: str = ""
@@ -88,3 +89,17 @@ class CommandReply(Message, frozen=True, kw_only=True):
     accepted: bool
     seq: int
     error: str = ""
+
+
+class Halt(Message, frozen=True, kw_only=True):
+    """Stops a robot at once (``halted``), or releases it. A halted robot refuses every command but stop, as "halted"."""
+
+    halted: bool
+    reason: str = ""
+
+
+class HaltReply(Message, frozen=True, kw_only=True):
+    """Whether ``robot`` is halted now."""
+
+    robot: str
+    halted: bool

@@ -139,3 +139,32 @@ def test_it_says_who_it_is_and_refuses_views_it_has_not(camera_node, client, mak
         with pytest.raises(Refused, match="0-12") as refused:
             client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="resend", views=views), **PLACE)
         assert refused.value.name == "bad_view"
+
+
+def test_a_paused_camera_shows_nothing_and_then_everything_anew(camera_node, client, make_camera):
+    camera = make_camera()
+    service = CameraService(camera_node, camera, CameraSettings())
+    infos = client.slot(CAMERA_INFO, **PLACE)
+    slot = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    listened(service, 3)
+    assert service.step()
+    until(slot.poll)
+
+    def ask(action, views=()):
+        return client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action=action, views=list(views)), **PLACE)
+
+    ask("pause")
+    ask("pause")  # again is as good as once
+    assert until(infos.poll).message.paused
+    assert client.ask(CAMERA_INFO, **PLACE).message.paused
+    camera.versions[3] = 9
+    for action in ("thumbnail", "resend"):
+        with pytest.raises(Refused, match="paused") as refused:
+            ask(action, [3])
+        assert refused.value.name == "paused"
+    assert not service.step()
+    assert camera.asked == [3], "nothing is made, whoever listens"
+    ask("resume")
+    assert not until(infos.poll).message.paused
+    assert service.step()
+    assert until(slot.poll).message.seq == 2

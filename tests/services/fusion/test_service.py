@@ -235,6 +235,8 @@ def test_an_observation_becomes_maps_and_objects(scene):
     objects = scene.client.ask(contract.OBJECTS, floor="0").message.objects
     assert {o.label for o in objects} == {"chair"}
     (every,) = scene.client.ask_all(contract.OBJECTS)
+    brief = scene.client.ask(contract.OBJECTS, floor="0", parameters={"detail": "brief"}).message.objects
+    assert brief == [msgspec.structs.replace(o, points=b"", history=[]) for o in objects] != objects
     assert every.ids["floor"] == "0"
     assert scene.client.ask(contract.MAP_REVISION, floor="0").message.robots == {"r": 3}
     assert scene.revision().revision == len(worker.seen) == 3

@@ -8,12 +8,11 @@ from contextlib import ExitStack, closing
 
 import cv2
 import httpx
+import msgspec
 import numpy as np
 import pytest
-import uvicorn
 
-from services.gateway.__main__ import listen
-from services.gateway.app import create_app
+from services.gateway.__main__ import listen, web_server
 from services.gateway.config import GatewaySettings
 from services.gateway.service import Gateway
 from surveilnav import contract
@@ -42,6 +41,8 @@ class FakeBuilding:
         self.thumbnails = 0
         self.broken_layer = False
         self.revision = 1
+        self.object_status = "confirmed"
+        self.objects_asked: list[dict[str, str]] = []
         self.planner, self.fusion = self.node("planner", "p1"), self.node("fusion", "f1")
         self.camera, self.robot, self.worker = (
             self.node("camera", "c1"),
@@ -61,6 +62,7 @@ class FakeBuilding:
         self.status = {}
         self.planner.serve(contract.MISSION_GOAL, self._goal)
         self.planner.serve(contract.MISSION_CANCEL, self._cancel)
+        self.planner.serve(contract.MISSION_PAUSE, self._pause)
         self.planner.serve(contract.MISSION_STATUS, self._status)
         self.planner.serve(contract.MISSION_PLAN, self._plan)
 
@@ -127,6 +129,22 @@ class FakeBuilding:
             return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=False, state=status.state))
         return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=True, state="cancelled"))
 
+    def _pause(self, request: Request) -> Answer:
+        status = self._known(request)
+        if status.state in m.FINISHED_STATES:
+            return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=False, state=status.state))
+        if not request.message.paused and self.halted:
+            ack = m.MissionAck(
+                stamp_ns=clock_ns(), mission=status.mission, accepted=False, state="failed", error="robot_halted",
+                message="robot 'r1' is halted: release it first",
+            )  # fmt: skip
+            return Answer(ack)
+        state = "paused" if request.message.paused else "active"
+        self.put_status(
+            msgspec.structs.replace(status, stamp_ns=clock_ns(), state=state, message=request.message.reason)
+        )
+        return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=True, state=state))
+
     def _status(self, request: Request) -> Answer | list[Answer]:
         if "mission" in request.ids:
             return Answer(self._known(request))
@@ -147,6 +165,7 @@ class FakeBuilding:
                 waypoint=waypoint,
                 path_m=[(0.0, 0.0), (1.5, 0.2), (float("nan"), 1.0)],
                 candidates=[waypoint],
+                why="to a frontier, 3.0 m",
             )
         )
 
@@ -198,12 +217,13 @@ class FakeBuilding:
     def _objects(self, request: Request) -> Answer:
         if request.ids.get("floor", "0") != "0":
             raise Refused("unknown_floor", f"no floor {request.ids['floor']!r}")
+        self.objects_asked.append(request.parameters)
         event = m.ObjectEvent(
             clock_ns(), "camera/c1", 3, 1, "couch", 0.8, "confirmed", "0.80 >= 0.5", (1.0, 2.0, 30.0, 40.0)
         )
         common = {
             "floor": "0",
-            "status": "confirmed",
+            "status": self.object_status,
             "confidence": 0.8,
             "confidence_robot": float("nan"),
             "confidence_surveillance": 0.8,
@@ -222,6 +242,10 @@ class FakeBuilding:
             m.ObjectRecord(id=i, label=label, label_surveillance=label, **common)
             for i, label in enumerate(("couch", "tv"))
         ]  # type: ignore[arg-type]
+        if wanted := request.parameters.get("object"):
+            objects = [o for o in objects if str(o.id) == wanted]
+            if not objects:
+                raise Refused("unknown_object", f"floor '0' has no object {wanted} (any more)")
         return Answer(m.ObjectList(stamp_ns=clock_ns(), floor="0", revision=1, objects=objects), ids={"floor": "0"})
 
     # --- camera, robot, perception --------------------------------------------------------------------------------
@@ -244,9 +268,17 @@ class FakeBuilding:
         )
         self.camera.serve(contract.CAMERA_INFO, lambda _: Answer(self.info), floor="0", camera="c1")
         self.camera.serve(contract.CAMERA_REQUEST, self._thumbnail, floor="0", camera="c1")
+        self.halted, self.halt_reasons = False, []
+        self.robot.serve(contract.ROBOT_HALT, self._halt, robot="r1")
+        self._info = self.camera.publisher(contract.CAMERA_INFO, floor="0", camera="c1")
         self._summary = self.camera.publisher(contract.CAMERA_SUMMARY, floor="0", camera="c1")
         self._robot_status = self.robot.publisher(contract.ROBOT_STATUS, robot="r1")
         self._load = self.worker.publisher(contract.PERCEPTION_LOAD, worker="w1")
+
+    def _halt(self, request: Request) -> Answer:
+        self.halted = request.message.halted
+        self.halt_reasons.append(request.message.reason)
+        return Answer(m.HaltReply(stamp_ns=clock_ns(), robot="r1", halted=self.halted))
 
     def put_sources(self) -> None:
         pose = Pose.from_matrix(base_pose((0.5, 0.25, 0.0), 1.0))
@@ -269,7 +301,13 @@ class FakeBuilding:
         )
 
     def _thumbnail(self, request: Request) -> Answer:
-        assert request.message.action == "thumbnail"
+        if (action := request.message.action) != "thumbnail":
+            assert action in ("pause", "resume")
+            self.info = msgspec.structs.replace(self.info, stamp_ns=clock_ns(), paused=action == "pause")
+            self._info.put(self.info)
+            return Answer(m.Ack(stamp_ns=clock_ns()), b"")
+        if self.info.paused:
+            raise Refused("paused", "camera/c1 is paused")
         self.thumbnails += 1
         _, jpeg = cv2.imencode(".jpg", np.full((48, 64, 3), 10 * request.message.views[0], np.uint8))
         return Answer(m.Ack(stamp_ns=clock_ns()), b"no picture" if request.message.views[0] == 11 else jpeg.tobytes())
@@ -287,13 +325,11 @@ def router() -> Iterator[str]:
         yield endpoint
 
 
-def serve_gateway(endpoint: str, stack: ExitStack) -> tuple[str, Gateway]:
+def serve_gateway(endpoint: str, stack: ExitStack, root_path: str = "") -> tuple[str, Gateway]:
     """A gateway as ``python -m services.gateway`` runs it, on a thread; its address."""
     sock = stack.enter_context(listen("127.0.0.1", 0))
-    gateway = Gateway(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))))
-    server = uvicorn.Server(
-        uvicorn.Config(create_app(gateway, GatewaySettings().names), log_config=None, access_log=False, lifespan="off")
-    )
+    gateway = Gateway(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))), root_path)
+    server = web_server(gateway, GatewaySettings().names, root_path)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
 

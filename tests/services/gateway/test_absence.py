@@ -48,12 +48,14 @@ def test_a_mission_without_a_planner_is_503(lonely):
     answer = lonely.post("/api/v1/missions", json={"target": "tv"})
     assert answer.status_code == 503
     assert "services.planner" in answer.json()["detail"]
-    assert lonely.post("/api/v1/missions/m-1/cancel").status_code == 503
+    for what in ("cancel", "pause", "resume"):
+        assert lonely.post(f"/api/v1/missions/m-1/{what}").status_code == 503
+    assert lonely.post("/api/v1/robots/stop").status_code == 503
 
 
 @pytest.mark.parametrize("name", ["missions", "cameras", "robots", "floors", "perception"])
 def test_lists_are_empty(lonely, name):
-    assert lonely.get(f"/api/v1/{name}").json() == {"items": [], "total": 0}
+    assert {"items": [], "total": 0}.items() <= lonely.get(f"/api/v1/{name}").json().items()
 
 
 def test_values_need_a_target_while_there_is_no_mission(lonely):

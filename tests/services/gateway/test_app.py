@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import re
+import time
 from contextlib import ExitStack
 from typing import Any
 
@@ -100,12 +103,67 @@ def test_cancel(client, building):
     assert (answer.status_code, answer.json()["state"]) == (202, "cancelled")
 
 
+def test_pause_and_resume(client, building):
+    id = submit(client).json()["id"]
+    answer = client.post(f"/api/v1/missions/{id}/pause", json={"reason": "visitors"})
+    assert (answer.status_code, answer.json()["state"]) == (202, "paused")
+    until(lambda: client.get(f"/api/v1/missions/{id}").json()["state"] == "paused", "it was never paused")
+    answer = client.post(f"/api/v1/missions/{id}/resume")
+    assert (answer.status_code, answer.json()["state"]) == (202, "active")
+
+
+@pytest.mark.parametrize("what", ["pause", "resume"])
+def test_what_cant_be_paused(client, building, what):
+    for id in ("m-unknown", "*", "a%2Fb"):
+        answer = client.post(f"/api/v1/missions/{id}/{what}")
+        problem(answer, answer.status_code)
+        assert answer.status_code in (404, 422)
+    id = submit(client).json()["id"]
+    building.put_status(msgspec.structs.replace(building.missions[id], stamp_ns=clock_ns(), state="done"))
+    assert named(problem(client.post(f"/api/v1/missions/{id}/{what}"), 409)) == "finished"
+    problem(client.post("/api/v1/missions/m-1/pause", json={"reason": "x" * 501}), 422)
+
+
+def test_a_goal_may_wait_for_a_robot(client, building):
+    assert client.post("/api/v1/missions", json={"target": "tv", "queue": True}).status_code == 202
+    assert building.goals[-1].queue
+    assert named(problem(client.post("/api/v1/missions", json={"target": "tv", "queue": "later"}), 422)) == "invalid"
+
+
+def test_all_robots_stop_and_are_released(client, building):
+    under_way = submit(client).json()["id"]
+    answer = client.post("/api/v1/robots/stop", json={"reason": "smoke"})
+    try:
+        assert answer.status_code == 200, answer.text
+        assert {"robot": "r1", "halted": True, "stale": False} in answer.json()["items"]
+        assert building.halt_reasons[-1] == "smoke"
+        until(lambda: client.get(f"/api/v1/missions/{under_way}").json()["state"] == "paused", "it goes on")
+        assert client.get(f"/api/v1/missions/{under_way}").json()["message"] == "emergency stop: smoke"
+        id = submit(client).json()["id"]
+        assert named(problem(client.post(f"/api/v1/missions/{id}/resume"), 409)) == "robot_halted"
+    finally:
+        answer = client.post("/api/v1/robots/release")
+    assert {"robot": "r1", "halted": False, "stale": False} in answer.json()["items"]
+    assert not building.halted
+    problem(client.post("/api/v1/robots/stop", json={"reason": "x" * 201}), 422)
+
+
+def test_a_robot_that_doesnt_say_that_it_stopped_is_named(client, building):
+    with Node("robot", "deaf", building.settings):
+        until(lambda: client.post("/api/v1/robots/stop").status_code == 504, "a silent robot went unnoticed")
+        told = problem(client.post("/api/v1/robots/stop"), 504)
+        assert "deaf" in told["detail"]
+        assert {"robot": "r1", "halted": True, "stale": False} in told["robots"]
+    until(lambda: client.post("/api/v1/robots/release").status_code == 200, "one that left is waited for")
+
+
 def test_plan_of_a_mission(client):
     id = submit(client).json()["id"]
     plan = client.get(f"/api/v1/missions/{id}/plan").json()
     assert plan["waypoint"]["kind"] == "frontier"
     assert plan["path_m"] == [[0.0, 0.0], [1.5, 0.2], [None, 1.0]]  # what isn't finite is null, not a crash
     assert plan["stale"] is False
+    assert (plan["why"], plan["candidates"][0]["note"]) == ("to a frontier, 3.0 m", "nearest with value")
 
 
 def test_the_same_idempotency_key_is_one_mission(client, building):
@@ -203,6 +261,25 @@ def test_a_request_for_a_strangers_name_is_refused(client, method, path):
     assert "SURVEILNAV_GATEWAY__ALLOWED_HOSTS" in told["detail"]
 
 
+@pytest.mark.parametrize(
+    "path", ["robots/release", "robots/stop", "missions/m-1/cancel", "cameras/c1/pause", "missions"]
+)
+def test_a_page_of_another_site_changes_nothing_here(client, building, path):
+    before = len(building.halt_reasons), len(building.goals)
+    for origin in ("http://evil.example", "null"):
+        told = problem(client.post(f"/api/v1/{path}", headers={"origin": origin}), 403)
+        assert named(told) == "foreign_page"
+    assert (len(building.halt_reasons), len(building.goals)) == before
+    assert client.get("/api/v1/robots", headers={"origin": "http://evil.example"}).status_code == 200
+
+
+def test_the_gateways_own_pages_may_ask(client):
+    assert (
+        client.post("/api/v1/missions", json={"target": "tv"}, headers={"origin": str(client.base_url)}).status_code
+        == 202
+    )
+
+
 def test_a_host_that_is_none_breaks_nothing(client):
     assert named(problem(client.get("/healthz", headers={"host": "["}), 421)) == "foreign_host"
 
@@ -268,6 +345,55 @@ def test_a_view_is_fetched_from_the_camera(client, building):
 )
 def test_views_that_arent_there(client, view, status):
     problem(client.get(f"/api/v1/cameras/c1/views/{view}.jpg"), status)
+
+
+def test_the_latest_picture_is_made_once_for_all_viewers(client, building):
+    asked, began_s = building.thumbnails, time.monotonic()
+    first = client.get("/api/v1/cameras/c1/latest.jpg")
+    assert (first.status_code, first.headers["content-type"]) == (200, "image/jpeg")
+    for _ in range(5):
+        again = client.get("/api/v1/cameras/c1/latest.jpg", headers={"If-None-Match": first.headers["etag"]})
+        assert again.status_code == 304
+    assert building.thumbnails - asked <= 1 + (time.monotonic() - began_s), "more than one a second was made"
+    other = client.get("/api/v1/cameras/c1/latest.jpg?view=5")
+    assert other.headers["etag"] != first.headers["etag"]
+    for path, status in (("c1/latest.jpg?view=13", 404), ("c9x/latest.jpg", 404), ("c1/latest.jpg?view=-1", 422)):
+        problem(client.get(f"/api/v1/cameras/{path}"), status)
+
+
+def test_cones_lie_on_the_floor_in_front_of_the_camera(client):
+    cones = client.get("/api/v1/cameras/c1/cones").json()["items"]
+    assert [c["view"] for c in cones] == list(range(13))
+    east = np.array(cones[0]["outline_m"])  # the camera stands at (2, 1)
+    assert (east[:, 0] > 2).all()
+    assert np.abs(east[:, 1].mean() - 1) < 0.01
+    problem(client.get("/api/v1/cameras/nobody/cones"), 404)
+
+
+def test_a_camera_is_paused_and_resumed(client):
+    answer = client.post("/api/v1/cameras/c1/pause")
+    try:
+        assert (answer.status_code, answer.json()["paused"]) == (202, True)
+        until(lambda: client.get("/api/v1/cameras/c1").json()["paused"], "it never said that it is paused")
+        assert named(problem(client.get("/api/v1/cameras/c1/views/3.jpg"), 409)) == "paused"
+    finally:
+        answer = client.post("/api/v1/cameras/c1/resume")
+    assert answer.json()["paused"] is False
+    assert client.get("/api/v1/cameras/c1/views/3.jpg").status_code == 200
+    problem(client.post("/api/v1/cameras/nobody/pause"), 404)
+
+
+def test_a_camera_that_is_gone_can_be_forgotten(client, building):
+    assert named(problem(client.delete("/api/v1/cameras/c1"), 409)) == "camera_present"
+    problem(client.delete("/api/v1/cameras/nobody"), 404)
+    for _ in range(2):  # it may come back
+        with Node("camera", "c6", building.settings) as passing:
+            passing.publisher(contract.CAMERA_INFO, floor="0", camera="c6").put(_renamed(building.info, "c6"))
+            until(lambda: client.get("/api/v1/cameras/c6").status_code == 200, "the camera never came")
+        until(lambda: client.get("/api/v1/cameras/c6").json()["stale"], "the camera is gone but not stale")
+        answer = client.delete("/api/v1/cameras/c6")
+        assert (answer.status_code, answer.content) == (204, b"")
+        problem(client.get("/api/v1/cameras/c6"), 404)
 
 
 def test_a_camera_that_left_stays_listed_as_stale(client, building):
@@ -398,6 +524,95 @@ def test_objects_with_their_histories(client):
     problem(client.get("/api/v1/objects?floor=7"), 404)
 
 
+@pytest.mark.parametrize("form", ["png", "npy"])
+def test_a_layer_that_the_client_has_already_isnt_sent_again(client, building, form):
+    address = f"/api/v1/floors/0/layers/occupancy.{form}"
+    first = client.get(address)
+    tag = first.headers["etag"]
+    for known in (tag, f'"other", W/{tag}', "*"):
+        again = client.get(address, headers={"If-None-Match": known})
+        assert (again.status_code, again.content) == (304, b"")
+        assert (again.headers["etag"], again.headers["x-surveilnav-grid"]) == (tag, "-1 -2 0.5 12 16")
+    assert client.get(address, headers={"If-None-Match": '"other"'}).content == first.content
+
+
+def test_a_layer_as_an_array_with_its_place_in_the_world(client):
+    layer = client.get("/api/v1/floors/0/layers/value", params={"target": "a & b"}).json()
+    assert (layer["rows"], layer["cols"], layer["target"]) == (12, 16, "a & b")
+    assert layer["T_world_cell"] == [[0.5, 0.0, -0.75], [0.0, 0.5, -1.75], [0.0, 0.0, 1.0]]
+    assert (layer["low"], layer["high"]) == pytest.approx((0.2, 0.9))
+    array = np.load(io.BytesIO(client.get(layer["array"]).content), allow_pickle=False)
+    assert array.shape == (12, 16)
+    assert array[5, 5] == pytest.approx(0.9)
+    assert client.get(layer["picture"]).headers["content-type"] == "image/png"
+
+
+@pytest.mark.parametrize(("layer", "status"), [("cloud", 404), ("secret", 404), ("x.gif", 422), ("a" * 65, 422)])
+def test_layers_without_an_array(client, layer, status):
+    problem(client.get(f"/api/v1/floors/0/layers/{layer}"), status)
+
+
+def test_missions_by_cursor(client):
+    ids = [submit(client).json()["id"] for _ in range(5)]
+    until(lambda: client.get("/api/v1/missions?limit=1").json()["items"][0]["id"] == ids[-1], "the newest isn't first")
+    got, asked = [], "limit=2"
+    while len(got) < 5:
+        page = client.get(f"/api/v1/missions?{asked}").json()
+        got += [mission["id"] for mission in page["items"]]
+        asked = f"limit=2&cursor={page['next']}"
+        submit(client)  # what comes meanwhile shifts nothing
+    assert got[:5] == ids[::-1]
+    assert named(problem(client.get("/api/v1/missions?cursor=nonsense"), 422)) == "bad_cursor"
+
+
+@pytest.mark.parametrize(
+    ("asked", "labels"),
+    [
+        ({}, ["couch", "tv"]),
+        ({"floor": "0", "min_confidence": "0.8"}, ["couch", "tv"]),
+        ({"min_confidence": "0.81"}, []),
+        ({"status": "rejected"}, []),
+        ({"status": "confirmed", "label": "TV"}, ["tv"]),
+    ],
+)
+def test_objects_by_what_they_must_be(client, asked, labels):
+    found = client.get("/api/v1/objects", params=asked).json()
+    assert [o["label"] for o in found["items"]] == labels
+    assert found["total"] == len(labels)
+
+
+@pytest.mark.parametrize(
+    "asked", ["min_confidence=1.1", "min_confidence=nan", "min_confidence=x", "status=sure", "text=" + "x" * 201]
+)
+def test_objects_that_cant_be_asked_for(client, asked):
+    problem(client.get(f"/api/v1/objects?{asked}"), 422)
+
+
+def test_one_object_with_its_whole_history(client, building):
+    couch = client.get("/api/v1/floors/0/objects/0").json()
+    assert (couch["id"], couch["label"], couch["history"][0]["note"]) == (0, "couch", "0.80 >= 0.5")
+    assert building.objects_asked[-1] == {"object": "0"}
+
+
+@pytest.mark.parametrize(
+    ("floor", "id", "status"), [("0", 7, 404), ("9", 0, 404), ("0", -1, 422), ("0", 2**31, 422), ("0", "x", 422)]
+)
+def test_one_object_that_isnt_there(client, floor, id, status):
+    problem(client.get(f"/api/v1/floors/{floor}/objects/{id}"), status)
+
+
+def test_the_building(client):
+    def found() -> dict[str, Any]:
+        answer = client.get("/api/v1/buildings").json()
+        assert answer["total"] == 1
+        return dict(answer["items"][0])
+
+    until(lambda: found()["ready"], "the building never became ready")
+    assert (found()["id"], found()["stale"], found()["floors"]) == ("building", False, ["0"])
+    assert found()["cameras"] >= 1
+    assert found()["last_seen"]
+
+
 @pytest.mark.parametrize("query", ["limit=0", "limit=1001", "limit=x", "offset=-1"])
 def test_limits(client, query):
     problem(client.get(f"/api/v1/cameras?{query}"), 422)
@@ -451,10 +666,27 @@ def test_health_and_openapi(client):
 
 @pytest.mark.parametrize(
     ("method", "path", "status"),
-    [("GET", "/api/v1/nothing", 404), ("DELETE", "/api/v1/missions", 405), ("GET", "/docs", 404)],
+    [
+        ("GET", "/api/v1/nothing", 404),
+        ("DELETE", "/api/v1/missions", 405),
+        ("GET", "/redoc", 404),
+        ("GET", "/docs/other.js", 404),
+        ("GET", "/api/v1/cameras/", 404),
+    ],
 )
 def test_addresses_that_arent_there(client, method, path, status):
     problem(client.request(method, path), status)
+
+
+def test_the_documentation_needs_nothing_from_elsewhere(client):
+    answer = client.get("/docs")
+    assert "default-src 'none'" in answer.headers["content-security-policy"]
+    links = re.findall(r'(?:src|href)="([^"]+)"', answer.text)
+    assert len(links) == 3
+    for link in links:
+        assert client.get(link).status_code == 200, link
+    assert "https://" not in answer.text
+    assert '"validatorUrl": null' in answer.text
 
 
 def test_the_page_needs_nothing_from_elsewhere(client):
@@ -493,3 +725,12 @@ def test_services_that_are_kept_running(client, building):
     assert (router["id"], router["running"], router["restarts"], router["restarted"]) == ("router", True, 0, None)
     assert (fusion["running"], fusion["restarts"], fusion["why"], fusion["stale"]) == (False, 2, "SIGKILL", False)
     assert fusion["restarted"] == "2023-11-14T22:13:20Z"
+
+
+def test_metrics_are_what_prometheus_reads(client, building):
+    building.put_sources()
+    until(lambda: 'surveilnav_perception_up{worker="w1"} 1' in client.get("/metrics").text, "the worker isn't there")
+    answer = client.get("/metrics")
+    assert answer.headers["content-type"].startswith("text/plain; version=")
+    assert 'surveilnav_camera_views_expected{camera="c1"} 13' in answer.text
+    assert "surveilnav_ready 1" in answer.text

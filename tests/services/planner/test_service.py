@@ -26,6 +26,7 @@ from surveilnav.contract import (
     MAP_REVISION,
     MISSION_CANCEL,
     MISSION_GOAL,
+    MISSION_PAUSE,
     MISSION_PLAN,
     MISSION_STATUS,
     OBJECTS,
@@ -42,6 +43,7 @@ from surveilnav.messages import (
     LayerHeader,
     MissionCancel,
     MissionGoal,
+    MissionPause,
     ModelIds,
     ObjectList,
     Revision,
@@ -73,6 +75,7 @@ class Fakes:
         self.id, self.lock = robot, threading.Lock()
         self.commands, self.pending, self.answers, self.slow_at, self.slow_s = [], 0, True, -1, 0.0
         self.refuses_stairs, self.seqs, self.deaf = 0, [], False
+        self.state = "ready"
         self.mission, self.last_action, self.climbed_m, self.path_before_m = "", None, 0.0, 0.0
         self.robot_node, self.fusion_node = make_node("robot", robot), make_node("fusion", f"fusion-{robot}")
         self.robot_node.serve(ROBOT_COMMAND, self.command, robot=robot)
@@ -98,7 +101,7 @@ class Fakes:
     def status(self):
         pose = Pose.from_matrix(base_pose((self.world.x, self.world.y, 0.0), self.world.yaw))
         return RobotStatus(
-            stamp_ns=1, robot=self.id, floor=self.floor, seq=self.world.seq, state="ready", T_world_base=pose,
+            stamp_ns=1, robot=self.id, floor=self.floor, seq=self.world.seq, state=self.state, T_world_base=pose,
             pitch_rad=self.world.pitch, stairs=self.stairs, mission=self.mission, collided=self.world.collided,
             last_action=self.last_action, path_m=self.path_m(),
         )  # fmt: skip
@@ -124,6 +127,8 @@ class Fakes:
         with self.lock:
             if command.seq_expected != self.world.seq:
                 return Answer(CommandReply(stamp_ns=1, accepted=False, seq=self.world.seq, error="seq"))
+            if self.state == "halted" and command.action != "stop":
+                raise Refused("halted", "the robot is halted (smoke): release it first")
             if command.action == "take_stairs" and (self.refuses_stairs or not self.near(command.to_floor)):
                 self.refuses_stairs -= 1
                 raise Refused("bad_command", "the stair is barred")
@@ -470,6 +475,154 @@ def test_a_lost_answer_is_not_a_second_step(fakes, planner, client):
     status = end_of(client)
     assert status.found
     assert status.step == len(f.commands) == f.world.seq
+
+
+# --- pausing, halting, waiting for a robot -----------------------------------------------------------------------------
+
+
+def pause(client, mission="m1", *, paused=True, reason="lunch"):
+    message = MissionPause(stamp_ns=1, mission=mission, paused=paused, reason=reason)
+    return client.ask(MISSION_PAUSE, message, mission=mission, timeout_s=5).message
+
+
+def status_of(client, mission="m1"):
+    return client.ask(MISSION_STATUS, mission=mission).message
+
+
+def under_way(client, f, actions=3):
+    """A mission that takes its time, after so many actions."""
+    f.slow_s = 0.03
+    submit(client)
+    until(lambda: len(f.commands) >= actions)
+
+
+def stands_still(f, seconds=0.4):
+    commands = len(f.commands)
+    time.sleep(seconds)
+    return len(f.commands) == commands
+
+
+def test_a_paused_mission_stands_still_and_then_finds(fakes, planner, client):
+    f = fakes()
+    planner()
+    under_way(client, f)
+    ack = pause(client)
+    assert (ack.accepted, ack.state) == (True, "paused")
+    assert (status_of(client).state, status_of(client).message) == ("paused", "lunch")
+    assert stands_still(f)
+    assert pause(client, reason="still lunch").accepted  # again is as good as once
+    ack = pause(client, paused=False)
+    assert (ack.accepted, ack.state) == (True, "active")
+    status = end_of(client)
+    assert (status.state, status.found) == ("done", True)
+    assert f.seqs == sorted(set(f.seqs)), "no action ran twice"
+    assert status.step == len(f.commands)
+    for paused in (True, False):
+        late = pause(client, paused=paused)
+        assert (late.accepted, late.state) == (False, "done")
+    assert pause(client, "nobody").error == "unknown_mission"
+
+
+def test_a_pause_outlasts_maps_that_are_late(fakes, planner, client):
+    f = fakes()
+    f.answers = False
+    planner()  # waits 0.8 s for maps
+    submit(client)
+    assert pause(client).state == "paused"
+    time.sleep(1.0)
+    assert status_of(client).state == "paused"
+    f.answers = True
+    f.tell()
+    assert pause(client, paused=False).accepted
+    assert end_of(client).found
+
+
+def test_a_paused_mission_is_cancelled(fakes, planner, client):
+    f = fakes()
+    planner()
+    under_way(client, f)
+    pause(client)
+    cancel = MissionCancel(stamp_ns=1, mission="m1", reason="enough")
+    assert client.ask(MISSION_CANCEL, cancel, mission="m1", timeout_s=5).message.state == "cancelled"
+    assert f.commands[-1] == "stop"
+
+
+def test_a_halted_robots_mission_pauses_until_a_person_has_it_go_on(fakes, planner, client):
+    f = fakes()
+    planner()
+    under_way(client, f)
+    f.state = "halted"
+    f.tell()
+    until(lambda: status_of(client).state == "paused")
+    assert "release it, then resume" in status_of(client).message
+    assert pause(client, paused=False).error == "robot_halted"
+    assert submit(client, "m2", robot="r1").error == "robot_busy"
+    f.state = "ready"
+    f.tell()
+    assert stands_still(f), "a robot that was released doesn't set out by itself"
+    until(lambda: pause(client, paused=False).accepted)
+    status = end_of(client)
+    assert (status.found, status.step) == (True, len(f.commands)), "what was refused is no step"
+
+
+def test_a_halted_robot_gets_no_mission(fakes, planner, client):
+    f = fakes()
+    f.state = "halted"
+    f.tell()
+    planner()
+    refused = submit(client, robot="r1")
+    assert (refused.error, "release" in refused.message) == ("robot_halted", True)
+    refused = submit(client, "m2")
+    assert (refused.error, "r1 halted" in refused.message) == ("no_free_robot", True)
+
+
+def test_goals_wait_for_a_robot_in_their_order(fakes, planner, client):
+    f = fakes()
+    service = planner(QUICK.model_copy(update={"max_queued": 2}))
+    under_way(client, f)
+    pause(client)  # it keeps its robot for as long as it takes
+    for mission in ("m2", "m3"):
+        ack = submit(client, mission, queue=True)
+        assert (ack.accepted, ack.state, ack.robot) == (True, "queued", "")
+        assert status_of(client, mission).message == "waits: no robot is free (r1 on m1)"
+    assert submit(client, "m4", queue=True).error == "queue_full"
+    assert submit(client, "m5", queue=True, robot="r9").error == "unknown_robot"
+    assert pause(client, "m2").error == "not_begun"
+    cancel = MissionCancel(stamp_ns=1, mission="m2", reason="enough")
+    assert client.ask(MISSION_CANCEL, cancel, mission="m2", timeout_s=5).message.state == "cancelled"
+    assert submit(client, "m4", queue=True).accepted
+    service.step()
+    assert status_of(client, "m3").state == "queued"
+    pause(client, paused=False)
+
+    def ended():
+        service.step()
+        first, second = status_of(client, "m3"), status_of(client, "m4")
+        assert first.state in FINISHED_STATES or not second.robot, "the second didn't wait for the first"
+        return second.state in FINISHED_STATES
+
+    until(ended, lambda: status_of(client, "m4"), timeout_s=30)
+    for mission in ("m3", "m4"):
+        assert (status_of(client, mission).state, status_of(client, mission).robot) == ("done", "r1")
+    assert status_of(client, "m2").state == "cancelled"
+
+
+def test_paused_and_waiting_missions_outlive_the_planner(fakes, make_node, begin, client, tmp_path):
+    f = fakes()
+    settings = QUICK.model_copy(update={"store": str(tmp_path / "missions.db")})
+    first = make_node("planner", "first")
+    begin(first, settings)
+    under_way(client, f)
+    pause(client)
+    assert submit(client, "m2", queue=True, robot="r1").accepted
+    first.__exit__(None, None, None)
+    service = begin(make_node("planner", "second"), settings)
+    until(lambda: status_of(client).state == "paused")
+    service.step()
+    assert stands_still(f)
+    assert pause(client, paused=False).accepted
+    assert end_of(client).found
+    until(lambda: service.step() or status_of(client, "m2").state == "done", timeout_s=20)
 
 
 # --- several floors ---------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from services.robot_node.core import (
     CAMERA,
+    Halted,
     RobotState,
     act,
     base_pose_of,
@@ -17,10 +18,12 @@ from services.robot_node.core import (
     camera_pose_of,
     refusal,
     stairs_of,
+    state_name,
 )
 from simulator.world.geodesic import first_blocked
 from simulator.world.navigation import Transit
 from surveilnav.geometry import yaw_of
+from surveilnav.messages import ACTIONS
 from surveilnav.robot_body import STEP_M
 
 STAIR = Transit("0", "1", (2.0, 2.0, 0.0), (4.0, 4.0, 2.7), 3.1)
@@ -180,3 +183,25 @@ def test_stairs_are_told_in_both_directions():
     assert (up.floor, up.to_floor, up.at_m, up.to_m) == ("0", "1", STAIR.lower_m, STAIR.upper_m)
     assert (down.floor, down.to_floor, down.at_m, down.to_m) == ("1", "0", STAIR.upper_m, STAIR.lower_m)
     assert up.length_m == down.length_m == STAIR.length_m
+
+
+@pytest.mark.parametrize(
+    ("stopped", "halted", "late", "awaiting", "name"),
+    [
+        (False, False, False, False, "ready"),
+        (False, False, False, True, "moving"),
+        (False, False, True, True, "stopped"),
+        (True, False, False, False, "stopped"),
+        (True, True, True, True, "halted"),
+        (False, True, False, True, "halted"),
+    ],
+)
+def test_what_it_says_that_it_does(stopped, halted, late, awaiting, name):
+    state = RobotState(0.0, 0.0, 0.0, "0", 0.0, stopped=stopped)
+    assert state_name(state, Halted(halted), late=late, awaiting=awaiting) == name
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+def test_only_stop_is_done_by_a_halted_robot(action):
+    assert Halted().refusal(action) == ""
+    assert bool(Halted(True, "fire").refusal(action)) == (action != "stop")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 import time
 
 import msgspec
@@ -11,12 +12,13 @@ import pytest
 
 from services.robot_node.bodies.body import Look
 from services.robot_node.config import RobotSettings
-from services.robot_node.core import RobotState, camera_pose_of
+from services.robot_node.core import Halted, RobotState, camera_pose_of
+from services.robot_node.halting import Halting
 from services.robot_node.service import RobotService
 from surveilnav.bus import Refused, clock_ns
-from surveilnav.contract import ROBOT_COMMAND, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
+from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
 from surveilnav.geometry import Pinhole, yaw_of
-from surveilnav.messages import Command, RobotStatus, Stair
+from surveilnav.messages import Command, Halt, RobotStatus, Stair
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
@@ -33,6 +35,7 @@ class Body:
 
     def __init__(self, real=False):
         self.state, self.real = RobotState(0.0, 0.0, 0.0, "0", 0.5), real
+        self.halts = 0
 
     def refusal(self, action, to_floor=None):
         return "it has no wings" if action == "look_up" else ""
@@ -47,6 +50,9 @@ class Body:
             s, seq=s.seq + 1, x_m=x_m, path_m=s.path_m + x_m - s.x_m, last_action=action, stopped=action == "stop",
             collided=action == "move_forward" and x_m - s.x_m < 0.25,
         )  # fmt: skip
+
+    def halt(self):
+        self.halts += 1
 
     def observe(self):
         T, s = camera_pose_of(self.state, 0.7), self.state
@@ -64,8 +70,8 @@ def client(make_node):
 def robot(make_node, client):
     """``robot(body)``: a service whose loop the test turns, and that others can reach."""
 
-    def start(body):
-        service = RobotService(make_node("robot", "r1"), body, RobotSettings())
+    def start(body, **settings):
+        service = RobotService(make_node("robot", "r1"), body, RobotSettings(**settings))
         until_heard(lambda: client.ask(ROBOT_STATUS, robot="r1"))
         return service
 
@@ -189,3 +195,94 @@ def test_a_status_of_an_older_sender_still_decodes(robot, client):
         plain.pop(name, None)
     status = msgspec.msgpack.decode(msgspec.msgpack.encode(plain), type=RobotStatus)
     assert (status.collided, status.last_action, status.path_m) == (False, None, 0.0)
+
+
+def halt(client, *, halted=True, reason="smoke"):
+    """Asks all robots, as who stops everything does."""
+    return [row.message for row in client.ask_all(ROBOT_HALT, Halt(stamp_ns=clock_ns(), halted=halted, reason=reason))]
+
+
+def test_a_halted_robot_refuses_to_move_until_it_is_released(robot, client, command):
+    body = Body()
+    robot(body)
+    assert command("move_forward", 0).accepted
+    assert [(r.robot, r.halted) for r in halt(client)] == [("r1", True)]
+    assert body.halts
+    status = client.ask(ROBOT_STATUS, robot="r1").message
+    assert (status.state, status.seq) == ("halted", 1)
+    assert "smoke" in status.message
+    for action in ("move_forward", "turn_left", "take_stairs"):
+        with pytest.raises(Refused, match="smoke") as refused:
+            command(action, 1)
+        assert refused.value.name == "halted"
+    assert body.state.seq == 1
+    assert command("stop", 1).accepted, "a mission may be cancelled meanwhile"
+    assert client.ask(ROBOT_STATUS, robot="r1").message.state == "halted"
+    assert [r.halted for r in halt(client, halted=False)] == [False]
+    assert command("move_forward", 2).accepted
+    assert client.ask(ROBOT_STATUS, robot="r1").message.state == "moving"
+
+
+def test_a_halt_ends_the_action_under_way_and_answers_then(robot, client, command):
+    class Slow(Body):
+        """Its actions take for ever, unless it is halted."""
+
+        def __init__(self):
+            super().__init__()
+            self.acting, self.braked = threading.Event(), threading.Event()
+
+        def act(self, action, to_floor=None):
+            self.acting.set()
+            assert self.braked.wait(20)
+            super().act(action, to_floor)
+
+        def halt(self):
+            super().halt()
+            if self.halts > 1:  # the first comes too early, as for a command that has just slipped in
+                self.braked.set()
+
+    body = Slow()
+    robot(body)
+    moving = threading.Thread(target=lambda: command("move_forward", 0), daemon=True)
+    moving.start()
+    assert body.acting.wait(10)
+    assert [r.halted for r in halt(client)] == [True]
+    assert body.braked.is_set()
+    moving.join(10)
+    assert body.state.seq == 1
+
+
+def test_another_halts_reason_is_cut(robot, client):
+    robot(Body())
+    halt(client, reason="x" * 100_000)
+    assert len(client.ask(ROBOT_STATUS, robot="r1").message.message) < 500
+
+
+def test_a_halt_outlives_the_process(tmp_path):
+    store = str(tmp_path / "robot.bin")
+    Halting(store).set(True, "smoke")
+    again = Halting(store)
+    assert (again.now.halted, again.now.reason) == (True, "smoke")
+    again.set(False, "")
+    assert not Halting(store).now.halted
+    Halting(store).set(True, "")
+    assert Halting(store).now == Halted(True, "")
+
+
+def test_a_halt_that_cant_be_kept_still_stops_the_robot(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    halting = Halting(str(tmp_path / "file" / "robot.bin"))
+    halting.set(True, "smoke")
+    assert halting.now.halted
+    halting.set(False, "")
+    assert not halting.now.halted
+
+
+def test_a_robot_that_was_halted_comes_back_halted(robot, client, command, tmp_path):
+    store = str(tmp_path / "robot.bin")
+    Halting(store).set(True, "smoke")
+    robot(Body(), store=store)
+    with pytest.raises(Refused, match="smoke"):
+        command("move_forward", 0)
+    halt(client, halted=False)
+    assert command("move_forward", 0).accepted

@@ -5,17 +5,19 @@ isn't there any more or, for what is put at a rate, it is older than the contrac
 angles radians, positions in the world frame. Numbers that aren't finite become null: remote data can hold anything.
 """
 
-from services.gateway.core.resources.base import ROOT, Items
-from services.gateway.core.resources.camera import Camera
+from services.gateway.core.resources.base import ROOT, GrowingItems, Items
+from services.gateway.core.resources.building import Building
+from services.gateway.core.resources.camera import Camera, CameraCone
 from services.gateway.core.resources.floor import Floor
+from services.gateway.core.resources.layer import Layer
 from services.gateway.core.resources.mission import Mission, MissionPlan, NewMission
 from services.gateway.core.resources.object import Object
 from services.gateway.core.resources.readiness import NEEDED, Readiness
-from services.gateway.core.resources.robot import Robot, Worker
+from services.gateway.core.resources.robot import Robot, RobotHalt, Worker
 from services.gateway.core.resources.service import Service
 from services.gateway.core.resources.traffic import Traffic
 
 __all__ = [
-    "NEEDED", "ROOT", "Camera", "Floor", "Items", "Mission", "MissionPlan", "NewMission", "Object", "Readiness", "Robot",
-    "Service", "Traffic", "Worker",
+    "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "Floor", "GrowingItems", "Items", "Layer", "Mission", "MissionPlan",
+    "NewMission", "Object", "Readiness", "Robot", "RobotHalt", "Service", "Traffic", "Worker",
 ]  # fmt: skip

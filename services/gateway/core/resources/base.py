@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
-from pydantic import BaseModel, BeforeValidator, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 T = TypeVar("T")
 R = TypeVar("R", bound="Resource")
@@ -40,6 +40,8 @@ Text = Annotated[str | None, BeforeValidator(lambda text: text or None)]
 
 
 class Resource(BaseModel):
+    model_config = ConfigDict(json_schema_serialization_defaults_required=True)  # answers have every field
+
     last_seen: Time = Field(default=None, description="when the gateway last heard of it")
     stale: bool = Field(description="its owner is gone, or it is older than the contract allows")
 
@@ -55,3 +57,9 @@ class Items(BaseModel, Generic[T]):
 
     items: list[T]
     total: int
+
+
+class GrowingItems(Items[T], Generic[T]):
+    """A list that grows at its head, in pages that don't shift meanwhile."""
+
+    next: str | None = Field(description="the `cursor` of the next page; null: there is none")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
+from services.gateway.core.resources import examples
 from services.gateway.core.resources.base import ROOT, Number, Resource, finite
 from surveilnav.messages import CameraInfo, CameraUse, CameraViewInfo
 
@@ -19,19 +20,30 @@ class CameraView(BaseModel):
     picture: str = Field(description="where a thumbnail is; each request costs the camera one view of traffic")
 
     @classmethod
-    def from_info(cls, camera: str, info: CameraViewInfo) -> CameraView:
-        """A view of ``camera``: where its optical axis points in the world."""
+    def from_info(cls, camera: str, info: CameraViewInfo, root: str = ROOT) -> CameraView:
+        """A view of ``camera``: where its optical axis points in the world. ``root``: where addresses begin."""
         axis = info.T_world_camera.matrix()[:3, 2]
         level = math.hypot(axis[0], axis[1])
         return cls(
             view=info.view,
             yaw_rad=math.atan2(axis[1], axis[0]) if level > 1e-3 else None,
             pitch_rad=math.atan2(axis[2], level),
-            picture=f"{ROOT}/cameras/{camera}/views/{info.view}.jpg",
+            picture=f"{root}/cameras/{camera}/views/{info.view}.jpg",
         )
 
 
+class CameraCone(BaseModel):
+    """What of its floor a view looks at."""
+
+    view: int
+    outline_m: list[tuple[float, float]] = Field(
+        description="(x, y) of the corners of the stretch of floor in the picture, at most 5 m off; walls aren't known here"
+    )
+
+
 class Camera(Resource):
+    model_config = ConfigDict(json_schema_extra={"example": examples.CAMERA})
+
     id: str = Field(validation_alias="camera")
     floor: str
     position_m: tuple[float, float, float]
@@ -40,6 +52,7 @@ class Camera(Resource):
     width_px: int
     height_px: int
     tier: str
+    paused: bool = Field(description="a person has it show nothing")
     invoked: bool = Field(description="the maps of its floor subscribe to it")
     views_processed: int = Field(default=0, description="how many of its views the maps hold or have refused for good")
     labels: dict[str, Number] = Field(default_factory=dict, description="what it last saw, with confidences")
@@ -47,7 +60,13 @@ class Camera(Resource):
 
     @classmethod
     def from_info(
-        cls, info: CameraInfo, use: CameraUse | None, labels: dict[str, float], seen_ns: int, alive: bool
+        cls,
+        info: CameraInfo,
+        use: CameraUse | None,
+        labels: dict[str, float],
+        seen_ns: int,
+        alive: bool,
+        root: str = ROOT,
     ) -> Camera:
         """A camera as it announced itself. ``use``: what fusion has processed of it; ``labels``: its newest summary."""
         return cls.made_of(
@@ -59,7 +78,7 @@ class Camera(Resource):
             invoked=use is not None,
             views_processed=use.views_processed if use else 0,
             labels=labels,
-            views=[CameraView.from_info(info.camera, view) for view in info.views],
+            views=[CameraView.from_info(info.camera, view, root) for view in info.views],
             last_seen=seen_ns,
             stale=not alive,
         )

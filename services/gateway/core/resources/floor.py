@@ -33,7 +33,7 @@ class Floor(Resource):
     @classmethod
     def from_revision(
         cls, id: str, revision: Revision | None, robots: Sequence[str], cameras: Sequence[str], seen_ns: int | None,
-        alive: bool,
+        alive: bool, root: str = ROOT,
     ) -> Floor:  # fmt: skip
         """``robots`` and ``cameras`` say that they are there; the revision may not exist yet."""
         mapped = msgspec.structs.asdict(revision) if revision else {"floor_z_m": None, "revision": None, "cameras": []}
@@ -42,7 +42,7 @@ class Floor(Resource):
             "robots": robots,
             "cameras": cameras,
             "invoked": mapped["cameras"],
-            "layers": {name: f"{ROOT}/floors/{id}/layers/{name}.png" for name in GRID_LAYERS},
+            "layers": {name: f"{root}/floors/{id}/layers/{name}.png" for name in GRID_LAYERS},
             "last_seen": seen_ns,
             "stale": not alive,
         }

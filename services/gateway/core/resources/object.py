@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
+from services.gateway.core.resources import examples
 from services.gateway.core.resources.base import Number, Resource, Time
 from surveilnav.messages import ObjectRecord
 
@@ -21,6 +22,8 @@ class ObjectEvent(BaseModel):
 
 
 class Object(Resource):
+    model_config = ConfigDict(json_schema_extra={"example": examples.OBJECT})
+
     id: int
     floor: str
     label: str

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from msgspec.structs import asdict
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
+from services.gateway.core.resources import examples
 from services.gateway.core.resources.base import Number, Resource
 from surveilnav.geometry import yaw_of
 from surveilnav.histogram import quantile_ms
@@ -12,6 +13,8 @@ from surveilnav.messages import RobotStatus, WorkerLoad
 
 
 class Robot(Resource):
+    model_config = ConfigDict(json_schema_extra={"example": examples.ROBOT})
+
     id: str = Field(validation_alias="robot")
     floor: str
     state: str
@@ -28,6 +31,14 @@ class Robot(Resource):
         pose = status.T_world_base
         where = {"position_m": pose.translation_m, "yaw_rad": yaw_of(pose.matrix())}
         return cls.made_of(status, **where, mission=mission, last_seen=seen_ns, stale=stale)
+
+
+class RobotHalt(BaseModel):
+    """What a robot answered to be stopped or released."""
+
+    robot: str
+    halted: bool | None = Field(description="whether it is halted now; null: it didn't say")
+    stale: bool = Field(description="it left the bus, so nobody could ask it")
 
 
 class StageTimes(BaseModel):

@@ -37,7 +37,7 @@ def promising_object(context: StepContext) -> ObjectGoal | None:
 def any_object(context: StepContext) -> ObjectGoal | None:
     """The best of all candidates that aren't blacklisted: also those that hardly anything speaks for."""
     known = objects.candidates(context.maps.objects, context.state, context.config)
-    return _best(context, [o for o in known if not _is_blacklisted(context, o)])
+    return _best(context, [o for o in known if not is_left_alone(context, o)])
 
 
 def lost_promise(context: StepContext) -> bool:
@@ -71,7 +71,7 @@ def _best(context: StepContext, known: Sequence[ObjectRecord]) -> ObjectGoal | N
         known = confirmed
     if not known:
         return None
-    worth = {o.id: _worth(context, o) for o in known}
+    worth = {o.id: worth_of(context, o) for o in known}
     best = max(known, key=lambda o: worth[o.id])
     held = next((o for o in known if _is_held(context, o)), None)
     chosen = held if held is not None and worth[best.id] <= config.switch_ratio * worth[held.id] else best
@@ -87,7 +87,7 @@ def _candidate(context: StepContext, record: ObjectRecord, worth: float, *, chos
     return Candidate(kind, record.center_m[0], record.center_m[1], worth, chosen, record.reason[:120], record.id)
 
 
-def _worth(context: StepContext, record: ObjectRecord) -> float:
+def worth_of(context: StepContext, record: ObjectRecord) -> float:
     """The chance per metre of an object; an accepted last resort comes before all else."""
     if record.id == context.state.here.accepted_object:
         return 1.0
@@ -99,8 +99,8 @@ def _awake_promising(context: StepContext) -> list[ObjectRecord]:
     return [
         o
         for o in objects.promising(context.maps.objects, context.state, context.config)
-        if not _is_blacklisted(context, o)
-        and (objects.is_confirmed(o, context.state.target) or not _is_doubtful(context, o))
+        if not is_left_alone(context, o)
+        and (objects.is_confirmed(o, context.state.target) or not is_doubtful(context, o))
     ]
 
 
@@ -113,12 +113,13 @@ def _is_held(context: StepContext, record: ObjectRecord) -> bool:
     return held.object_id == record.id or near
 
 
-def _is_blacklisted(context: StepContext, record: ObjectRecord) -> bool:
+def is_left_alone(context: StepContext, record: ObjectRecord) -> bool:
+    """Whether the robot leaves it alone, for now or for good, since going there failed."""
     confirmed = objects.is_confirmed(record, context.state.target)
     return memory.is_blacklisted(context.state, *record.center_m[:2], context.config, confirmed=confirmed)
 
 
-def _is_doubtful(context: StepContext, record: ObjectRecord) -> bool:
+def is_doubtful(context: StepContext, record: ObjectRecord) -> bool:
     """Whether an unconfirmed object had better wait: it stopped being promising more than once with the robot on its way
     there (views that disagree must not turn it to and fro), or is hard to get to. An accepted last resort isn't."""
     here = context.state.here

@@ -21,9 +21,9 @@ def candidates(objects: Iterable[ObjectRecord], state: MissionState, config: Pla
     itself has confirmed it since, or accepted it as a last resort.
     """
     found = []
-    for record, _ in _may_be(objects, state.target):
+    for record, _ in may_be(objects, state.target):
         ruled_out = record.status == "rejected" or record.id in state.here.dropped
-        ruled_out |= _near_dropped(record, state, config) and not robot_sees(record, state.target, config)
+        ruled_out |= near_dropped(record, state, config) and not robot_sees(record, state.target, config)
         if record.id == state.here.accepted_object or not ruled_out:
             found.append(record)
     return sorted(found, key=lambda o: (not is_confirmed(o, state.target), -relevance(o, state.target)))
@@ -53,7 +53,7 @@ def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: P
     if config.last_resort_chance is None:
         return []
     found = []
-    for record, confirmed in _may_be(objects, state.target):
+    for record, confirmed in may_be(objects, state.target):
         held = record.id == state.here.accepted_object
         if not held and was_ruled_out(record, state, config) and record.label_robot != state.target:
             continue
@@ -65,7 +65,7 @@ def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: P
     return [record for _, _, record in sorted(found, key=lambda f: f[:2])]
 
 
-def _may_be(objects: Iterable[ObjectRecord], target: str) -> Iterator[tuple[ObjectRecord, bool]]:
+def may_be(objects: Iterable[ObjectRecord], target: str) -> Iterator[tuple[ObjectRecord, bool]]:
     """Objects that some view called the target and that aren't surely something else; whether each is confirmed."""
     for record in objects:
         confirmed = is_confirmed(record, target)
@@ -75,7 +75,7 @@ def _may_be(objects: Iterable[ObjectRecord], target: str) -> Iterator[tuple[Obje
 
 def was_ruled_out(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:
     """Whether fusion rejected an object, or the robot dropped it or another at its place."""
-    return record.status == "rejected" or record.id in state.here.dropped or _near_dropped(record, state, config)
+    return record.status == "rejected" or record.id in state.here.dropped or near_dropped(record, state, config)
 
 
 def is_confirmed(record: ObjectRecord, target: str) -> bool:
@@ -119,7 +119,8 @@ def _finite(record: ObjectRecord) -> bool:
     return all(math.isfinite(v) for v in (*record.center_m, *record.size_m))
 
 
-def _near_dropped(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:
+def near_dropped(record: ObjectRecord, state: MissionState, config: PlannerConfig) -> bool:
+    """Whether the robot dropped an object at its place."""
     return any(
         math.hypot(record.center_m[0] - x, record.center_m[1] - y) < config.same_place_m
         for x, y, _ in state.here.dropped.values()

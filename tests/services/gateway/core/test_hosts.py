@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from services.gateway.config import GatewaySettings
-from services.gateway.core.hosts import foreign
+from services.gateway.core.hosts import foreign, foreign_origin
 
 
 def names(host="127.0.0.1", **settings):
@@ -89,3 +89,22 @@ def test_a_mistake_names_the_setting_that_has_it(setting, value, words):
     with pytest.raises(ValidationError, match=words) as caught:
         GatewaySettings(**{setting: value})
     assert [fault["loc"] for fault in caught.value.errors()] == [(setting,)]
+
+
+@pytest.mark.parametrize(
+    ("origins", "foreign_one"),
+    [
+        ([], None),
+        (["http://localhost:8080"], None),
+        (["https://[::1]"], None),
+        (["http://evil.example"], "http://evil.example"),
+        (["null"], "null"),
+        ([""], ""),
+        (["localhost"], "localhost"),
+        (["http://localhost@evil.example"], "http://localhost@evil.example"),
+        (["http://localhost", "http://evil.example"], "http://evil.example"),
+    ],
+)
+def test_pages_of_other_sites(origins, foreign_one):
+    assert foreign_origin(origins, names()) == foreign_one
+    assert foreign_origin(origins, None) is None

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import io
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.layers import COLOURS, colour_values, render
+from services.gateway.core.layers import COLOURS, as_array, colour_values, render, transform
 from surveilnav.geometry import Grid
 from surveilnav.sensing.layers import GRID_LAYERS
 
@@ -25,7 +27,7 @@ def decode(png: bytes) -> np.ndarray:
 )
 def test_a_pixel_is_a_cell_and_north_is_up(rows, cols, seed, layer):
     cells = np.random.default_rng(seed).integers(0, 2, (rows, cols)).astype(np.uint8)
-    picture = decode(render(layer, Grid(0, 0, 0.05, rows, cols), cells).png)
+    picture = decode(render(layer, Grid(0, 0, 0.05, rows, cols), cells).data)
     for row in range(rows):
         for col in range(cols):
             expected = (*COLOURS[layer], 255) if cells[row, col] else (0, 0, 0, 0)
@@ -44,7 +46,7 @@ def test_values_grow_brighter_and_unknown_is_transparent():
 @pytest.mark.parametrize("values", [np.full((2, 2), np.nan), np.full((2, 2), 0.3)])
 def test_values_without_a_range(values):
     picture = render("value", Grid(0, 0, 1, 2, 2), values.astype(np.float32))
-    assert (decode(picture.png)[..., 3] > 0).all() == np.isfinite(values).all()
+    assert (decode(picture.data)[..., 3] > 0).all() == np.isfinite(values).all()
 
 
 @pytest.mark.parametrize(("layer", "dtype"), [("occupancy", np.uint8), ("value", np.float32)])
@@ -53,7 +55,7 @@ def test_large_maps_are_joined_and_keep_thin_walls(layer, dtype):
     cells[150] = 1
     picture = render(layer, Grid(-3.0, 2.0, 0.05, 301, 299), cells, max_pixels=10_000)
     assert picture.grid == Grid(-3.0, 2.0, 0.05 * 3, 101, 100)
-    rgba = decode(picture.png)
+    rgba = decode(picture.data)
     assert rgba.shape == (101, 100, 4)
     assert (rgba[..., 3] > 0).any(axis=1).sum() == 1
     assert (rgba[101 - 1 - 150 // 3, :, 3] == 255).all()
@@ -61,3 +63,18 @@ def test_large_maps_are_joined_and_keep_thin_walls(layer, dtype):
 
 def test_every_layer_on_a_grid_has_a_picture():
     assert set(COLOURS) == set(GRID_LAYERS)
+
+
+@pytest.mark.parametrize("layer", ["occupancy", "value"])
+def test_an_array_is_what_fusion_sent_and_lies_where_the_grid_does(layer):
+    grid = Grid(-1.0, -2.0, 0.5, 3, 4)
+    cells = np.arange(12, dtype=np.float32 if layer == "value" else np.uint8).reshape(3, 4)
+    if layer == "value":
+        cells[0, 0] = np.nan
+    drawn = as_array(layer, grid, cells)
+    np.testing.assert_array_equal(np.load(io.BytesIO(drawn.data), allow_pickle=False), cells)
+    assert (drawn.low, drawn.high) == ((1.0, 11.0) if layer == "value" else (None, None))
+    for row, col in np.ndindex(3, 4):
+        x_m, y_m, one = np.array(transform(grid)) @ (col, row, 1)
+        assert one == 1
+        np.testing.assert_allclose((x_m, y_m), grid.centres_of((row, col)))

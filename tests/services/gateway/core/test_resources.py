@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import math
+from datetime import datetime
+from typing import NamedTuple
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.problems import invalid, refusal
-from services.gateway.core.resources import NEEDED, Mission, Readiness, Robot
+from services.gateway.core.cursors import page_after
+from services.gateway.core.problems import Problem, invalid, refusal
+from services.gateway.core.resources import (
+    NEEDED,
+    Camera,
+    Mission,
+    MissionPlan,
+    NewMission,
+    Object,
+    Readiness,
+    Robot,
+    examples,
+)
 from services.gateway.core.resources.base import utc
 from surveilnav.geometry import Pose
 from surveilnav.messages import MissionStatus, RobotStatus
@@ -108,3 +121,87 @@ def test_invalid_requests_say_where():
     )
     assert (body["status"], body["detail"]) == (422, "body.target: Field required")
     assert body["errors"] == [{"where": "body.target", "message": "Field required"}]
+
+
+S = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("facts", "elapsed", "remaining"),
+    [
+        ({"started_ns": S, "stamp_ns": 41 * S, "path_m": 10.0, "distance_remaining_m": 5.0}, 40.0, 20.0),
+        ({"started_ns": S, "stamp_ns": 41 * S, "path_m": 0.9, "distance_remaining_m": 5.0}, 40.0, None),  # no pace yet
+        ({"started_ns": S, "stamp_ns": 41 * S, "path_m": 10.0}, 40.0, None),  # no waypoint
+        ({"started_ns": S, "finished_ns": 3 * S, "stamp_ns": 9 * S, "state": "done", "path_m": 9.0}, 2.0, None),
+        ({"started_ns": 0, "stamp_ns": 9 * S, "path_m": 10.0, "distance_remaining_m": 5.0}, None, None),
+        (
+            {"started_ns": 9 * S, "stamp_ns": S, "path_m": 10.0, "distance_remaining_m": 5.0},
+            None,
+            None,
+        ),  # clocks disagree
+        ({"started_ns": S, "stamp_ns": 9 * S, "path_m": math.nan, "distance_remaining_m": 5.0}, 8.0, None),
+        ({"started_ns": S, "stamp_ns": 9 * S, "path_m": 2.0, "distance_remaining_m": math.inf}, 8.0, None),
+    ],
+)
+def test_times_of_a_mission(facts, elapsed, remaining):
+    mission = Mission.from_status(status(**facts), 1, True)
+    assert (mission.elapsed_s, mission.time_remaining_s) == (elapsed, remaining)
+
+
+@pytest.mark.parametrize(
+    ("model", "example"),
+    [
+        (NewMission, examples.NEW_MISSION), (Mission, examples.MISSION), (MissionPlan, examples.PLAN), (Object, examples.OBJECT),
+        (Robot, examples.ROBOT), (Camera, examples.CAMERA),
+    ],
+)  # fmt: skip
+def test_examples_are_what_resources_look_like(model, example):
+    assert set(example) == set(model.model_fields)
+    renamed = {model.model_fields[k].validation_alias or k: stamped(v) for k, v in example.items()}
+    made = model.model_validate(renamed | ({"stale": False} if "stale" in example else {}), from_attributes=True)
+    assert made.model_dump(mode="json", exclude={"history"}) == {k: v for k, v in example.items() if k != "history"}
+    assert model.model_json_schema()["example"] == example
+
+
+def stamped(value):
+    """Resources are made from stamps [ns], and show times."""
+    if isinstance(value, str) and value.endswith("Z"):
+        return int(datetime.fromisoformat(value).timestamp()) * 1_000_000_000
+    if isinstance(value, list) and value and isinstance(value[0], dict) and "time" in value[0]:
+        return [{("stamp_ns" if k == "time" else k): stamped(v) for k, v in e.items()} for e in value]
+    return value
+
+
+class Row(NamedTuple):
+    started_ns: int
+    id: str
+
+
+def place(row):
+    return -row.started_ns, row.id
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 5), st.integers(0, 99)), unique=True, max_size=30), st.integers(1, 7), st.data()
+)
+def test_pages_by_cursor_have_all_that_was_there_whatever_came_meanwhile(found, limit, data):
+    rows = sorted((Row(s, f"m{i}") for s, i in found), key=place)
+    got, cursor, first = [], None, True
+    while first or cursor:
+        page, cursor = page_after(rows, place, cursor, 0, limit)
+        assert len(page) <= limit
+        got += page
+        first = False
+        newer = Row(10 + len(rows), f"n{len(rows)}")
+        gone = data.draw(st.sampled_from(rows)) if rows and data.draw(st.booleans()) else None
+        rows = sorted([newer, *(r for r in rows if r in got or r is not gone)], key=place)
+    old = [r for r in rows if r.id.startswith("m")]
+    assert len(set(got)) == len(got)
+    assert [r for r in got if r in old] == old
+
+
+@pytest.mark.parametrize("cursor", ["", "x", "1", "1.", "-1.m", "1.m*", "9" * 21 + ".m", "1.m\n"])
+def test_what_is_no_cursor_is_refused(cursor):
+    with pytest.raises(Problem) as refused:
+        page_after([], place, cursor, 0, 10)
+    assert refused.value.status == 422

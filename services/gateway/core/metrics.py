@@ -1,0 +1,200 @@
+"""The state of the building as Prometheus metrics.
+
+Labels are names of cameras, nodes, robots, workers and floors that announced themselves, at most ``MOST`` of each: a
+stranger who invents names fills no database.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any, TypeVar, get_args
+
+from prometheus_client import Metric
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
+
+from services.gateway.core.resources import Camera, Floor, Mission, Robot, Service, Traffic
+from surveilnav.histogram import EDGES_MS
+from surveilnav.messages import WorkerLoad
+from surveilnav.messages.mission import MissionState
+
+T = TypeVar("T")
+#: The most things of a kind that have metrics.
+MOST = 1000
+_MOST_STAGES = 12
+#: Every fourth edge: a bucket for each doubling.
+_EDGES = range(0, len(EDGES_MS), 4)
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What metrics are made of: a collector of Prometheus. ``workers``: their newest loads, and whether each is stale."""
+
+    cameras: Sequence[Camera]
+    floors: Sequence[Floor]
+    robots: Sequence[Robot]
+    missions: Sequence[Mission]
+    processes: Sequence[Service]
+    workers: Mapping[str, tuple[WorkerLoad, bool]]
+    traffic: Traffic
+    ready: bool
+    event_streams: int
+    events: int
+
+    def collect(self) -> Iterator[Metric]:
+        """All metrics."""
+        yield from _of_cameras(self)
+        yield from _of_floors(self)
+        yield from _of_nodes(self)
+        yield from _of_workers(self)
+        yield from _of_robots_and_missions(self)
+        yield from _of_the_whole(self)
+
+
+def _gauge(
+    name: str, what: str, things: Iterable[T], labels: Callable[[T], dict[str, str]], value: Callable[[T], float | None]
+) -> Metric:
+    return _filled(GaugeMetricFamily, name, what, things, labels, value)
+
+
+def _counter(
+    name: str, what: str, things: Iterable[T], labels: Callable[[T], dict[str, str]], value: Callable[[T], float | None]
+) -> Metric:
+    return _filled(CounterMetricFamily, name, what, things, labels, value)
+
+
+def _filled(
+    family: Any, name: str, what: str, things: Iterable[T], labels: Callable[[T], dict[str, str]],
+    value: Callable[[T], float | None],
+) -> Metric:  # fmt: skip
+    """A family with a sample for each thing that has a value."""
+    rows = [(labels(t), v) for t in things if (v := value(t)) is not None]
+    made = family(f"surveilnav_{name}", what, labels=list(rows[0][0]) if rows else [])
+    for label, number in rows:
+        made.add_metric(list(label.values()), number)
+    return made  # type: ignore[no-any-return]
+
+
+def _of_cameras(heard: Heard) -> Iterator[Metric]:
+    cameras = heard.cameras[:MOST]
+    known = {c.id for c in cameras}
+    sums = [s for s in heard.traffic.cameras if s.id in known]
+    yield _gauge("camera_up", "1: the camera is there", cameras, _camera, lambda c: not c.stale)
+    yield _gauge("camera_invoked", "1: the maps of its floor ask it for views", cameras, _camera, lambda c: c.invoked)
+    uses = [use for floor in heard.floors for use in floor.invoked if use.camera in known]
+    yield _gauge("camera_views_expected", "Views of an invoked camera", uses, _use, lambda u: u.views)
+    yield _gauge("camera_views_processed", "How many of them the maps have", uses, _use, lambda u: u.views_processed)
+    for name, what in (
+        ("offered_bytes", "Bytes that the camera put"),
+        ("delivered_bytes", "Bytes under its keys that others got"),
+        ("frame_bytes", "Bytes of its frames, counted in offered"),
+        ("frames", "Frames that it put"),
+        ("viewer_bytes", "Bytes of thumbnails for people, counted in offered"),
+    ):
+        yield _counter(f"camera_{name}", what, sums, _source, lambda s, name=name: getattr(s, name))  # type: ignore[misc]
+    what = "Bytes that the kernel counted on the camera's own sockets"
+    yield _counter("camera_wire_bytes", what, sums, _source, lambda s: s.wire_sent_bytes)
+
+
+def _of_floors(heard: Heard) -> Iterator[Metric]:
+    floors = heard.floors[:MOST]
+    what = "Views on their way into the maps"
+    yield _gauge("floor_pending_views", what, floors, lambda f: {"floor": f.id}, lambda f: f.pending_views)
+    what = "1: perception answers"
+    yield _gauge("floor_perception_ok", what, floors, lambda f: {"floor": f.id}, lambda f: f.perception_ok)
+
+
+def _of_nodes(heard: Heard) -> Iterator[Metric]:
+    nodes = heard.traffic.nodes[:MOST]
+
+    def labels(node: Any) -> dict[str, str]:
+        return {"kind": node.kind, "node": node.id}
+
+    yield _gauge("node_stale", "1: no news of the node for too long", nodes, labels, lambda n: n.stale)
+    what = "When the gateway last heard of the node (epoch)"
+    yield _gauge(
+        "node_last_seen_seconds", what, nodes, labels, lambda n: n.last_seen.timestamp() if n.last_seen else None
+    )
+    for name, what in (
+        ("offered_bytes", "Bytes that the node put or asked"),
+        ("delivered_bytes", "Bytes that it got"),
+        ("wire_sent_bytes", "Bytes that the kernel counted as sent on its own sockets"),
+        ("wire_received_bytes", "The same, received"),
+    ):
+        yield _counter(f"node_{name}", what, nodes, labels, lambda n, name=name: getattr(n, name))  # type: ignore[misc]
+    what = "What it dropped because it couldn't be read"
+    yield _counter("node_rejected", what, nodes, labels, lambda n: sum(n.rejected.values()))
+
+
+def _of_workers(heard: Heard) -> Iterator[Metric]:
+    workers = list(heard.workers.items())[:MOST]
+
+    def labels(row: tuple[str, tuple[WorkerLoad, bool]]) -> dict[str, str]:
+        return {"worker": row[0]}
+
+    loads = [(id, load) for id, (load, _) in workers]
+    up = "1: the worker is there, and its answer to a probe was well-formed"
+    yield _gauge("perception_up", up, workers, labels, lambda r: r[1][0].ready and not r[1][1])
+    yield _gauge("perception_queue", "Views that wait", workers, labels, lambda r: r[1][0].queued)
+    yield _gauge("perception_queue_capacity", "How many can wait", workers, labels, lambda r: r[1][0].capacity)
+    yield _counter("perception_cached", "Views answered from memory", workers, labels, lambda r: r[1][0].cached)
+    what = "How long views waited (queue) and took, by stage"
+    times = HistogramMetricFamily("surveilnav_perception_seconds", what, labels=["worker", "stage"])
+    for id, load in loads:
+        for stage, counts in list(load.times.items())[:_MOST_STAGES]:
+            if buckets := seconds_buckets(counts):
+                times.add_metric([id, stage[:64]], buckets, None)
+    yield times
+
+
+def seconds_buckets(counts: Sequence[int]) -> list[tuple[str, float]]:
+    """(upper edge [s], how many took at most that long), a bucket for each doubling and one for all; of counts by the
+    buckets of ``EDGES_MS``, else none."""
+    if len(counts) != len(EDGES_MS) + 1 or min(counts) < 0:
+        return []
+    sums = list(accumulate(counts))
+    return [(f"{EDGES_MS[i] / 1000:.6g}", float(sums[i])) for i in _EDGES] + [("+Inf", float(sums[-1]))]
+
+
+def _of_robots_and_missions(heard: Heard) -> Iterator[Metric]:
+    robots = heard.robots[:MOST]
+    yield _gauge("robot_up", "1: the robot was heard of", robots, lambda r: {"robot": r.id}, lambda r: not r.stale)
+    states = Counter(m.state for m in heard.missions)
+    what = "Missions by state, of those that are known"
+    known = get_args(MissionState)
+    yield _gauge("missions", what, known, lambda state: {"state": state}, lambda state: states[state])
+    what = "Missions that ended at their target, of those that are known"
+    yield _single("missions_found", what, sum(m.found for m in heard.missions))
+
+
+def _of_the_whole(heard: Heard) -> Iterator[Metric]:
+    processes = heard.processes[:MOST]
+
+    def labels(process: Service) -> dict[str, str]:
+        return {"process": process.id}
+
+    yield _gauge("process_running", "1: it runs", processes, labels, lambda p: p.running and not p.given_up)
+    yield _counter("process_restarts", "How often it was started again", processes, labels, lambda p: p.restarts)
+    yield _single("ready", "1: a mission could run now", heard.ready)
+    yield _single("event_streams", "Event streams that are open", heard.event_streams)
+    events = CounterMetricFamily("surveilnav_events", "Events since the gateway started")
+    events.add_metric([], heard.events)
+    yield events
+
+
+def _single(name: str, what: str, value: float) -> Metric:
+    return GaugeMetricFamily(f"surveilnav_{name}", what, value=value)
+
+
+def _camera(camera: Camera) -> dict[str, str]:
+    return {"camera": camera.id, "floor": camera.floor}
+
+
+def _use(use: Any) -> dict[str, str]:
+    return {"camera": use.camera}
+
+
+def _source(source: Any) -> dict[str, str]:
+    return {"camera": source.id}

@@ -1,0 +1,47 @@
+"""The objects of the joint map, with their histories."""
+
+from __future__ import annotations
+
+from services.gateway.asking import absent, ask_known
+from services.gateway.core.object_filter import ObjectFilter
+from services.gateway.core.problems import Problem
+from services.gateway.core.resources import Object
+from services.gateway.state import BuildingState
+from surveilnav import contract
+from surveilnav.bus import Received
+from surveilnav.messages import ObjectList
+
+
+class Objects:
+    """What fusion tells of the building's objects."""
+
+    def __init__(self, state: BuildingState) -> None:
+        self._state, self._node = state, state.node
+
+    def all(self, wanted: ObjectFilter, text: str = "") -> list[Object]:
+        """The objects wanted, by floor, last seen first. With a text: those first that fit it best, by what their
+        pictures looked like."""
+        rows = self._object_lists(wanted.floor, {"text": text} if text else None)
+        return [Object.from_record(r) for r in wanted.chosen(r for row in rows for r in row.message.objects)]
+
+    def _object_lists(self, floor: str | None, parameters: dict[str, str] | None) -> list[Received[ObjectList]]:
+        """What fusion holds of one floor, or of all."""
+        if floor is None and not self._state.alive("fusion"):
+            raise absent("fusion")
+        if floor is None and parameters is None:
+            return self._node.ask_all(contract.OBJECTS)
+        names = [floor] if floor is not None else self._state.revisions.newest("floor")  # a text may be refused
+        return [
+            ask_known(self._node, "floor", name, "fusion", contract.OBJECTS, parameters=parameters, floor=name)
+            for name in names
+        ]
+
+    def one(self, floor: str, id: int) -> Object:
+        """One object with all that ever happened to it; 404 if it isn't there (any more)."""
+        what = f"object on floor {floor}"
+        asked = {"object": str(id)}
+        row = ask_known(self._node, what, str(id), "fusion", contract.OBJECTS, parameters=asked, floor=floor)
+        found = next((r for r in row.message.objects if r.id == id), None)
+        if found is None:
+            raise Problem(502, "bad_answer", f"fusion was asked for object {id} of floor {floor}, and told of others")
+        return Object.from_record(found)

@@ -1,0 +1,41 @@
+"""``/objects``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Path, Query
+
+from services.gateway.core.object_filter import ObjectFilter
+from services.gateway.core.resources import ROOT, Items, Object
+from services.gateway.objects import Objects
+from services.gateway.routes.paging import Id, Limit, Offset, page_of
+from surveilnav.contract import ID_PATTERN
+
+
+def router(found: Objects) -> APIRouter:
+    """Objects, and one with all that ever happened to it."""
+    router = APIRouter(prefix=ROOT, tags=["building"])
+
+    @router.get("/objects")
+    def objects(
+        floor: Annotated[str | None, Query(pattern=ID_PATTERN)] = None,
+        label: Annotated[str | None, Query(max_length=200)] = None,
+        status: Literal["candidate", "confirmed", "rejected"] | None = None,
+        min_confidence: Annotated[float, Query(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0,
+        text: Annotated[str, Query(max_length=200)] = "",
+        limit: Limit = 100,
+        offset: Offset = 0,
+    ) -> Items[Object]:
+        """Objects with what last happened to them, by floor, last seen first. ``text``: words that a perception worker
+        understands (one with a closed set refuses others); those that look most like them first, with their
+        ``relevance``."""
+        wanted = ObjectFilter(floor, label, status, min_confidence)
+        return page_of(found.all(wanted, text.strip()), limit, offset)
+
+    @router.get("/floors/{id}/objects/{object}")
+    def one_object(id: Id, object: Annotated[int, Path(ge=0, le=2**31 - 1)]) -> Object:
+        """One object with its whole history: who said what of it when, and what came of it."""
+        return found.one(id, object)
+
+    return router

@@ -1,0 +1,39 @@
+"""Pictures that several viewers ask for at once: the camera makes one."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+
+_MOST = 256
+
+
+@dataclass(slots=True)
+class _Kept:
+    made_s: float = -1e9
+    picture: bytes = b""
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+
+class Thumbnails:
+    """The newest picture of each view, made anew when it is older than ``fresh_s``."""
+
+    def __init__(self, fresh_s: float = 1.0) -> None:
+        self._fresh_s = fresh_s
+        self._kept: OrderedDict[Hashable, _Kept] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, view: Hashable, make: Callable[[], bytes]) -> bytes:
+        """The picture; whoever asks for one that is being made waits for it. What ``make`` raises goes to who asked."""
+        with self._lock:
+            kept = self._kept.setdefault(view, _Kept())
+            self._kept.move_to_end(view)
+            if len(self._kept) > _MOST:
+                self._kept.popitem(last=False)
+        with kept.lock:
+            if time.monotonic() - kept.made_s > self._fresh_s:
+                kept.picture, kept.made_s = make(), time.monotonic()
+            return kept.picture

@@ -1,0 +1,254 @@
+"""The gateway from Python.
+
+    with Client("http://127.0.0.1:8080") as building:
+        mission = building.submit("potted plant", queue=True)
+        for told in building.events():
+            ...
+
+Every failure is a ``GatewayError``: its ``name`` ends the problem's type, its text says what to do.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Any, cast
+from urllib.parse import quote
+
+import httpx
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.client import resources as r
+from surveilnav.client.events import Told, follow
+from surveilnav.errors import GatewayError
+
+_ROOT = "/api/v1"
+#: Of a list at most so many are read; newest first where it has an order of time.
+_MOST = 1000
+
+
+class Client:
+    """One gateway. Safe to use from several threads. ``transport`` stands in for the network in tests."""
+
+    def __init__(self, url: str, timeout_s: float = 30.0, transport: httpx.BaseTransport | None = None) -> None:
+        """Raises GatewayError: that is no address."""
+        self.url = url.rstrip("/")
+        try:
+            self._http = httpx.Client(base_url=self.url, timeout=timeout_s, transport=transport)
+        except httpx.InvalidURL as error:
+            raise self._unreachable(error) from error
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes its connections."""
+        self._http.close()
+
+    # --- missions ---------------------------------------------------------------------------------------------------
+
+    def submit(
+        self, target: str, robot: str | None = None, max_steps: int = 500, *, queue: bool = False,
+        idempotency_key: str | None = None,
+    ) -> r.Mission:  # fmt: skip
+        """Sends a robot (else any free one) to find something. ``queue``: waits for it if none is free. With the same
+        ``idempotency_key`` it is the same mission, however often this is called."""
+        goal = {"target": target, "robot": robot, "max_steps": max_steps, "queue": queue}
+        headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
+        return cast("r.Mission", self._json("POST", "missions", json=goal, headers=headers))
+
+    def missions(self) -> list[r.Mission]:
+        """The newest 1,000, newest first."""
+        return self._items("missions")
+
+    def mission(self, id: str) -> r.Mission:
+        """One mission."""
+        return cast("r.Mission", self._json("GET", f"missions/{_id(id)}"))
+
+    def plan(self, id: str) -> r.MissionPlan:
+        """Its present plan: what was weighed, and why."""
+        return cast("r.MissionPlan", self._json("GET", f"missions/{_id(id)}/plan"))
+
+    def cancel(self, id: str, reason: str = "") -> r.Mission:
+        """Ends a mission; its robot stops."""
+        return cast("r.Mission", self._json("POST", f"missions/{_id(id)}/cancel", json={"reason": reason}))
+
+    def pause(self, id: str, reason: str = "") -> r.Mission:
+        """Has its robot stay where it is."""
+        return cast("r.Mission", self._json("POST", f"missions/{_id(id)}/pause", json={"reason": reason}))
+
+    def resume(self, id: str) -> r.Mission:
+        """Has it go on."""
+        return cast("r.Mission", self._json("POST", f"missions/{_id(id)}/resume"))
+
+    # --- robots -----------------------------------------------------------------------------------------------------
+
+    def robots(self) -> list[r.Robot]:
+        """All robots."""
+        return self._items("robots")
+
+    def stop_robots(self, reason: str = "") -> list[r.RobotHalt]:
+        """EMERGENCY STOP: all robots, at once."""
+        return cast("list[r.RobotHalt]", self._json("POST", "robots/stop", json={"reason": reason})["items"])
+
+    def release_robots(self) -> list[r.RobotHalt]:
+        """Releases them; nothing moves by that."""
+        return cast("list[r.RobotHalt]", self._json("POST", "robots/release")["items"])
+
+    # --- cameras ----------------------------------------------------------------------------------------------------
+
+    def cameras(self) -> list[r.Camera]:
+        """All cameras."""
+        return self._items("cameras")
+
+    def camera(self, id: str) -> r.Camera:
+        """One camera."""
+        return cast("r.Camera", self._json("GET", f"cameras/{_id(id)}"))
+
+    def picture(self, id: str, view: int) -> bytes:
+        """A JPEG made for this call."""
+        return self._asked("GET", f"{_ROOT}/cameras/{_id(id)}/views/{view}.jpg").content
+
+    def latest_picture(self, id: str, view: int | None = None) -> bytes:
+        """A JPEG at most a second old, shared by all viewers."""
+        return self._asked("GET", f"{_ROOT}/cameras/{_id(id)}/latest.jpg", params=_given(view=view)).content
+
+    def cones(self, id: str) -> list[r.CameraCone]:
+        """What of its floor each view looks at."""
+        return cast("list[r.CameraCone]", self._json("GET", f"cameras/{_id(id)}/cones")["items"])
+
+    def pause_camera(self, id: str) -> r.Camera:
+        """Has it show nothing."""
+        return cast("r.Camera", self._json("POST", f"cameras/{_id(id)}/pause"))
+
+    def resume_camera(self, id: str) -> r.Camera:
+        """Has it look again."""
+        return cast("r.Camera", self._json("POST", f"cameras/{_id(id)}/resume"))
+
+    def remove_camera(self, id: str) -> None:
+        """Forgets one whose process has ended."""
+        self._asked("DELETE", f"{_ROOT}/cameras/{_id(id)}")
+
+    # --- maps and objects -------------------------------------------------------------------------------------------
+
+    def buildings(self) -> list[r.Building]:
+        """The building that the gateway stands for."""
+        return self._items("buildings")
+
+    def floors(self) -> list[r.Floor]:
+        """Its floors."""
+        return self._items("floors")
+
+    def layer(self, floor: str, layer: str, target: str = "") -> r.Layer:
+        """Where a map layer lies in the world."""
+        return cast(
+            "r.Layer", self._json("GET", f"floors/{_id(floor)}/layers/{_id(layer)}", params=_given(target=target))
+        )
+
+    def layer_picture(self, floor: str, layer: str, target: str = "") -> bytes:
+        """A PNG of it, north up."""
+        address = f"{_ROOT}/floors/{_id(floor)}/layers/{_id(layer)}.png"
+        return self._asked("GET", address, params=_given(target=target)).content
+
+    def layer_array(self, floor: str, layer: str, target: str = "") -> NDArray:
+        """(rows, cols) of it: uint8 0 or 1, or float32 with NaN where unknown; row 0 is the southernmost."""
+        address = f"{_ROOT}/floors/{_id(floor)}/layers/{_id(layer)}.npy"
+        data = self._asked("GET", address, params=_given(target=target)).content
+        return cast("NDArray", np.load(io.BytesIO(data), allow_pickle=False))
+
+    def objects(
+        self, text: str = "", *, floor: str = "", label: str = "", status: str = "", min_confidence: float = 0.0
+    ) -> list[r.Object]:
+        """What the maps hold; with a text, what looks most like it first."""
+        wanted = _given(text=text, floor=floor, label=label, status=status, min_confidence=min_confidence)
+        return self._items("objects", **wanted)
+
+    def object(self, floor: str, id: int) -> r.Object:
+        """One object with its whole history."""
+        return cast("r.Object", self._json("GET", f"floors/{_id(floor)}/objects/{id}"))
+
+    # --- the whole --------------------------------------------------------------------------------------------------
+
+    def perception(self) -> list[r.Worker]:
+        """Perception workers."""
+        return self._items("perception")
+
+    def services(self) -> list[r.Service]:
+        """Processes that are kept running."""
+        return self._items("services")
+
+    def traffic(self) -> r.Traffic:
+        """Bytes by node, camera and robot."""
+        return cast("r.Traffic", self._json("GET", "traffic"))
+
+    def metrics(self) -> str:
+        """All that is counted, in Prometheus's text format."""
+        return self._asked("GET", "/metrics").text
+
+    def alive(self) -> bool:
+        """Whether the gateway lives."""
+        return bool(self._asked("GET", "/healthz").json()["status"] == "ok")
+
+    def readiness(self) -> r.Readiness:
+        """Whether a mission could run now. GatewayError "not_ready": what is missing."""
+        return cast("r.Readiness", self._asked("GET", "/readyz").json())
+
+    def events(self, last_id: str = "") -> Iterator[Told]:
+        """What changes, as it changes, for ever: connects again by itself and misses nothing. The first event is ``reset``:
+        read the state, then go by what follows. ``last_id``: the id of the last event that was heard before."""
+        return follow(self._http, f"{_ROOT}/events", last_id, self._refusal, self._unreachable)
+
+    # --- asking -----------------------------------------------------------------------------------------------------
+
+    def _items(self, path: str, **params: Any) -> list[Any]:
+        return list(self._json("GET", path, params={"limit": _MOST, **params})["items"])
+
+    def _json(self, method: str, path: str, **options: Any) -> Any:
+        answer = self._asked(method, f"{_ROOT}/{path}", **options)
+        try:
+            return answer.json()
+        except ValueError:
+            what = f"{path} answered {answer.status_code} without JSON"
+            raise GatewayError("no_gateway", f"{self.url} isn't a SurveilNav gateway: {what}") from None
+
+    def _asked(self, method: str, path: str, **options: Any) -> httpx.Response:
+        try:
+            answer = self._http.request(method, path, **options)
+        except (httpx.HTTPError, httpx.InvalidURL) as error:
+            raise self._unreachable(error) from error
+        if answer.is_error:
+            raise self._refusal(answer)
+        return answer
+
+    def _unreachable(self, error: Exception) -> GatewayError:
+        return GatewayError(
+            "no_gateway",
+            f"no gateway answers at {self.url} ({error}). Start one with `surveilnav up` or `docker compose up`, or name its "
+            "address with --url or SURVEILNAV_URL.",
+        )
+
+    def _refusal(self, answer: httpx.Response) -> GatewayError:
+        """What RFC 9457's members say; other servers' errors by their status."""
+        try:
+            problem = answer.json()
+        except ValueError:
+            what = f"{answer.url.path} answered {answer.status_code} without JSON"
+            return GatewayError("no_gateway", f"{self.url} isn't a SurveilNav gateway: {what}")
+        problem = problem if isinstance(problem, dict) else {}
+        name = str(problem.get("type", "")).rpartition(":")[2] or str(answer.status_code)
+        return GatewayError(name, str(problem.get("detail") or problem.get("title") or answer.reason_phrase))
+
+
+def _id(id: str) -> str:
+    """An id as part of an address."""
+    return quote(id, safe="")
+
+
+def _given(**params: Any) -> dict[str, Any]:
+    """The parameters that say something."""
+    return {name: value for name, value in params.items() if value not in ("", None)}

@@ -1,0 +1,99 @@
+"""The client against a gateway, and the commands that use it."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import threading
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+from cli import remote
+from surveilnav.bus import clock_ns
+from surveilnav.client import Client
+from surveilnav.errors import GatewayError
+from tests.waiting import until
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def gateway(client):
+    with Client(str(client.base_url)) as gateway:
+        yield gateway
+
+
+def test_missions_by_the_client(gateway, building):
+    mission = gateway.submit("tv", "r1", 7, queue=True, idempotency_key="by-client")
+    assert gateway.submit("tv", "r1", 7, queue=True, idempotency_key="by-client")["id"] == mission["id"]
+    assert (building.goals[-1].queue, building.goals[-1].max_steps) == (True, 7)
+    until(lambda: gateway.missions()[0]["id"] == mission["id"])
+    assert gateway.plan(mission["id"])["why"]
+    assert gateway.pause(mission["id"], "lunch")["state"] == "paused"
+    assert gateway.resume(mission["id"])["state"] == "active"
+    assert gateway.cancel(mission["id"])["state"] == "cancelled"
+    with pytest.raises(GatewayError) as refused:
+        gateway.submit("unicorn")
+    assert refused.value.name == "bad_target"
+
+
+def test_maps_and_pictures_by_the_client(gateway):
+    assert gateway.layer_array("0", "value", "a & b").shape == (12, 16)
+    assert gateway.layer_picture("0", "explored").startswith(b"\x89PNG")
+    assert np.shape(gateway.layer("0", "explored")["T_world_cell"]) == (3, 3)
+    assert gateway.latest_picture("c1", 0).startswith(b"\xff\xd8")
+    assert gateway.picture("c1", 0).startswith(b"\xff\xd8")
+    assert [o["label"] for o in gateway.objects(label="TV", min_confidence=0.5)] == ["tv"]
+    assert gateway.object("0", 1)["label"] == "tv"
+
+
+def test_events_by_the_client(gateway):
+    stream = gateway.events()
+    assert next(stream).kind == "reset"
+    mission = gateway.submit("tv")
+    told = next(t for t in stream if t.kind == "mission" and t.data["id"] == mission["id"])
+    assert told.data["what"] == "queued"
+
+
+def shown(command, gateway, *arguments, **options):
+    console = Console(file=io.StringIO(), width=500)
+    command(gateway, *arguments, console, **options)
+    return console.file.getvalue()
+
+
+def test_the_commands_print_what_the_client_told(gateway, capsys):
+    assert "r1  stopped" in shown(remote.stop_robots, gateway, "smoke", as_json=False)
+    shown(remote.release_robots, gateway, as_json=True)
+    assert {"robot": "r1", "halted": False, "stale": False} in json.loads(capsys.readouterr().out)["robots"]
+    assert "couch 0  floor 0 at (1.0, 2.0, 0.4) m  confirmed 0.80" in shown(
+        remote.list_objects, gateway, "", "couch", "0", as_json=False
+    )
+    text = shown(remote.system_status, gateway, as_json=False)
+    assert "id=c1" in text
+    assert "perception (1)" in text
+
+
+def test_the_pages_example_runs(gateway, building, capsys):
+    page = (ROOT / "docs/use/rest.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    submitted = len(building.goals)
+    running = threading.Thread(
+        target=lambda: exec(code.replace("http://127.0.0.1:8080", gateway.url), {}), daemon=True
+    )  # fmt: skip
+    running.start()
+    until(lambda: len(building.goals) > submitted)
+
+    def ends() -> bool:
+        status = building.missions[building.goals[-1].mission]
+        state = "active" if status.state == "done" else "done"  # again and again: when its stream begins isn't known
+        building.put_status(msgspec.structs.replace(status, stamp_ns=clock_ns(), state=state, message="at the target"))
+        running.join(0.1)
+        return not running.is_alive()
+
+    until(ends, "the example never ends")
+    assert "done at the target" in capsys.readouterr().out

@@ -1,0 +1,47 @@
+"""Pictures for many viewers."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from services.gateway.thumbnails import _MOST, Thumbnails
+
+
+def test_many_at_once_have_one_made():
+    kept, made, go = Thumbnails(fresh_s=60.0), [], threading.Event()
+
+    def make():
+        assert go.wait(10)
+        made.append(1)
+        return b"jpeg"
+
+    got: list[bytes] = []
+    viewers = [threading.Thread(target=lambda: got.append(kept.get("c1", make))) for _ in range(8)]
+    for viewer in viewers:
+        viewer.start()
+    assert kept.get("c2", lambda: b"other") == b"other", "another camera's picture doesn't wait"
+    go.set()
+    for viewer in viewers:
+        viewer.join(10)
+    assert (got, made) == ([b"jpeg"] * 8, [1])
+
+
+def test_an_old_one_is_made_anew_and_a_failure_isnt_kept():
+    kept = Thumbnails(fresh_s=-1.0)
+    assert [kept.get("c1", lambda i=i: bytes([i])) for i in range(3)] == [b"\0", b"\1", b"\2"]
+
+    def fails():
+        raise ValueError("no camera")
+
+    with pytest.raises(ValueError, match="no camera"):
+        kept.get("c2", fails)
+    assert kept.get("c2", lambda: b"x") == b"x"
+
+
+def test_not_more_than_so_many_are_kept():
+    kept = Thumbnails(fresh_s=60.0)
+    for i in range(3 * _MOST):
+        kept.get(i, lambda: b"")
+    assert len(kept._kept) == _MOST
