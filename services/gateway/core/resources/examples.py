@@ -11,6 +11,7 @@ MISSION: dict[str, Any] = {
     **_TIMES,
     "id": "m-0123456789ab",
     "target": "potted plant",
+    "asked": None,
     "robot": "r1",
     "state": "active",
     "phase": "exploring",
