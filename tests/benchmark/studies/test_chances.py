@@ -46,12 +46,12 @@ def test_the_expected_error_is_that_of_the_literature():
 
 
 def test_what_is_seen_often_counts_once():
-    """Nine detections of one wrong thing and one of another right one: half of the things are right."""
-    n = 10
+    """Ninety detections of ten right things, and one of each of thirty wrong ones: a quarter of the things is right."""
+    n = 120
     x = features(np.full(n, 0.5), np.full(n, 0.2), np.full(n, 3.0), np.zeros(n, bool))
-    weight = np.array([1.0 / 9] * 9 + [1.0])
-    rows = Judged(np.zeros(n, np.int64), np.full(n, "tv"), x, np.full(n, 0.5), np.arange(n) == 9, weight)
-    assert chances_of(fit(rows), rows) == pytest.approx(np.full(n, 0.5), abs=0.01)
+    right = np.arange(n) < 90
+    rows = Judged(np.zeros(n, np.int64), np.full(n, "tv"), x, np.full(n, 0.5), right, np.where(right, 1.0 / 9, 1.0))
+    assert chances_of(fit(rows), rows) == pytest.approx(np.full(n, 0.25), abs=0.02)
 
 
 def test_each_building_is_judged_by_others_and_the_page_says_how_well():
