@@ -26,20 +26,19 @@ class PosteriorConfirmation:
 
     def confidences(self, evidence: Evidence) -> Confidences:
         """Chances of each class: by robots alone, by cameras alone, and by all."""
-        robot, cameras, all_of_them = (
-            posterior(of_kinds(evidence.looks, *kinds), self._config)
-            for kinds in (("robot",), ("camera",), ("robot", "camera"))
-        )
-        return Confidences(robot, cameras, all_of_them)
+        robot, cameras = (posterior(of_kinds(evidence.looks, kind), self._config) for kind in ("robot", "camera"))
+        return Confidences(robot, cameras, self._joint(evidence))
+
+    def _joint(self, evidence: Evidence) -> dict[str, float]:
+        return posterior(of_kinds(evidence.looks, "robot", "camera"), self._config)
 
     def settle(self, evidence: Evidence) -> None:
-        """The class is the likeliest at any time."""
-        evidence.settled = self.confidences(evidence).maximum[0]
+        """Nothing is settled: the class is the likeliest at any time."""
 
     def assess(self, evidence: Evidence, was: Status) -> Assessment:
         """See ``Confirmation``."""
         c = self._config
-        label, chance = self.confidences(evidence).maximum
+        label, chance = Confidences({}, {}, self._joint(evidence)).maximum
         needed = c.min_chance * (c.hysteresis if was == "confirmed" else 1.0)
         n, directions, misses = evidence.count(label), len(evidence.looks.of), evidence.misses
         by = f"{label} by {chance:.2f}: {n} detections, {directions} directions, {misses} misses"
