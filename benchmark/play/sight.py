@@ -180,7 +180,7 @@ class Sight:
         for index, view in enumerate(self.camera(name)):
             labels: dict[str, float] = {}
             for detected in view.perception.detections if view.perception else ():
-                labels[detected.label] = max(detected.score, labels.get(detected.label, 0.0))
+                labels[detected.label] = max(detected.worth, labels.get(detected.label, 0.0))
             seen[index] = Seen(1, labels)
         floor = self._cameras[name].floor
         message = summary(name, floor, labels_of(seen), stamp_ns=0)

@@ -21,7 +21,7 @@ from services.planner.core.state import FloorChange
 FIRST_SIGHT_SCORE = 0.5
 
 
-_STAYS: Mapping[str, Any] = {"floor_chance": 1.0, "floor_chances": {}}
+_STAYS: Mapping[str, Any] = {"floor_chance": 1.0}
 
 
 class Mission:

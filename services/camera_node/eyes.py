@@ -117,7 +117,7 @@ class Eyes:
         seen = backend.perceive(picture.rgb, picture.depth_m, self._source.intrinsics, truth=truth, key=key)
         labels: dict[str, float] = {}
         for found in seen.detections:
-            labels[found.label] = max(float(found.score), labels.get(found.label, 0.0))
+            labels[found.label] = max(float(found.worth), labels.get(found.label, 0.0))
         return core.Seen(picture.version, labels)
 
     def _tell(self, now_s: float) -> None:

@@ -12,12 +12,9 @@ import numpy as np
 
 from benchmark.canary import digest
 from benchmark.studies.association.replays import (
-    BESIDE_M,
     CHANGES,
-    DETECTIONS,
     GEOMETRIES,
     RULES,
-    SCORES,
     SEED,
     SEEN_DETECTIONS,
     TAUS,
@@ -26,8 +23,6 @@ from benchmark.studies.association.replays import (
 from benchmark.studies.recordings import TOURS
 from simulator.furniture.labels import TARGETS
 from surveilnav.perception.vocabulary import COCO
-
-FALSE_COST = 2
 
 
 class Results:
@@ -104,11 +99,6 @@ class Tally:
         rows = [(k, c) for label, what, k, c in self.served() if what == "background" and label in self.labels]
         return sum(k for k, _ in rows), sum(c for _, c in rows)
 
-    def confirmed(self) -> tuple[int, int, int]:
-        """(true objects confirmed as their class, of how many, objects confirmed as a class that they aren't)."""
-        false = sum(c for label, what, _, c in self.served() if label in self.labels and label != what)
-        return sum(row[4] > 0 for row in self.things), len(self.things), false
-
 
 def choose(results: Results, but: str = "") -> str:
     """The sweep's best: fewest errors per true object among those that label at least as well as the preset `paper`."""
@@ -146,8 +136,6 @@ def page(tours: Mapping[str, Results], command: str) -> str:
     lines += _chosen_lines(first) + _sweep_lines(first)
     for results in tours.values():
         lines += _change_lines(results)
-    for results in tours.values():
-        lines += _confirm_lines(results) + _confirm_choice_lines(results)
     return "\n".join(lines + _cost_lines(others[-1] if others else first)) + "\n"
 
 
@@ -260,69 +248,6 @@ def _change_lines(results: Results) -> list[str]:
             shown = "off" if value is None else value
             lines.append(_row(f"{name} {shown}", results, "change", f"{name} {value}"))
     return lines
-
-
-def _confirm_lines(results: Results) -> list[str]:
-    lines = [
-        "",
-        f"## Confirmation, {results.tour} tour",
-        "",
-        "How many true objects are ever confirmed as what they are, and, after the minus, how many objects are confirmed as "
-        "what they aren't: neither the instance itself nor within "
-        f"{BESIDE_M} m of one of its class. By the least confidence and the least number of sightings; three places of "
-        "cameras, or a robot within 3.5 m.",
-        "",
-        "| confidence, sightings | all | " + " | ".join(TARGETS) + " |",
-        "|---" * (2 + len(TARGETS)) + "|",
-    ]
-    rows = [("the preset `paper`", "preset", "paper"), ("**the default**", "preset", "default")]
-    rows += [(f"{least}, {n}", "confirm", f"{least} {n}") for n in DETECTIONS for least in SCORES]
-    for title, group, name in rows:
-        cells = []
-        for labels in (TARGETS, *((label,) for label in TARGETS)):
-            t = results.tally(group, name, labels)
-            cells.append("{}/{} −{}".format(*t.confirmed()) if t is not None else "-")
-        lines.append(f"| {title} | " + " | ".join(cells) + " |")
-    return lines
-
-
-def _confirm_choice_lines(results: Results) -> list[str]:
-    """Would thresholds by class, chosen on the other homes, have done better than the default's?"""
-    lines = [
-        "",
-        f"The threshold of each class chosen on five homes and tried on the sixth, {DETECTIONS[-1]} sightings, {results.tour} "
-        f"tour; a false confirmation counts as much as {FALSE_COST} objects found:",
-        "",
-        "| | default | left one out | chosen on all homes |",
-        "|---|---|---|---|",
-    ]
-    sums = [0, 0, 0, 0]
-    for label in TARGETS:
-        one = results.tally("preset", "default", (label,))
-        if one is None:
-            continue
-        tried = [0, 0]
-        for home in results.homes:
-            chosen = _threshold(results, label, but=home)
-            t = results.tally("confirm", chosen, (label,), only=home)
-            found, _, false = t.confirmed() if t is not None else (0, 0, 0)
-            tried = [tried[0] + found, tried[1] + false]
-        found, _, false = one.confirmed()
-        sums = [a + b for a, b in zip(sums, (found, false, *tried), strict=True)]
-        everywhere = _threshold(results, label).split()[0]
-        lines.append(f"| {label} | {found} −{false} | {tried[0]} −{tried[1]} | {everywhere} |")
-    return [*lines, "| all | {} −{} | {} −{} | |".format(*sums)]
-
-
-def _threshold(results: Results, label: str, but: str = "") -> str:
-    """The confirm variant with the most found for its false ones; of equals the one nearest to 0.5."""
-    scored = []
-    for least in SCORES:
-        t = results.tally("confirm", f"{least} {DETECTIONS[-1]}", (label,), but=but)
-        if t is not None:
-            found, _, false = t.confirmed()
-            scored.append((found - FALSE_COST * false, -abs(least - 0.5), f"{least} {DETECTIONS[-1]}"))
-    return max(scored, default=(0, 0, f"{SCORES[0]} {DETECTIONS[-1]}"))[2]
 
 
 def _cost_lines(results: Results) -> list[str]:

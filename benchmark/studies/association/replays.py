@@ -16,8 +16,6 @@ from benchmark.studies.recordings import TOURS, Recording, SeenView, Thing
 from services.fusion.core import FusionConfig, ObjectConfig, in_order
 from services.fusion.core.config import (
     AssociationConfig,
-    ConfirmationConfig,
-    EvidenceConfirmationConfig,
     FalsePositiveConfig,
     PointsConfig,
 )
@@ -225,8 +223,6 @@ CHANGES: tuple[tuple[str, tuple[Any, ...]], ...] = (
     ("dbscan_eps_m", (0.08,)),
     ("max_points", (500, 2000)),
 )
-SCORES = (0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65)
-DETECTIONS = (2, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,13 +255,6 @@ def variants(tour: str) -> list[Variant]:
                     found.append(Variant("sweep", f"{geometry} {tau} {rules}", config))
     for name, values in CHANGES:
         found += [Variant("change", f"{name} {value}", _changed(name, value)) for value in values]
-    for n in DETECTIONS:
-        for least in SCORES:
-            one_rule = EvidenceConfirmationConfig(
-                class_priors=False, early_confidence=0.0, margin=0.0, min_confidence=least, min_sightings=n
-            )
-            config = ObjectConfig(confirmation=ConfirmationConfig(evidence=one_rule))
-            found.append(Variant("confirm", f"{least} {n}", config))
     return found
 
 

@@ -3,36 +3,44 @@
     python -m benchmark.studies.calibration.chances [--backend compact] [--views 100]
 
 The views are those of ``benchmark.studies.calibration``: what a backend finds in rendered views of train buildings, and what
-they truly show. A detection is right if the thing whose box it fits, or which most of its mask shows, is of its class. The
-table goes to the library's data/chances/<backend>.json, the page to docs/results/calibration.
+they truly show. A detection is right if the thing whose box it fits, or which most of its mask shows, is of its class. A thing
+counts once for every name that it is given, however many views show it: the next detection may be of any thing. The table
+goes to the library's data/chances/<backend>.json, the page to docs/results/calibration.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from benchmark.dataset.splits import SPLITS
+from benchmark.dataset.splits import SceneSpec
 from benchmark.studies.calibration.run import OUT, measured
-from benchmark.studies.calibration.views import MIN_SIZE_RAD, Look, Looks, owners_of
+from benchmark.studies.calibration.views import MIN_SIZE_RAD, Found, Look, Looks, owners_of
 from simulator.furniture.labels import TARGETS
 from simulator.truth.choose import choose_backend
-from simulator.truth.visible import VisibleThing, candidates
+from simulator.truth.visible import VisibleThing, candidates, world_points
 from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.perception import Backend
 from surveilnav.perception.chances import ChanceTable, ClassTerms, Floats, features, size_rad
 from surveilnav.perception.vocabulary import DATA
 
 DEFAULT = "onnx-coco"
+#: Train buildings: homes with ``train`` furniture, flats and offices.
+BUILDINGS = (
+    "2_bedroom", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "flats_1000", "office_1000", "office_1002",
+    "office_1004", "office_1006", "office_1008", "office_1010",
+)  # fmt: skip
 #: A class with fewer detections has no terms of its own.
 _FEWEST = 25
 #: Standard deviations of a class's own terms: few data stay near all others.
@@ -44,13 +52,14 @@ _BINS = np.array([0.0, 0.1, 0.25, 0.4, 0.6, 0.8, 1.0])
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
     """N detections whose truth is known: ``building`` (N,) number, ``label`` (N,), ``x`` (N, 5) as of ``features``, ``score``
-    (N,), ``right`` (N,)."""
+    (N,), ``right`` (N,), ``weight`` (N,): one over how many detections call the same thing the same."""
 
     building: NDArray[np.int64]
     label: NDArray[np.str_]
     x: Floats
     score: Floats
     right: NDArray[np.bool_]
+    weight: Floats
 
     def where(self, keep: NDArray) -> Judged:
         return Judged(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
@@ -59,22 +68,37 @@ class Judged:
 def judged(buildings: Sequence[Looks]) -> Judged:
     """All detections in the views of buildings."""
     rows = [
-        (number, d.label, d.score, size_rad(d.box_px, look.camera.fx_px), d.depth_m, look.is_camera, right)
+        (number, d.label, d.score, size_rad(d.box_px, look.camera.fx_px), d.depth_m, look.is_camera, owner)
         for number, building in enumerate(buildings)
         for look in building.looks
-        for d, right in zip(look.found, _rightness(building, look), strict=True)
+        for d, owner in zip(look.found, true_owners(building, look), strict=True)
     ]
-    building, label, score, size, range_m, camera, right = (np.array(column) for column in zip(*rows, strict=True))
-    return Judged(building, label, features(score, size, range_m, camera), score, right)
+    things = [(number, label, owner[:-1]) for number, label, *_, owner in rows]
+    often = Counter(things)
+    right = np.array([owner[-1] == label for _, label, *_, owner in rows])
+    building, label, score, size, range_m, camera = (np.array(column) for column in [*zip(*rows, strict=True)][:-1])
+    weight = np.array([1.0 / often[thing] for thing in things])
+    return Judged(building, label, features(score, size, range_m, camera), score, right, weight)
 
 
-def _rightness(building: Looks, look: Look) -> list[bool]:
-    """Of every detection of a view, whether it is what it is called."""
+def true_owners(building: Looks, look: Look) -> list[tuple[Any, ...]]:
+    """Of every detection of a view, which thing it shows, and last what that truly is; of one that shows none, the metre of the
+    world that it lies in, and ""."""
     truth, depth_m = look.truth(building.labels)
     shown = candidates(truth, depth_m, look.camera, look.is_camera, MIN_SIZE_RAD)
     things = [t for c in shown for t in c.shown if isinstance(t, VisibleThing)]
     owners = owners_of(things, look.found)
-    return [owner is not None and owner.label == d.label for d, owner in zip(look.found, owners, strict=True)]
+    return [
+        (owner.id, owner.label) if owner is not None else (*_metre(d, look), "")
+        for d, owner in zip(look.found, owners, strict=True)
+    ]
+
+
+def _metre(d: Found, look: Look) -> tuple[int, ...]:
+    x0, y0, x1, y1 = d.box_px
+    u, v, z = np.array([[(x0 + x1) / 2], [(y0 + y1) / 2], [d.depth_m]])
+    p_world = world_points(u, v, z, look.camera, look.T_world_camera.matrix())[0]
+    return tuple(np.floor(p_world).astype(int).tolist())
 
 
 def fit(rows: Judged, source: str = "") -> ChanceTable:
@@ -90,25 +114,19 @@ def fit(rows: Judged, source: str = "") -> ChanceTable:
         own = np.vstack([w[n:].reshape(len(classes), 2), np.zeros(2)])
         eta = columns @ w[:n] + (columns[:, :2] * own[owner]).sum(axis=1)
         log_p = -np.logaddexp(0.0, -sign * eta)
-        slope = -sign * np.exp(-np.logaddexp(0.0, sign * eta))
+        slope = -sign * rows.weight * np.exp(-np.logaddexp(0.0, sign * eta))
         grad = np.zeros((len(classes) + 1, 2))
         np.add.at(grad, owner, slope[:, None] * columns[:, :2])
         gradient = np.concatenate([slope @ columns, grad[: len(classes)].ravel()])
-        return float(-log_p.sum() + 0.5 * ((w / sd) ** 2).sum()), gradient + w / sd**2
+        return float(-(rows.weight * log_p).sum() + 0.5 * ((w / sd) ** 2).sum()), gradient + w / sd**2
 
     w = minimize(loss, np.zeros(len(sd)), jac=True, method="L-BFGS-B", options={"maxiter": 1000}).x.round(3).tolist()
     even, slope, size, squared, far, camera = w[:n]
     by_class = {
-        label: ClassTerms(w[n + 2 * i], w[n + 2 * i + 1], _share(rows.right[rows.label == label]),
-                          int((rows.label == label).sum()))
+        label: ClassTerms(w[n + 2 * i], w[n + 2 * i + 1], int((rows.label == label).sum()))
         for i, label in enumerate(classes)
-    }  # fmt: skip
-    return ChanceTable(source, even, slope, size, squared, far, camera, _share(rows.right), by_class)
-
-
-def _share(right: NDArray[np.bool_]) -> float:
-    """Of what is right, with one of each added."""
-    return round(float((right.sum() + 1) / (len(right) + 2)), 3)
+    }
+    return ChanceTable(source, even, slope, size, squared, far, camera, by_class)
 
 
 def chances_of(table: ChanceTable, rows: Judged) -> Floats:
@@ -125,25 +143,26 @@ def left_out(rows: Judged) -> Floats:
     return chance
 
 
-def expected_error(chance: Floats, right: NDArray[np.bool_]) -> float:
+def expected_error(chance: Floats, right: NDArray[np.bool_], weight: Floats) -> float:
     """Expected calibration error (Naeini et al. 2015) over ``_BINS``."""
     at = np.clip(np.digitize(chance, _BINS) - 1, 0, len(_BINS) - 2)
-    parts = [(chance[at == b], right[at == b]) for b in range(len(_BINS) - 1) if (at == b).any()]
-    return float(sum(len(c) * abs(c.mean() - r.mean()) for c, r in parts) / len(chance))
+    off = weight * (chance - right)
+    return float(sum(abs(off[at == b].sum()) for b in range(len(_BINS) - 1)) / weight.sum())
 
 
 def page(rows: Judged, chance: Floats, table: ChanceTable, backend: str = DEFAULT) -> str:
     """What it says, in Markdown."""
     targets = np.isin(rows.label, TARGETS)
     n_buildings = len(set(rows.building.tolist()))
-    raw, table_s = (expected_error(values, rows.right) for values in (rows.score, chance))
+    raw, table_s = (expected_error(values, rows.right, rows.weight) for values in (rows.score, chance))
     lines = [
         "# How likely a detection is right", "",
-        f"Of detections that the table calls likely by p, about p are right. Each of {n_buildings} buildings was "
-        f"judged by a table of others. The expected calibration error is {table_s:.3f}; of raw scores it is {raw:.3f}.", "",
+        f"Of what the table calls likely by p, about p is right. Each of {n_buildings} buildings was judged by a table of "
+        f"others. The expected calibration error is {table_s:.3f}; of raw scores it is {raw:.3f}. A thing counts once, however "
+        "many views show it.", "",
         f"Source: {table.source}. Fitted by `python -m benchmark.studies.calibration.chances"
         f"{'' if backend == DEFAULT else f' --backend {backend}'}`.", "",
-        "| what | detections | mean score | mean chance | right | Brier score: of scores | of chances |",
+        "| what | things | mean score | mean chance | right | Brier score: of scores | of chances |",
         "|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     camera = rows.x[:, 4] > 0
@@ -153,19 +172,24 @@ def page(rows: Judged, chance: Floats, table: ChanceTable, backend: str = DEFAUL
     }  # fmt: skip
     for name, of in groups.items():
         if of.any():
-            s, c, r = rows.score[of], chance[of], rows.right[of]
+            s, c, r, w = rows.score[of], chance[of], rows.right[of], rows.weight[of]
+            score, mean, right, brier_s, brier_c = (_mean(v, w) for v in (s, c, r, (s - r) ** 2, (c - r) ** 2))
             lines.append(
-                f"| {name} | {of.sum()} | {s.mean():.2f} | {c.mean():.2f} | {r.mean():.2f} | {((s - r) ** 2).mean():.3f} | "
-                f"{((c - r) ** 2).mean():.3f} |"
+                f"| {name} | {w.sum():.0f} | {score:.2f} | {mean:.2f} | {right:.2f} | {brier_s:.3f} | {brier_c:.3f} |"
             )
     lines += ["", "| chance | targets called so | mean chance | right |", "|---|---|---|---|"]
     for low, high in pairwise(_BINS.tolist()):
         of = targets & (chance >= low) & (chance < high)
         if of.any():
+            w = rows.weight[of]
             lines.append(
-                f"| {low:g} to {high:g} | {of.sum()} | {chance[of].mean():.2f} | {rows.right[of].mean():.2f} |"
+                f"| {low:g} to {high:g} | {w.sum():.0f} | {_mean(chance[of], w):.2f} | {_mean(rows.right[of], w):.2f} |"
             )
     return "\n".join([*lines, ""])
+
+
+def _mean(values: NDArray, weight: Floats) -> float:
+    return float(np.average(values, weights=weight))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -175,14 +199,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--backend", default=DEFAULT, help="what looks at the pictures; it has a vocabulary")
     parser.add_argument("--views", type=int, default=100, help="of the robot, about, in every building")
-    parser.add_argument("--every", type=int, default=4, help="every so many scenes of train")
-    parser.add_argument("--most", type=int, default=12, help="scenes at most")
     parser.add_argument("--out", type=Path, help=f"{OUT}/chances.md, of other backends chances_<backend>.md")
     args = parser.parse_args(argv)
-    scenes = SPLITS["train"].scenes[:: args.every][: args.most]
     try:
         backend = None if args.backend == DEFAULT else _with_vocabulary(args.backend)
-        buildings = [measured(scene, args.views, backend) for scene in scenes]
+        buildings = [measured(SceneSpec(name, 0, "train"), args.views, backend) for name in BUILDINGS]
     except SurveilNavError as error:
         print(f"chances: {error}", file=sys.stderr)
         return 2
@@ -190,7 +211,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"chances: {args.backend} found nothing in any view", file=sys.stderr)
         return 2
     rows = judged(buildings)
-    names = ", ".join(scene.scene for scene in scenes)
+    names = ", ".join(BUILDINGS)
     n_views = sum(len(b.looks) for b in buildings)
     model = args.backend if backend is None else backend.models.detector
     table = fit(rows, f"{len(rows.right)} detections of {model} in {n_views} views of {names}")

@@ -5,7 +5,7 @@ joint_map             one view into the maps of its floor, step by step
 floor_map             a floor's geometry: ``cloud``, ``carving``, ``projection``, ``frontier``
 value                 the value map (eq. 2)
 objects               the object map: ``sightings`` have a place, ``association`` finds their object (eq. 3)
-confirmation          what makes a candidate the target: ``paper_confirmation`` or ours, ``evidence_confirmation``
+confirmation          what makes a candidate the target: ``paper_confirmation`` or ours, ``posterior_confirmation``
 guard                 views that can't be, refused
 config                every number, and the preset ``paper``
 """

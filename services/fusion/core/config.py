@@ -152,7 +152,9 @@ class AssociationConfig(_Part):
     merge_visual: float = Field(default=0.55, ge=-1, description="cosine from which two objects look alike")
 
 
-class _ThresholdConfig(_Part):
+class PaperConfirmationConfig(_Part):
+    """``PaperConfirmation``: a threshold on the maximum of both confidences."""
+
     min_confidence: float = Field(default=0.5, ge=0, le=1, description="threshold from which an object is confirmed")
     min_detections: int = Field(
         default=2, ge=1, description="of the class; with fewer an object stays a candidate (ConceptGraphs, VLN-Game)"
@@ -160,96 +162,49 @@ class _ThresholdConfig(_Part):
     hysteresis: float = Field(
         default=0.8, ge=0, le=1, description="share of the threshold that keeps an object confirmed"
     )
-
-
-class PaperConfirmationConfig(_ThresholdConfig):
-    """``PaperConfirmation``: a threshold on the maximum of both confidences."""
-
     flip_rejects: bool = Field(default=True, description="an object whose class changes is rejected for good")
 
 
-class EvidenceConfirmationConfig(_ThresholdConfig):
-    """``EvidenceConfirmation``: enough sightings from different places, and no strong rival."""
-
-    class_priors: bool = Field(
-        default=True, description="thresholds by class, where data/coco/priors.json has one; False: one rule for all"
-    )
-    near_m: float = Field(default=3.5, gt=0, description="a robot's detection within this range can confirm")
-    early_confidence: float = Field(
-        default=0.08, ge=0, le=1, description="what an object needs more with the fewest sightings that can confirm it"
-    )
-    settled_sightings: int = Field(default=8, ge=1, description="... down to nothing with so many")
-    margin: float = Field(
-        default=1.25, ge=0, description="confidence in the class is at least this many times that in any other"
-    )
-    min_sightings: int = Field(default=3, ge=1, description="near robot detections and camera views of the class")
-    min_viewpoints: int = Field(default=2, ge=1, description="... from so many places or directions")
-    camera_confidence: float = Field(
-        default=0.65, ge=0, le=1, description="from which cameras confirm an object without a robot"
-    )
-    camera_views: int = Field(default=3, ge=1, description="... if so many different views saw the class")
-
-
 class PosteriorConfig(_Part):
-    """``PosteriorConfirmation``: log-odds of a class, from the chances of detections; one threshold for all words."""
+    """``PosteriorConfirmation``: how likely an object is of a class (``posterior``), and one threshold for all words."""
 
-    even: float = Field(default=-2.3, description="of a class that one place saw at even odds")
-    mean: float = Field(default=0.2, description="per log-odds of the mean over places")
-    best: float = Field(default=0.5, description="per log-odds of the best of them")
-    more: float = Field(default=1.7, description="per natural logarithm of the number of places")
-    more_mean: float = Field(default=0.1, description="... and log-odds of their mean")
-    seen_by_camera: float = Field(default=0.4, description="if a camera is among them")
-    others: float = Field(default=1.2, description="less per logarithm of 1 + the places that saw another class")
-    misses: float = Field(default=0.8, description="less per square root of the misses")
-    near_m: float = Field(default=3.5, gt=0, description="a robot's detection within this range can confirm")
-    min_chance: float = Field(default=0.8, ge=0, le=1, description="from which an object is confirmed")
-    hysteresis: float = Field(default=0.8, ge=0, le=1, description="share of it that keeps an object confirmed")
-    camera_views: int = Field(default=3, ge=1, description="so many cameras' views do without a robot")
-    reject_chance: float = Field(default=0.05, ge=0, le=1, description="below which an object is rejected")
-    reject_misses: int = Field(default=6, ge=1, description="... if it was missed so often")
+    again: float = Field(default=1.7, ge=1, description="odds of a class are multiplied by it when a view repeats it")
+    missed: float = Field(
+        default=0.45, gt=0, le=1, description="... and by it when a view calls it something else, or doesn't show it"
+    )
+    alike: float = Field(
+        default=0.4, ge=0, le=1, description="how alike views err: correlation of their evidence, and of directions'"
+    )
+    min_chance: float = Field(default=0.85, gt=0, le=1, description="from which an object is confirmed")
+    hysteresis: float = Field(default=0.95, ge=0, le=1, description="share of it that keeps an object confirmed")
+    reject_chance: float = Field(
+        default=0.05, ge=0, le=1, description="below which an object is rejected that a robot missed"
+    )
 
 
 class ConfirmationConfig(_Part):
     """Which rule turns candidates into confirmed objects, and the settings of either."""
 
-    rule: Literal["evidence", "paper", "posterior"] = Field(
-        default="evidence",
-        description="ours, or the paper's section on joint object confirmation to the letter, or one chance for all words",
+    rule: Literal["posterior", "paper"] = Field(
+        default="posterior", description="ours, or the paper's section on joint object confirmation to the letter"
     )
-    evidence: EvidenceConfirmationConfig = Field(
-        default=EvidenceConfirmationConfig(), description="settings of the rule `evidence`"
-    )
+    posterior: PosteriorConfig = Field(default=PosteriorConfig(), description="settings of the rule `posterior`")
     paper: PaperConfirmationConfig = Field(
         default=PaperConfirmationConfig(), description="settings of the rule `paper`"
     )
-    posterior: PosteriorConfig = Field(default=PosteriorConfig(), description="settings of the rule `posterior`")
 
 
 class FalsePositiveConfig(_Part):
     """What speaks against an object. The rule ``paper`` uses only the sizes of it, and that only if told to."""
 
-    flip_detections: int = Field(default=3, ge=1, description="detections of another class that change an object's")
-    flip_margin: float = Field(
-        default=1.2, ge=1, description="... whose weight must exceed the old class's by this factor"
-    )
-    revive_detections: int = Field(
-        default=2, ge=1, description="detections of the new class, after a flip, that make a candidate again"
-    )
     miss_near_m: float = Field(default=0.7, ge=0, description="a nearer object may miss from a picture")
     miss_far_m: float = Field(default=3.5, gt=0, description="... and so may a farther one")
     miss_visible: float = Field(
         default=0.7, ge=0, le=1, description="share of an object's points that must be in plain view"
     )
-    miss_weight: float = Field(
-        default=0.5, ge=0, description="of one missed sighting of a class that is seldom missed, in detections"
-    )
-    reject_misses: int = Field(default=6, ge=1, description="misses that may reject")
-    reject_share: float = Field(
-        default=0.5, ge=0, le=1, description="... if the class was seen in less than this share of its recall"
-    )
     size_prior: bool = Field(default=True, description="only what has a size that its class can have is confirmed")
     misfit_factor: float = Field(
-        default=0.5, ge=0, le=1, description="what is left of the confidence in a class whose size an object hasn't"
+        default=0.7, ge=0, le=1, description="what is left of the confidence in a class whose size an object hasn't"
     )
 
 

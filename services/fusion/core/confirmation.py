@@ -1,7 +1,7 @@
 """Joint object confirmation: is a candidate what it is taken for?
 
-Three rules: the paper's (``PaperConfirmation``), ours (``EvidenceConfirmation``), and one chance for all words
-(``PosteriorConfirmation``). Each looks at the evidence of one object and answers with an ``Assessment``.
+Two rules: the paper's (``PaperConfirmation``), and ours (``PosteriorConfirmation``). Either looks at the evidence of one object
+and answers with an ``Assessment``.
 """
 
 from __future__ import annotations
@@ -12,17 +12,12 @@ from services.fusion.core.assessment import Assessment, Status
 from services.fusion.core.confidences import Confidences
 from services.fusion.core.config import ObjectConfig
 from services.fusion.core.evidence import Evidence
-from services.fusion.core.evidence_confirmation import EvidenceConfirmation
 from services.fusion.core.paper_confirmation import PaperConfirmation
 from services.fusion.core.posterior_confirmation import PosteriorConfirmation
 
 
 class Confirmation(Protocol):
     """A rule of confirmation. Whoever adds evidence calls ``settle``, then asks ``assess``."""
-
-    def weigh(self, range_m: float, *, is_robot: bool) -> tuple[float, bool]:
-        """Weight of a detection from ``range_m`` away, and whether it is a near one that can confirm."""
-        ...
 
     def confidences(self, evidence: Evidence) -> Confidences:
         """Confidence in each class."""
@@ -41,6 +36,4 @@ def confirmation_of(config: ObjectConfig) -> Confirmation:
     """The rule that the settings name."""
     if config.confirmation.rule == "paper":
         return PaperConfirmation(config.confirmation.paper)
-    if config.confirmation.rule == "posterior":
-        return PosteriorConfirmation(config.confirmation.posterior)
-    return EvidenceConfirmation(config.confirmation.evidence, config.false_positives)
+    return PosteriorConfirmation(config.confirmation.posterior)

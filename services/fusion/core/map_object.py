@@ -15,6 +15,7 @@ from services.fusion.core.assessment import Status
 from services.fusion.core.association import cosine
 from services.fusion.core.config import ObjectConfig
 from services.fusion.core.evidence import Evidence
+from services.fusion.core.looks import Direction
 from services.fusion.core.shape import Shape
 from services.fusion.core.sightings import Sighting
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
@@ -76,7 +77,7 @@ class MapObject:
             history=deque(maxlen=max_history), embedding_model=sighting.embedding_model,
         )  # fmt: skip
 
-    def fuse(self, view: PosedView, sighting: Sighting, max_voxels: int, *, weight: float, near: bool) -> None:
+    def fuse(self, view: PosedView, sighting: Sighting, max_voxels: int) -> None:
         """Adds a detection: its points, its embedding, its evidence (the paper's joint object fusion)."""
         detected = sighting.detected
         self.shape = self.shape.union(sighting.shape, max_voxels)
@@ -90,10 +91,11 @@ class MapObject:
         self.n_detections += 1
         self.sources.add(view.source)
         self.changed = True
-        self.evidence.add(
-            detected.label, detected.score, weight=weight, near=near, place=_place(view), is_robot=view.is_robot,
-            chance=detected.chance,
-        )  # fmt: skip
+        self.evidence.add(detected.label, detected.score, detected.worth, _direction(view, sighting.shape))
+
+    def miss(self, view: PosedView) -> None:
+        """A robot had it in plain sight, and no detection shows it."""
+        self.evidence.miss(_direction(view, self.shape))
 
     def absorb(self, other: MapObject, max_voxels: int) -> None:
         """Adds all that was known of another object, which is the same thing."""
@@ -134,14 +136,12 @@ class MapObject:
         )  # fmt: skip
 
 
-def _place(view: PosedView) -> tuple[object, ...]:
-    """Where a view was taken from: a camera's view, or a robot's position to 0.25 m and direction to 15 degrees."""
+def _direction(view: PosedView, shape: Shape) -> Direction:
+    """From where a view shows a thing: a camera by its name, a robot by an eighth of the compass around the thing."""
     if not view.is_robot:
-        return view.source, view.view
-    x, y, _ = view.T_world_camera[:3, 3]
-    forward = view.T_world_camera[:3, 2]
-    yaw = math.atan2(forward[1], forward[0])
-    return view.source, round(float(x) / 0.25), round(float(y) / 0.25), round(yaw / math.radians(15)) % 24
+        return "camera", view.source
+    x, y = _towards(view, shape)
+    return "robot", str(int((math.atan2(y, x) / math.pi + 1.0) * 4.0) % 8)
 
 
 def _towards(view: PosedView, shape: Shape) -> NDArray[np.float64]:

@@ -97,6 +97,10 @@ class ObjectMap:
         """Memory that the objects' voxels take."""
         return sum(o.shape.keys.nbytes + o.shape.coarse.nbytes for o in self._objects.values())
 
+    def misfit(self, object_id: int, label: str) -> str:
+        """Why the size of an object isn't that of a class, for people; empty if it is. KeyError: there is no such object."""
+        return self._unfit(self._objects[object_id], label)
+
     def take_changes(self) -> list[ObjectChange]:
         """What happened to objects since the last call."""
         changes, self._changes = self._changes, []
@@ -165,8 +169,7 @@ class ObjectMap:
 
     def _fuse(self, obj: MapObject, view: PosedView, sighting: Sighting, what: Change, note: str) -> None:
         detected = sighting.detected
-        weight, near = self._confirmation.weigh(sighting.range_m, is_robot=view.is_robot)
-        obj.fuse(view, sighting, self._config.max_voxels, weight=weight, near=near)
+        obj.fuse(view, sighting, self._config.max_voxels)
         self._objects[obj.id] = obj
         self._log(obj, view, detected.label, detected.score, what, note, detected.box_px)
         self._reassess(obj, view)
@@ -198,7 +201,7 @@ class ObjectMap:
                 d.label == obj.label and d.score >= min_score and _holds(d, pixel) for d in detections
             ):
                 continue
-            obj.evidence.misses += 1
+            obj.miss(view)
             self._log(obj, view, obj.label, 0.0, "not_seen", f"{share:.0%} of its points in plain view")
             self._reassess(obj, view)
 

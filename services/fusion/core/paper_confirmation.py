@@ -25,10 +25,6 @@ class PaperConfirmation:
     def __init__(self, config: PaperConfirmationConfig) -> None:
         self._config = config
 
-    def weigh(self, range_m: float, *, is_robot: bool) -> tuple[float, bool]:
-        """See ``Confirmation``."""
-        return 1.0, is_robot
-
     def confidences(self, evidence: Evidence) -> Confidences:
         """Mean score of each class."""
         return Confidences(_means(evidence.robot), _means(evidence.surveillance))
@@ -50,7 +46,7 @@ class PaperConfirmation:
         label, confidence = self.confidences(evidence).maximum
         # the category has changed: a false positive
         if evidence.flipped is not None:
-            old, new, _ = evidence.flipped
+            old, new = evidence.flipped
             return Assessment(label, confidence, "rejected", f"false positive: first taken for {old}, then for {new}")
         n = evidence.count(label)
         if n < config.min_detections:
@@ -64,4 +60,4 @@ class PaperConfirmation:
 
 
 def _means(supports: Mapping[str, Support]) -> dict[str, float]:
-    return {label: s.weighted_score / s.weight for label, s in supports.items()}
+    return {label: s.score / s.n for label, s in supports.items()}

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.planner.core.class_priors import PRIORS
 from surveilnav import robot_body
 
 
@@ -26,8 +24,8 @@ class PlannerConfig(BaseModel):
     )
     verification: Literal["two_level", "paper"] = Field(
         "two_level",
-        description="two_level stops only at what the robot itself confirmed, or at very strong surveillance evidence that "
-        "it doesn't contradict; paper stops at whatever fusion calls confirmed",
+        description="two_level stops only at what is confirmed and the robot itself sees, or at what is likely enough after it "
+        "looked from near by; paper stops at whatever fusion calls confirmed",
     )
 
     # --- the robot ---
@@ -79,10 +77,7 @@ class PlannerConfig(BaseModel):
         0.05, description="second look: what a metre of way takes from a place's value"
     )
     explore_m: float = Field(3.0, description="what exploring beyond a frontier costs, beside the way to it")
-    explore_chance: float = Field(0.08, description="how likely exploring one frontier finds the target")
-    explore_chances: Mapping[str, float] = Field(
-        PRIORS.explore_chance, description="the same by class (``class_priors``)"
-    )
+    explore_chance: float = Field(0.12, description="how likely exploring one frontier finds the target")
     objects_first: bool = Field(False, description="any promising object comes before exploring, however far it is")
     reached_m: float = Field(0.45, description="so near to a frontier or a place to look from the robot has arrived")
 
@@ -116,22 +111,8 @@ class PlannerConfig(BaseModel):
 
     # --- objects ---
     promising_chance: float | None = Field(
-        0.25, description="less likely objects aren't gone to before all is explored. None: none but confirmed ones are"
+        0.1, description="less likely objects aren't gone to before all is explored. None: none but confirmed ones are"
     )
-    object_chances: Literal["fitted", "map"] = Field(
-        "fitted",
-        description="how likely an object is the target: fitted to its relevance, class by class; or what the map says, whose "
-        "rule of confirmation gives chances then (posterior)",
-    )
-    even_relevance: float = Field(0.30, description="an object of this relevance is the target as often as not")
-    even_relevances: Mapping[str, float] = Field(
-        PRIORS.even_relevance,
-        description="the same by class (``class_priors``)",
-    )
-    single_shift: float = Field(0.095, description="a single detection needs so much more relevance")
-    other_shift: float = Field(0.15, description="what looks more like something else needs so much more")
-    relevance_scale: float = Field(0.126, description="of the logistic from relevance to chance")
-    confirmed_chance: float = Field(0.9, description="the least chance of a confirmed target")
     confirmed_first: bool = Field(False, description="a confirmed target comes before all else, whatever the way")
     verify_m: float = Field(2.0, description="what looking at an object costs, beside the way to it")
     standoff_m: float = Field(0.75, description="where to stand before an object, if a way leads so near")
@@ -139,10 +120,9 @@ class PlannerConfig(BaseModel):
     farthest_stop_m: float = Field(1.50, description="the farthest place from which an object counts as reached")
     inspect_m: float = Field(2.0, description="so near on its way the robot turns to an object that isn't verified")
     verify_confidence_robot: float = Field(0.25, description="the robot's own confidence that verifies or contradicts")
-    strong_confidence_surveillance: float = Field(
-        0.80, description="strong surveillance evidence: its least confidence"
+    accept_chance: float = Field(
+        0.70, description="from which an object is accepted that was looked at from near by and isn't confirmed"
     )
-    strong_detections: int = Field(3, description="strong surveillance evidence: its least number of detections")
     max_looks: int = Field(4, description="looks from other directions at an object before it is dropped")
     last_resort_chance: float | None = Field(
         0.30,
@@ -163,9 +143,8 @@ class PlannerConfig(BaseModel):
     )
     floor_m: float = Field(12.0, description="about how far the target is from the stairs")
     floor_chance: float = Field(
-        0.8, description="how often a floor has a target that its cameras don't see; 1: surely, the robot never leaves"
+        0.7, description="how often a floor has a target that its cameras don't see; 1: surely, the robot never leaves"
     )
-    floor_chances: Mapping[str, float] = Field(PRIORS.floor_chance, description="the same by class (``class_priors``)")
     stairs_reach_m: float = Field(
         0.45, description="so near to its end a stair can be taken; halved with every refusal"
     )

@@ -32,14 +32,11 @@ class ClassTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a class adds to the terms of all.
 
     Attributes:
-        even: to the log-odds. slope: to the slope of the score's log-odds.
-        base: share of the class's detections that are right.
-        n: detections that it was fitted to.
+        even: to the log-odds. slope: to the slope of the score's log-odds. n: detections that it was fitted to.
     """
 
     even: float
     slope: float
-    base: float
     n: int
 
 
@@ -51,7 +48,7 @@ class ChanceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         even, slope: of all classes, on the score's log-odds.
         size, size_squared: per natural logarithm of the angular size over 0.2 rad.
         range: per natural logarithm of the range over 3 m. camera: in a camera's view.
-        base: share of all detections that are right; by_class: see ``ClassTerms``.
+        by_class: see ``ClassTerms``.
     """
 
     source: str
@@ -61,7 +58,6 @@ class ChanceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     size_squared: float
     range: float
     camera: float
-    base: float
     by_class: dict[str, ClassTerms]
 
     def chance(self, label: str, score: float, size_rad: float, range_m: float, *, is_camera: bool) -> float:
@@ -82,11 +78,6 @@ class ChanceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         others = np.array([self.size, self.size_squared, self.range, self.camera])
         logit = even + max(0.0, slope) * float(x[0]) + float(x[1:] @ others)
         return min(_SUREST, max(1.0 - _SUREST, 1.0 / (1.0 + math.exp(-logit))))
-
-    def base_of(self, label: str) -> float:
-        """How often what is called so is right, whatever its score."""
-        own = self.by_class.get(label)
-        return self.base if own is None else own.base
 
 
 def features(score: Floats, size_rad: Floats, range_m: Floats, is_camera: NDArray[np.bool_]) -> Floats:

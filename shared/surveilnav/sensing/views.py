@@ -78,6 +78,11 @@ class Detected:
     embedding: NDArray[np.float32]
     chance: float | None = None
 
+    @property
+    def worth(self) -> float:
+        """``chance``; the score, where that is all that is known."""
+        return self.score if self.chance is None else self.chance
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewPerception:

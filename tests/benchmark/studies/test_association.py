@@ -127,7 +127,6 @@ def test_the_page_and_the_choice(recording):
     assert "`the command`" in text
     assert "| **the default** | 0 (0; 0) | 0 / 0 | 0 | 0.00 [0.00, 0.00] | 100 % |" in text
     assert "It takes `overlap 1.2 all rules`" in text
-    assert "| the preset `paper` | 2/2 −0 | 0/0 −0 |" in text
     assert "The sparse tour wasn't played yet" in page({"sparse": Results("sparse", [])}, "")
 
 

@@ -89,7 +89,7 @@ def test_over_the_stairs(house, downstairs, planner):
     from simulator.world.goals import Start
 
     driver = ShortestPathPlanner(house.navigation) if planner == "sp" else FmmPlanner()
-    mission = Mission(Task("tv", 0, 80, driver), PlannerConfig(floor_chances={"tv": 0.0}), summaries=True)
+    mission = Mission(Task("tv", 0, 80, driver), PlannerConfig(floor_chance=0.0), summaries=True)
     head = house.navigation.transits[0].end_on("1")
     at = house.navigation.snap((head[0], head[1] + 0.8, head[2]), "1")
     start = Start(at, "1", -np.pi / 2, downstairs.field.at(at, "1"))

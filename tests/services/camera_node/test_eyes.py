@@ -47,7 +47,7 @@ class Watcher:
             raise PerceptionError("out of sorts")
         scores = [(label, 0.5 + 0.01 * key[1]) for label in self.labels]
         box = (0.0, 0.0, 9.0, 9.0)
-        found = tuple(Detected(label, score, box, None, np.zeros(81, np.float32)) for label, score in scores)
+        found = tuple(Detected(label, score / 2, box, None, np.zeros(81, np.float32), score) for label, score in scores)
         return ViewPerception(self.name, found, np.zeros(81, np.float32))
 
 

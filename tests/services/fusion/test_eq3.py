@@ -232,6 +232,7 @@ def test_heights_are_above_the_floor(tools, floor_z_m, status):
         T = np.eye(4)
         T[0, 3] = i
         s = sighting(points, tools.unit(0), i)
+        s = dataclasses.replace(s, detected=dataclasses.replace(s.detected, chance=0.9))
         objects.add(dataclasses.replace(view(i), T_world_camera=T), (s.detected,), [s])
     (chair,) = objects.records()
     assert chair.status == status

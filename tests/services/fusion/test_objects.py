@@ -139,8 +139,8 @@ def test_cameras_and_robot_see_one_object(furnished, tools):
     for view in around(furnished, SOFA, 7):
         joint.integrate(view, tools.seen(furnished.detect(view, "sofa", "couch", 0.9, tools.unit(0))))
     (sofa,) = joint.objects("0")
-    assert sofa.confidence == sofa.confidence_robot == pytest.approx(0.9)
-    assert sofa.confidence_surveillance == pytest.approx(0.6)
+    assert sofa.confidence > sofa.confidence_robot > 0.9, "all that was seen adds up"
+    assert 0.6 < sofa.confidence_surveillance < 0.8
     assert len(sofa.sources) == 4
 
 
@@ -175,7 +175,7 @@ def test_another_class_on_the_same_points_is_a_vote_not_an_object(furnished, too
         joint.integrate(view, tools.seen(furnished.detect(view, "sofa", label, 0.8, look)))
     (sofa,) = joint.objects("0")
     assert (sofa.label, sofa.status) == ("couch", "confirmed")
-    assert sofa.label_scores == pytest.approx({"bed": 0.8 / 6, "couch": 5 * 0.8 / 6})
+    assert sofa.label_scores["bed"] < 0.05 < 0.85 < sofa.label_scores["couch"]
 
 
 def test_partial_views_join_by_overlap_and_split_by_box_iou(furnished, tools):
@@ -220,7 +220,7 @@ def test_a_close_look_without_a_detection_counts_against(furnished, tools):
     for view in around(furnished, SOFA, 7, radius=2.2):
         joint.integrate(view, tools.seen())
     (after,) = joint.objects("0")
-    assert after.status == "rejected"
+    assert after.status == "candidate"
     assert after.confidence < before.confidence / 1.5
     assert "not_seen" in [e.what for e in after.history]
 

@@ -77,7 +77,7 @@ def test_what_most_floors_have_is_searched_for_here_first(two_floors):
     """The surer a floor has the target anyway, the more of it is explored before the robot leaves; but leave it does."""
     phases, left_at = {}, {}
     for chance in (0.2, 0.999):
-        config = PlannerConfig(stairs_known="plan", floor_chances={"chair": chance}, explore_chances={"chair": 0.15})
+        config = PlannerConfig(stairs_known="plan", floor_chance=chance, explore_chance=0.15)
         decisions = []
         state, decision = two_floors(SEEN).run(config=config, watch=lambda s, d, to=decisions: to.append(d))
         assert decision.found, decision.message
@@ -87,7 +87,7 @@ def test_what_most_floors_have_is_searched_for_here_first(two_floors):
 
 
 def test_a_floor_that_surely_has_the_target_is_never_left(two_floors):
-    state, decision = two_floors(SEEN).run(config=PlannerConfig(stairs_known="plan", floor_chances={"chair": 1.0}))
+    state, decision = two_floors(SEEN).run(config=PlannerConfig(stairs_known="plan", floor_chance=1.0))
     assert (decision.error, state.changes) == ("not_found", [])
 
 
@@ -95,7 +95,7 @@ def test_the_chance_here_is_by_bayes():
     """Against the formula written out: one in 11 m of exploring, 22 m walked, where half of the floors have one."""
     walked = [(0.25 * i, 0.0) for i in range(89)]
     state = MissionState("chair", floor="0", floors={"0": FloorMemory(visited=walked)})
-    config = PlannerConfig(floor_chances={"chair": 0.5}, explore_chances={"chair": 3.0 / 11.0}, explore_m=3.0)
+    config = PlannerConfig(floor_chance=0.5, explore_chance=3.0 / 11.0, explore_m=3.0)
     context = SimpleNamespace(state=state, config=config)
     missed = math.exp(-2.0)
     assert chance_here(context) == pytest.approx(0.5 * missed / (0.5 * missed + 0.5))
@@ -217,7 +217,9 @@ def test_the_best_of_what_was_dropped_on_another_floor(world, house, thing):
     )
     objects = lower.objects
     lower.objects = lambda: [
-        msgspec.structs.replace(o, status="candidate", confidence_robot=0.35 * (o.confidence_robot > 0))
+        msgspec.structs.replace(
+            o, status="candidate", confidence=min(o.confidence, 0.5), confidence_robot=0.35 * (o.confidence_robot > 0)
+        )
         for o in objects()
     ]
     h = house([lower, world(EMPTY, floor="1")], [("0", END, "1", END)])

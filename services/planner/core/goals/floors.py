@@ -42,24 +42,20 @@ def evidence_here(context: StepContext) -> float:
     if state.here.scan_left != 0:
         return evidence(context, state.floor)
     known = objects.candidates(context.maps.objects, state, context.config)
-    return max([objects.relevance(o, state.target) for o in known], default=0.0)
-
-
-def _prior(context: StepContext) -> float:
-    return context.config.floor_chances.get(context.state.target, context.config.floor_chance)
+    return max([objects.chance(o, state.target) for o in known], default=0.0)
 
 
 def surely_here(context: StepContext) -> bool:
     """Whether the robot was told that its floor has the target: it then never leaves it."""
-    return _prior(context) >= 1.0
+    return context.config.floor_chance >= 1.0
 
 
 def chance_here(context: StepContext) -> float:
     """How likely the target is on the robot's floor although its cameras didn't see it: at first as floors of training
     buildings have one, then, by Bayes, the less, the farther the robot went on it without finding it."""
-    target, config = context.state.target, context.config
-    prior = _prior(context)
-    found_per_m = config.explore_chances.get(target, config.explore_chance) / config.explore_m
+    config = context.config
+    prior = config.floor_chance
+    found_per_m = config.explore_chance / config.explore_m
     walked_m = sum(math.dist(a, b) for a, b in itertools.pairwise(context.state.here.visited))
     missed = math.exp(-found_per_m * walked_m)
     return max(prior * missed / (prior * missed + 1.0 - prior), 1e-6)

@@ -91,7 +91,7 @@ def worth_of(context: StepContext, record: ObjectRecord) -> float:
     """The chance per metre of an object; an accepted last resort comes before all else."""
     if record.id == context.state.here.accepted_object:
         return 1.0
-    chance = objects.chance(record, context.state.target, context.config)
+    chance = objects.chance(record, context.state.target)
     return chance / (way_to(context, record) + context.config.verify_m)
 
 

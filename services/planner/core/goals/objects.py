@@ -15,7 +15,7 @@ _HELD = 0.6
 
 
 def candidates(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> list[ObjectRecord]:
-    """Objects that may be the target, confirmed ones first, then by relevance.
+    """Objects that may be the target, confirmed ones first, then by chance.
 
     What was found not to be the target stays out, also under a new id at the same place, unless the robot
     itself has confirmed it since, or accepted it as a last resort.
@@ -26,7 +26,7 @@ def candidates(objects: Iterable[ObjectRecord], state: MissionState, config: Pla
         ruled_out |= near_dropped(record, state, config) and not robot_sees(record, state.target, config)
         if record.id == state.here.accepted_object or not ruled_out:
             found.append(record)
-    return sorted(found, key=lambda o: (not is_confirmed(o, state.target), -relevance(o, state.target)))
+    return sorted(found, key=lambda o: (not is_confirmed(o, state.target), -chance(o, state.target)))
 
 
 def promising(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> list[ObjectRecord]:
@@ -41,7 +41,7 @@ def _is_promising(record: ObjectRecord, state: MissionState, config: PlannerConf
     if config.promising_chance is None:
         return False
     held = state.waypoint is not None and state.waypoint.object_id == record.id
-    return chance(record, state.target, config) >= config.promising_chance * (_HELD if held else 1.0)
+    return chance(record, state.target) >= config.promising_chance * (_HELD if held else 1.0)
 
 
 def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: PlannerConfig) -> list[ObjectRecord]:
@@ -59,7 +59,7 @@ def last_resorts(objects: Iterable[ObjectRecord], state: MissionState, config: P
             continue
         if memory.is_given_up(state, *record.center_m[:2], config, confirmed=confirmed):
             continue
-        sure = chance(record, state.target, config)
+        sure = chance(record, state.target)
         if held or sure >= config.last_resort_chance:
             found.append((-sure, record.id, record))
     return [record for _, _, record in sorted(found, key=lambda f: f[:2])]
@@ -83,26 +83,10 @@ def is_confirmed(record: ObjectRecord, target: str) -> bool:
     return record.status == "confirmed" and record.label == target
 
 
-def relevance(record: ObjectRecord, target: str) -> float:
-    """How much speaks for the object being the target, 0-1; what isn't a share says nothing."""
-    scores = record.label_scores.get(target, 0.0), record.confidence if record.label == target else 0.0
-    return max(s if 0.0 <= s <= 1.0 else 0.0 for s in scores)
-
-
-def chance(record: ObjectRecord, target: str, config: PlannerConfig) -> float:
-    """About how often such an object turns out to be the target, 0-1, as measured on training buildings."""
-    if config.object_chances == "map":
-        return relevance(record, target)
-    doubt = config.single_shift if record.n_detections == 1 else 0.0
-    doubt += config.other_shift if record.label != target else 0.0
-    sure = chance_of(relevance(record, target) - doubt, target, config)
-    return max(sure, config.confirmed_chance) if is_confirmed(record, target) else sure
-
-
-def chance_of(relevance: float, target: str, config: PlannerConfig) -> float:
-    """The same for what was seen several times and looks most like the target, by its relevance."""
-    even = config.even_relevances.get(target, config.even_relevance)
-    return 1.0 / (1.0 + math.exp((even - relevance) / config.relevance_scale))
+def chance(record: ObjectRecord, target: str) -> float:
+    """How likely the object is the target, 0-1, as the joint map says; what isn't a share says nothing."""
+    chances = record.label_scores.get(target, 0.0), record.confidence if record.label == target else 0.0
+    return max(p if 0.0 <= p <= 1.0 else 0.0 for p in chances)
 
 
 def robot_sees(record: ObjectRecord, target: str, config: PlannerConfig) -> bool:

@@ -18,7 +18,7 @@ def passed_over(context: StepContext, told: Collection[Candidate]) -> tuple[Cand
     state, config = context.state, context.config
     known = {c.object_id for c in told}
     left = [o for o, _ in objects.may_be(context.maps.objects, state.target) if o.id not in known]
-    left.sort(key=lambda o: (-objects.chance(o, state.target, config), o.id))
+    left.sort(key=lambda o: (-objects.chance(o, state.target), o.id))
     return tuple(_candidate(context, o) for o in left[:_SHOWN])
 
 
@@ -33,7 +33,7 @@ def _candidate(context: StepContext, record: ObjectRecord) -> Candidate:
 
 def _why_not(context: StepContext, record: ObjectRecord, *, confirmed: bool) -> str:
     state, config = context.state, context.config
-    chance = objects.chance(record, state.target, config)
+    chance = objects.chance(record, state.target)
     if record.status == "rejected":
         return f"the maps rejected it: {record.reason}"
     if record.id in state.here.dropped:

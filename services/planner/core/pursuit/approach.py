@@ -111,8 +111,7 @@ def _look_and_decide(
         message = f"looking at {_name(record)} again, {spent + 1} of {len(looks)}"
         return context.decide(looks[spent], "confirming", message, choice)
     if good_enough(record, state.target, config):
-        why = "strong surveillance evidence, which the robot's views don't contradict"
-        return _found(context, f"found {_name(record)}: {why}", choice)
+        return _found(context, f"found {_name(record)}: likely enough after all looks at it", choice)
     if record.id == state.here.accepted_object:
         return _accepted(context, record, choice)
     memory.drop(state, record, "the robot's own views didn't confirm it")

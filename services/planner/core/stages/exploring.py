@@ -31,7 +31,7 @@ class Exploring:
 def weigh_exploring(context: StepContext, worth: float) -> Exploring:
     """Exploring against a waypoint of this chance per metre. Changes nothing."""
     config = context.config
-    chance = config.explore_chances.get(context.state.target, config.explore_chance)
+    chance = config.explore_chance
     if config.objects_first or chance * (1.0 + config.value_gain) <= worth * config.explore_m:
         return Exploring(False)  # no frontier could, so none is looked at
     easy, hard = _easy_and_hard(context)

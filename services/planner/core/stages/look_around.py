@@ -22,7 +22,7 @@ def look_around(context: StepContext) -> Decision | None:
     if state.here.scan_left == 0:
         return None
     known = objects.promising(context.maps.objects, state, context.config)
-    likely = [o for o in known if objects.chance(o, state.target, context.config) >= _LIKELY]
+    likely = [o for o in known if objects.chance(o, state.target) >= _LIKELY]
     if any(way_to(context, o) <= context.config.scan_unless_m for o in likely):
         memory.skip_scan(state)
         return None

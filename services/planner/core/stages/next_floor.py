@@ -18,7 +18,7 @@ def next_floor(context: StepContext) -> Retry | None:
         return None
     state, config = context.state, context.config
     left = next(iter(objects.last_resorts(context.maps.objects, state, config)), None)
-    memory.note_exhausted(state, objects.chance(left, state.target, config) if left else 0.0)
+    memory.note_exhausted(state, objects.chance(left, state.target) if left else 0.0)
     goal = _next(context)
     memory.set_floor_goal(state, goal)
     return RETRY if goal is not None else None

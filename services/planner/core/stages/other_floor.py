@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from services.planner.core import memory
 from services.planner.core.context import StepContext
-from services.planner.core.goals import objects
 from services.planner.core.goals.floors import chance_here, evidence, evidence_here, memory_of, surely_here
 from services.planner.core.goals.stairs import ways
 from services.planner.core.pursuit.stairs import take_stair
@@ -58,7 +57,7 @@ def _tempting(context: StepContext) -> FloorGoal | None:
     best = max((floor for floor in found if floor in reachable), key=lambda floor: found[floor], default=None)
     if best is None:
         return None
-    worth = objects.chance_of(found[best], state.target, config) / (reachable[best].cost_m + config.floor_m)
+    worth = found[best] / (reachable[best].cost_m + config.floor_m)
     return FloorGoal(best, f"the cameras of floor {best} saw {state.target!r} with {found[best]:.2f}", worth)
 
 
