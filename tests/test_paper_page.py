@@ -20,7 +20,7 @@ PAGE = ROOT / "docs" / "understand" / "paper.md"
 TEXT = PAGE.read_text()
 #: (page, text, target) of links into this repository; a text in code font is a name in the target.
 LINKS = [
-    (page.name, text, (page.parent / target).resolve() if not target.startswith("#") else target)
+    (page.name, text, (page.parent / target.partition("#")[0]).resolve() if not target.startswith("#") else target)
     for page in (PAGE, *sorted((ROOT / "docs" / "extend").glob("*.md")))
     for text, target in re.findall(r"\[([^\]]+)\]\(((?!https?://)[^)]*)\)", page.read_text())
 ]

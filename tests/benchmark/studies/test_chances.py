@@ -109,7 +109,7 @@ def test_a_table_is_written_for_any_backend_with_a_vocabulary(colours, tmp_path,
     monkeypatch.setattr(chances, "measured", lambda scene, n_views, by: looks if by is backend else None)
     monkeypatch.setattr(chances, "DATA", tmp_path)
     monkeypatch.setattr(chances, "OUT", tmp_path)
-    assert chances.main(["--backend", "compact", "--most", "2"]) == 0
+    assert chances.main(["--backend", "compact"]) == 0
     table = msgspec.json.decode((tmp_path / "chances" / "compact.json").read_bytes(), type=ChanceTable)
     assert (asked, "detections of compact@0" in table.source) == (["compact"], True)
     assert "chances --backend compact`" in (tmp_path / "chances_compact.md").read_text()

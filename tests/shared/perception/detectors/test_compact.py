@@ -74,7 +74,7 @@ def test_as_a_backend_it_says_what_is_where_with_a_mask_and_a_vector(network: Co
 
 
 def test_with_a_table_its_detections_have_chances(network: CompactNetwork) -> None:
-    table = ChanceTable("a test", 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.5, {})
+    table = ChanceTable("a test", 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, {})
     backend = OneNetwork("compact", "in a test", network, "compact@0", table)
     depth = np.ones((240, 320), np.float32)
     robot, camera = (
