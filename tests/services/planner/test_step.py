@@ -68,9 +68,13 @@ def test_surveillance_needs_no_exploring_and_near_by_no_look_around(world, thing
 
 def test_false_positive_is_dropped_and_search_goes_on(world, thing):
     drawing = TWO_ROOMS.replace("#   R               #", "#   R      TT       #")
-    known = {"label": "chair", "confidence": 0.69, "status": "confirmed"}
+    known = {"label": "chair", "confidence": 0.9, "status": "confirmed"}
     things = {"T": thing("table", looks_like="dining table", known=known), "C": thing("chair", looks_like="chair")}
     w = world(drawing, things, yaw_rad=math.pi)
+    objects = w.objects
+    w.objects = lambda: [  # the map believes the robot, too
+        msgspec.structs.replace(o, confidence=0.5) if o.label_robot == "dining table" else o for o in objects()
+    ]
     state, decision = w.run()
     assert decision.found
     assert w.gap_m("C") <= 0.85
