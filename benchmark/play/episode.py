@@ -14,6 +14,7 @@ from benchmark.play.sight import ROBOT, Sight, Sighted
 from benchmark.policies.policy import Searcher
 from services.fusion.core import FusionConfig, Integrated, JointMap, active_cameras
 from services.fusion.core.guard import ViewError
+from services.fusion.core.view_order import FloorWedge, worths_in
 from services.planner.core import Decision, MapView, RobotView
 from services.robot_node import core as robot
 from simulator.world.goals import Goals, Start, Verdict, judge
@@ -71,16 +72,18 @@ class FusedCameras:
         return copy.deepcopy(self._kept[names])
 
 
-class _Invocation:
-    """Invokes cameras (eq. 1) and knows whose views are on their way. ``offered_bytes``: by camera invoked."""
+class _Cameras:
+    """Invokes cameras (eq. 1), and knows which of their views are still to come. ``offered_bytes``: by camera invoked."""
 
-    def __init__(self, sight: Sight, tau_z_m: float, delay_steps: int) -> None:
-        self._sight, self._tau_z_m, self._delay_steps = sight, tau_z_m, delay_steps
+    def __init__(self, sight: Sight, config: FusionConfig, delay_steps: int, views_per_step: int) -> None:
+        self._sight, self._tau_z_m, self._range_m = sight, config.map.tau_z_m, config.map.explored_range_camera_m
+        self._delay_steps, self._views_per_step = delay_steps, views_per_step
         self.offered_bytes: dict[str, int] = {}
         self._due: list[tuple[int, tuple[str, ...]]] = []
+        self._waiting: list[tuple[FloorWedge, Sighted]] = []
 
-    def arrivals(self, floor_z_m: float, now: int) -> tuple[str, ...]:
-        """The cameras whose views arrive at step ``now``; those of the robot's floor are invoked before."""
+    def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
+        """Invokes the cameras of the robot's floor at step ``now``; the names of those whose views have come since."""
         active = active_cameras([floor_z_m], self._sight.infos, self._tau_z_m)
         if new := tuple(name for name in active if name not in self.offered_bytes):
             self.offered_bytes |= {name: sum(v.offered_bytes for v in self._sight.camera(name)) for name in new}
@@ -89,6 +92,23 @@ class _Invocation:
         self._due = [(at, names) for at, names in self._due if at > now]
         return arrived
 
+    def wait(self, names: tuple[str, ...]) -> None:
+        """Views have come and wait to be looked at."""
+        views = [seen for name in names for seen in self._sight.camera(name)]
+        self._waiting += [(self._wedge(seen.view), seen) for seen in views]
+
+    def looked_at(self, joint: JointMap, robot_m: tuple[float, float, float]) -> list[Sighted]:
+        """The views that perception has time for until the robot's next, those that may show most first."""
+        n = self._views_per_step or len(self._waiting)
+        if n < len(self._waiting):
+            worth = worths_in(joint, [wedge for wedge, _ in self._waiting], [robot_m])
+            self._waiting = [self._waiting[k] for k in np.argsort(-worth, kind="stable")]
+        chosen, self._waiting = self._waiting[:n], self._waiting[n:]
+        return [seen for _, seen in chosen]
+
+    def _wedge(self, view: PosedView) -> FloorWedge:
+        return FloorWedge.of(view.T_world_camera, view.camera, view.floor_z_m, self._range_m)
+
 
 class Episode:
     """A search for ``goals.label`` from ``start``, step by step: sense, fuse, decide, act."""
@@ -96,7 +116,7 @@ class Episode:
     def __init__(
         self, sight: Sight, goals: Goals, start: Start, searcher: Searcher, *, surveillance: bool = True,
         summaries: bool = True, fusion: FusionConfig | None = None, fused: FusedCameras | None = None,
-        delay_steps: int = 0, seed: int = 0,
+        delay_steps: int = 0, views_per_step: int = 0, seed: int = 0,
         on_step: OnStep | None = None,
     ) -> None:  # fmt: skip
         """An episode that can be run once.
@@ -105,14 +125,15 @@ class Episode:
             summaries: whether the cameras of all floors report what they last saw.
             fused: made with the same sight and fusion settings; spares fusing the first floor's cameras.
             delay_steps: so many actions after its invocation a camera's views arrive.
+            views_per_step: so many cameras' views are looked at from one action to the next; 0: all of them at once.
             seed: the luck of this episode's perception.
             on_step: ``on_step(step, view, joint, maps, decision)`` may look on.
         """
         self._began_s = time.perf_counter()
         self._sight, self._goals, self._start, self._searcher = sight, goals, start, searcher
         self._fusion, self._fused, self._seed, self._on_step = fusion, fused, seed, on_step
-        tau_z_m = (fusion or FusionConfig()).map.tau_z_m
-        self._surveillance, self._invocation = surveillance, _Invocation(sight, tau_z_m, delay_steps)
+        self._surveillance, self._at_once = surveillance, views_per_step == 0
+        self._cameras = _Cameras(sight, fusion or FusionConfig(), delay_steps, views_per_step)
         self._navigation = sight.building.navigation
         self._state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad, mission=_MISSION)
         self._stairs = tuple(robot.stairs_of(self._navigation))
@@ -145,15 +166,18 @@ class Episode:
         self._robot_bytes += seen.offered_bytes
         if not self._surveillance:
             return seen, ()
-        return seen, self._invocation.arrivals(seen.view.floor_z_m, self._searcher.steps)
+        return seen, self._cameras.invoke(seen.view.floor_z_m, self._searcher.steps)
 
     def fuse(self, seen: Sighted, arrived: tuple[str, ...]) -> tuple[JointMap, MapView]:
         """The joint maps with the cameras' views and the robot's, and what the planner is shown of them."""
-        if self._joint is None and self._fused is not None:
+        if self._joint is None and self._fused is not None and self._at_once:
             self._joint = self._fused.maps_of(arrived)
         else:
             self._joint = self._joint or JointMap(self._fusion)
-            _integrate(self._joint, self._sight, arrived)
+            self._cameras.wait(arrived)
+            x_m, y_m, _ = seen.view.T_world_camera[:3, 3].tolist()
+            for camera_view in self._cameras.looked_at(self._joint, (x_m, y_m, seen.view.floor_z_m)):
+                _accepted(self._joint, camera_view)
         if (placed := _accepted(self._joint, seen)) is not None:
             self._floor = placed.floor
         return self._joint, map_view(self._joint, self._floor, self._text, self._embedding_model)
@@ -182,7 +206,7 @@ class Episode:
             verdict=verdict, found=decision.found, steps=self._searcher.steps, error=decision.error,
             reason=reason_of(verdict, decision, seen, self._goals, self._floors), message=decision.message,
             seconds=time.perf_counter() - self._began_s, robot_bytes=self._robot_bytes,
-            camera_bytes=self._invocation.offered_bytes, seen=seen, trajectory=self._trajectory,
+            camera_bytes=self._cameras.offered_bytes, seen=seen, trajectory=self._trajectory,
             trajectory_floors=self._floors, summary_bytes={name: self._sight.summary(name)[1] for name in cameras},
         )  # fmt: skip
 

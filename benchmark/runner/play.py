@@ -78,8 +78,8 @@ class ScenePlayer:
             self._sight, goals, start_of(episode, building.scene),
             # Habitat's rule, and the dataset's: a search begins on a floor with a goal
             self._policy.begin(Task(label, seed, s.max_steps, driver, truth, goal_on_floor=True, planning=s.planning)),
-            surveillance=s.surveillance, fusion=self._fusion, fused=self._fused, delay_steps=s.delay_steps, seed=seed,
-            on_step=on_step,
+            surveillance=s.surveillance, fusion=self._fusion, fused=self._fused, delay_steps=s.delay_steps,
+            views_per_step=s.views_per_step, seed=seed, on_step=on_step,
         ).run()  # fmt: skip
         return self._record(episode, outcome)
 

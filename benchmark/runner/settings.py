@@ -30,6 +30,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         resolution_divisor: of depth, where perception looks at no pixel.
         harder: of ``simulated``: a worse detector than the measured one, in standard deviations of its luck.
         delay_steps: so many actions after its invocation a camera's views arrive.
+        views_per_step: so many cameras' views are looked at from one action to the next; 0: all of them before the first.
         camera_error_m, camera_error_deg: how wrong each camera is about where it hangs and looks.
         detectors: the weights of ``onnx-coco``; empty: its own choice.
         fusion, planning: settings of the joint maps and of the planner's core to change, by name.
@@ -47,6 +48,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     resolution_divisor: int = 2
     harder: float = 0.0
     delay_steps: int = 0
+    views_per_step: int = 0
     camera_error_m: float = 0.0
     camera_error_deg: float = 0.0
     detectors: list[str] = []
@@ -65,10 +67,10 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             raise ConfigError(f"an episode has 1 to 5000 steps, got {self.max_steps}")
         if not 1 <= self.resolution_divisor <= 8:
             raise ConfigError(f"the resolution is divided by 1 to 8, got {self.resolution_divisor}")
-        if not (self.delay_steps >= 0 and self.camera_error_m >= 0.0 and self.camera_error_deg >= 0.0):
+        if min(self.delay_steps, self.views_per_step, self.camera_error_m, self.camera_error_deg) < 0.0:
             raise ConfigError(
-                f"delay and errors are 0 or more, got {self.delay_steps} steps, {self.camera_error_m} m, "
-                f"{self.camera_error_deg} degrees"
+                f"delay, views and errors are 0 or more, got {self.delay_steps} steps, {self.views_per_step} views, "
+                f"{self.camera_error_m} m, {self.camera_error_deg} degrees"
             )
         self.fusion_config()
         try:

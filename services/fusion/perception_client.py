@@ -1,7 +1,7 @@
 """Asks perception about views, off the main loop, until it answers: an outage delays views and loses none.
 
 Robots and cameras have a thread each, so a robot waits for one camera's picture at most. One slot for every view:
-a newer picture takes the place of one that still waits.
+a newer picture takes the place of one that still waits. Of the cameras' pictures that wait the one worth most comes next.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import hashlib
 import queue
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -55,16 +55,17 @@ class PerceptionClient:
 
     def __init__(
         self, node: Node, settings: FusionSettings, is_held: Callable[[ViewKey, bytes], bool],
-        words: Callable[[], tuple[str, ...]],
+        words: Callable[[], tuple[str, ...]], next_of: Callable[[Mapping[ViewKey, FrameHeader]], ViewKey],
     ) -> None:  # fmt: skip
         """``is_held``: whether the maps hold the picture of a camera's view with this digest. ``words``: what detectors
-        with an open vocabulary should look for. Both are asked from any thread."""
+        with an open vocabulary should look for. Both are asked from any thread. ``next_of``: which of the cameras' waiting
+        views comes next; asked by the thread that looks at them."""
         self._node, self._settings, self._searched = node, settings, words
         self._workers = Workers(node)
         self._lock = threading.Condition()
         self._robots = _Lane(queue.Queue(maxsize=8))
         self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
-        self._is_held = is_held
+        self._is_held, self._next_of = is_held, next_of
         self._texts: OrderedDict[tuple[str, str], TextEmbedding] = OrderedDict()
         for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
             threading.Thread(target=self._work, args=(lane,), name=f"perception-{name}", daemon=True).start()
@@ -142,7 +143,8 @@ class PerceptionClient:
                 if not lane.waiting:
                     self._lock.wait(timeout=0.2)
                     continue
-                _, frame = lane.waiting.popitem(last=False)
+            if (frame := self._taken_from(lane)) is None:
+                continue
             try:
                 finished = self._perceive(lane, frame)
             except WireError as error:
@@ -162,6 +164,16 @@ class PerceptionClient:
                     break
                 except queue.Full:
                     continue
+
+    def _taken_from(self, lane: _Lane) -> Received[FrameHeader] | None:
+        """The next picture that waits: of robots by their turn, of cameras by worth; None if it was withdrawn meanwhile."""
+        with self._lock:
+            headers = {key: frame.message for key, frame in lane.waiting.items()}
+        if not headers:
+            return None
+        key = self._next_of(headers) if lane is self._cameras and len(headers) > 1 else next(iter(headers))
+        with self._lock:
+            return lane.waiting.pop(key, None)
 
     def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
         """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""

@@ -14,6 +14,7 @@ from services.fusion.replies import Replies
 from services.fusion.revisions import Revisions
 from services.fusion.robot_places import RobotPlaces
 from services.fusion.sources import Sources
+from services.fusion.view_choice import ViewChoice
 from services.fusion.words import Words
 from surveilnav.bus import Node, Received
 from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS
@@ -30,10 +31,13 @@ class FusionService:
         self._views_per_step = settings.camera_views_per_step
         self._maps = DurableMap(node, settings)
         self._sources = Sources(node, settings, config.map, self._maps.contents.robots)
-        self._perception = PerceptionClient(node, settings, self._maps.holds, Words(node, settings.prompts).now)
+        self._places = RobotPlaces()
+        choice = ViewChoice(self._maps, self._places, config)
+        self._perception = PerceptionClient(
+            node, settings, self._maps.holds, Words(node, settings.prompts).now, choice.next_of
+        )
         self._pictures = KeptPictures(settings.kept_pictures_mb << 20)
         self._looked_for, self._embedder, self._asked_s = frozenset[str](), "", 0.0
-        self._places = RobotPlaces()
         self._revisions = Revisions(node, config.map, self._maps, self._perception, self._places, self._sources.cameras)
         replies = Replies(node, config, self._maps, self._perception, self._places)
         # a value layer may wait for perception: the others must not wait with it

@@ -1,6 +1,7 @@
 """The joint maps: pure functions of views and what perception says about them.
 
 invocation            which cameras are active (eq. 1)
+view_order            which camera view is looked at first
 joint_map             one view into the maps of its floor, step by step
 floor_map             a floor's geometry: ``cloud``, ``carving``, ``projection``, ``frontier``
 value                 the value map (eq. 2)

@@ -108,6 +108,15 @@ class GuardConfig(_Part):
     max_sources: int = Field(default=100_000, ge=1, description="views of sources that are remembered")
 
 
+class ViewOrderConfig(_Part):
+    """Which camera views are looked at first."""
+
+    near_m: float = Field(default=4.0, gt=0, description="so far from a robot a place counts 1/e of one beside it")
+    frontier: float = Field(default=5.0, ge=0, description="what a frontier counts, where an unexplored place counts 1")
+    known: float = Field(default=0.05, ge=0, description="what an explored place counts")
+    step_m: float = Field(default=0.1, gt=0, description="between two places on a ray")
+
+
 class PointsConfig(_Part):
     """From a detection's mask to points in the world."""
 
@@ -229,6 +238,7 @@ class FusionConfig(_Part):
     value: ValueConfig = Field(default=ValueConfig(), description="value map")
     objects: ObjectConfig = Field(default=ObjectConfig(), description="object map")
     guard: GuardConfig = Field(default=GuardConfig(), description="what is refused")
+    views: ViewOrderConfig = Field(default=ViewOrderConfig(), description="which camera views come first")
 
     @classmethod
     def preset(cls, name: Literal["default", "paper"]) -> FusionConfig:

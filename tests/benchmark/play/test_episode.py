@@ -95,9 +95,9 @@ def searched(flat, steps, **how):
     goals = find_goals(flat.scene, flat.navigation, "toilet", caster=flat.caster)
     start = sample_start(flat.scene, flat.navigation, goals, seed=1)
     shown, arrived = [], []
-    real = episode._integrate
+    real = episode._Cameras.wait
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(episode, "_integrate", lambda *a: (arrived.append(len(shown)) if a[2] else None, real(*a))[1])
+        patch.setattr(episode._Cameras, "wait", lambda *a: (arrived.append(len(shown)) if a[1] else None, real(*a))[1])
         Episode(
             Sight(flat, backend, way="depth"), goals, start,
             policy_of("surveilnav").begin(Task("toilet", 1, steps, FmmPlanner())),
@@ -115,6 +115,17 @@ def test_views_arrive_so_many_actions_after_their_camera_was_invoked(flat, delay
     assert arrived == [delay]  # the floor's cameras are invoked at the first step
     assert late[:delay] == alone[:delay]
     assert late[delay] != alone[delay]
+
+
+def test_of_the_views_that_have_come_a_few_are_looked_at_each_step(flat):
+    """The maps hold the same in the end, and all at once is what it was without an order."""
+    n_views = len(Sight(flat, choose_backend("oracle"), way="depth").camera(flat.plan.cameras[0].name))
+    at_once, _ = searched(flat, 3)
+    slowly, _ = searched(flat, 3, views_per_step=2)
+    everything, _ = searched(flat, 3, views_per_step=len(flat.plan.cameras) * n_views)
+    assert everything[0] == at_once[0]
+    seen = [np.frombuffer(explored, np.uint8).sum() for _, explored, _ in slowly]
+    assert 0 < seen[0] < seen[1] < seen[2] < np.frombuffer(at_once[2][1], np.uint8).sum()
 
 
 def test_a_pose_error_is_as_large_as_it_says_and_each_cameras_own():

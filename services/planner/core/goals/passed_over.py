@@ -15,7 +15,7 @@ _SHOWN = 12
 
 def passed_over(context: StepContext, told: Collection[Candidate]) -> tuple[Candidate, ...]:
     """Such objects but for those ``told`` of, the likeliest first, each with its chance per metre and why it waits."""
-    state, config = context.state, context.config
+    state = context.state
     known = {c.object_id for c in told}
     left = [o for o, _ in objects.may_be(context.maps.objects, state.target) if o.id not in known]
     left.sort(key=lambda o: (-objects.chance(o, state.target), o.id))
