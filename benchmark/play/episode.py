@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 
 import numpy as np
@@ -91,6 +91,11 @@ class _Cameras:
         arrived = tuple(name for at, names in self._due if at <= now for name in names)
         self._due = [(at, names) for at, names in self._due if at > now]
         return arrived
+
+    @property
+    def n_pending(self) -> int:
+        """How many views of the invoked cameras the maps don't hold yet."""
+        return len(self._waiting) + sum(len(self._sight.camera(name)) for _, names in self._due for name in names)
 
     def wait(self, names: tuple[str, ...]) -> None:
         """Views have come and wait to be looked at."""
@@ -180,7 +185,8 @@ class Episode:
                 _accepted(self._joint, camera_view)
         if (placed := _accepted(self._joint, seen)) is not None:
             self._floor = placed.floor
-        return self._joint, map_view(self._joint, self._floor, self._text, self._embedding_model)
+        maps = map_view(self._joint, self._floor, self._text, self._embedding_model)
+        return self._joint, replace(maps, pending_views=self._cameras.n_pending)
 
     def decide(self, maps: MapView) -> Decision:
         """The searcher's waypoint and action."""

@@ -20,9 +20,6 @@ class PlannerSettings(BaseSettings):
     store: str = Field(
         default="", description="the SQLite file that missions are kept in; empty: they don't outlive the planner"
     )
-    wait_for_cameras_s: float = Field(
-        default=120.0, ge=0, description="a mission starts when the cameras' first views are in the maps, or after this"
-    )
     maps_timeout_s: float = Field(default=120.0, gt=0, description="maps later than this fail a mission")
     robot_timeout_s: float = Field(default=120.0, gt=0, description="a robot silent for longer is lost")
     late_s: float = Field(default=3.0, gt=0, description="maps later than this are spoken of in the status")

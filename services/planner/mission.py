@@ -66,7 +66,6 @@ class Mission:
         self._robot_path_m = saved.robot_path_m
         self._path_before_m = self.status.path_m - saved.robot_path_m
         self._refusals = 0
-        self._settled_on: str | None = None  # the floor whose cameras' first views were waited for
         self._ended = threading.Event()
         self.unsaved = False
         self._saving = threading.Lock()  # who cancels writes too, and an older state must not come last
@@ -206,9 +205,7 @@ class Mission:
             self._world.check_cancelled()
             if self._pending is None:
                 status = self._world.robot_status()
-                # the cameras of a floor that the robot comes to: their first views are worth a wait
-                maps = self._world.maps_with(status.seq, wait_for_cameras=status.floor != self._settled_on)
-                self._settled_on = status.floor
+                maps = self._world.maps_with(status.seq)
                 self._pending = self._decide(status, maps)
             self._world.check_cancelled()
             if self._carry_out(self._pending):

@@ -22,8 +22,6 @@ from surveilnav.sensing.layers import unpack_layer
 _LAYERS = ("occupancy", "explored", "frontier", "value")
 _POLL_S = 0.004
 _ASK_AGAIN_S = 2.0
-#: Who comes to a floor believes "no camera's view is on its way" only after this: fusion needs a moment to invoke them.
-_INVOCATION_S = 0.3
 _MAX_STAIRS = 64
 _FARTHEST_M = 10_000.0
 
@@ -79,31 +77,22 @@ class World:
             self.node.reject("stairs", f"robot {self.robot} speaks of {dropped} that can't be, or of too many")
         return kept
 
-    def maps_with(self, seq: int, *, wait_for_cameras: bool = False) -> MapView:
-        """The maps as soon as they hold the robot's observation ``seq``.
+    def maps_with(self, seq: int) -> MapView:
+        """The maps as soon as they hold the robot's observation ``seq``. Cameras' views come in by and by: nothing waits for
+        them.
 
-        With ``wait_for_cameras`` also until no view of an active camera is on its way any more, for at most
-        ``wait_for_cameras_s``. LostError: perception_down, fusion_down or robot_lost after ``maps_timeout_s``.
+        LostError: perception_down, fusion_down or robot_lost after ``maps_timeout_s``.
         """
-        began_s = since_s = time.monotonic()
+        began_s = time.monotonic()
         while True:
-            revision = self._revision_with(seq, since_s)
-            pending = revision.pending_views
-            waited_s = time.monotonic() - began_s
-            coming = pending > 0 or waited_s < _INVOCATION_S
-            if wait_for_cameras and coming and waited_s < self.settings.wait_for_cameras_s:
-                if pending:
-                    self.hold(f"waiting for the cameras' first views: {pending} are on their way")
-                self._pause(0.05)
-                since_s = time.monotonic()  # a wait for cameras doesn't use up the patience with the maps
-                continue
+            revision = self._revision_with(seq, began_s)
             try:
                 return self._view(revision)
             except (Unanswered, Refused, WireError) as error:
                 name, why = self._who_is_missing(revision, str(error))
                 if isinstance(error, Refused) and error.name == "perception_down":
                     name, why = error.name, str(error)
-                self._patience(since_s, self.settings.maps_timeout_s, name, why)
+                self._patience(began_s, self.settings.maps_timeout_s, name, why)
 
     def move(self, action: str, seq: int, mission: str, to_floor: str | None = None) -> int:
         """Has the robot carry out one action after observation ``seq``; returns the newest sequence number.
@@ -163,6 +152,7 @@ class World:
         return MapView(
             revision.floor, revision.floor_z_m, grids.pop(), arrays["occupancy"], arrays["explored"],
             arrays["frontier"], arrays["value"], objects.objects, layers["occupancy"][0].revision,
+            revision.pending_views,
         )  # fmt: skip
 
     def _layer(self, floor: str, layer: str) -> tuple[LayerHeader, NDArray]:

@@ -31,6 +31,7 @@ class MapView:
         value: float32, NaN where unknown: relevance to the mission's target.
         objects: the objects of the floor.
         revision: counts the maps' states.
+        pending_views: views of this floor's cameras that are still to come.
     """
 
     floor: str
@@ -42,6 +43,7 @@ class MapView:
     value: NDArray[np.float32]
     objects: Sequence[ObjectRecord]
     revision: int
+    pending_views: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -71,6 +72,18 @@ def test_evidence_must_be_better_by_a_margin(two_floors, here, there, leaves):
         config=GOES.changed(stairs_known="plan"), watch=lambda s, d: decisions.append(d)
     )
     assert decisions[0].phase == ("changing floor" if leaves else "scanning")
+
+
+@pytest.mark.parametrize(("pending", "first"), [(0, "changing floor"), (4, "scanning")])
+def test_no_floor_is_left_before_its_cameras_views_have_come(two_floors, pending, first):
+    """They may show the target here. The robot looks around meanwhile."""
+    h, phases = two_floors(SEEN), []
+    here = h.now
+    here.maps = lambda maps=here.maps: replace(maps(), pending_views=0 if phases else pending)
+    _, decision = h.run(config=GOES.changed(stairs_known="plan"), watch=lambda s, d: phases.append(d.phase))
+    assert phases[0] == first
+    assert decision.found
+    assert h.trail == ["0", "1"]
 
 
 def test_what_most_floors_have_is_searched_for_here_first(two_floors):

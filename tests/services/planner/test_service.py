@@ -64,7 +64,7 @@ ROOM = """
 #                  #
 ####################
 """
-QUICK = PlannerSettings(late_s=0.1, ask_timeout_s=0.3, maps_timeout_s=0.8, robot_timeout_s=0.8, wait_for_cameras_s=0.4)
+QUICK = PlannerSettings(late_s=0.1, ask_timeout_s=0.3, maps_timeout_s=0.8, robot_timeout_s=0.8)
 
 
 class Fakes:
@@ -443,16 +443,13 @@ def test_late_maps_fail_by_name(fakes, planner, client):
     assert f.commands == ["stop"]
 
 
-def test_waits_for_the_cameras_first_views(fakes, planner, client):
+def test_nothing_waits_for_cameras(fakes, planner, client):
     f = fakes()
     f.pending = 3
     planner()
     submit(client)
-    time.sleep(0.2)
-    status = client.ask(MISSION_STATUS, mission="m1").message
-    assert "cameras" in status.message
-    assert not f.commands
-    assert end_of(client).found  # after wait_for_cameras_s it starts without them
+    assert end_of(client).found
+    assert f.pending == 3
 
 
 def test_lost_robot(fakes, planner, client):

@@ -17,6 +17,7 @@ def look_around(context: StepContext) -> Decision | None:
 
     There is none where something near by is most likely the target, nor where nothing here may be it and it was seen on
     another floor: a look around costs less than going by what stands behind the robot, or into a wall that no camera sees.
+    While views of this floor's cameras are still to come, another floor has to wait: they may show the target here.
     """
     state, robot, turns = context.state, context.robot, context.config.scan_turns
     if state.here.scan_left == 0:
@@ -29,7 +30,7 @@ def look_around(context: StepContext) -> Decision | None:
     if state.here.scan_left is None:
         if known and state.floor_goal is not None:
             return None  # on the way elsewhere: what is worth more is weighed
-        if not known and (decision := other_floor(context)):
+        if not known and not context.maps.pending_views and (decision := other_floor(context)):
             return decision
         memory.begin_scan(state, robot, turns)
     memory.continue_scan(state)
