@@ -136,7 +136,7 @@ class PlannerConfig(BaseModel):
         description="which stairs may be headed for: those explored (any, once nothing else is left), or all of the plan",
     )
     floor_confidence: float = Field(
-        0.4, description="another floor whose cameras saw the target this surely is gone to"
+        0.2, description="another floor is gone to if its cameras saw what is the target with this chance"
     )
     floor_margin: float = Field(
         0.15, description="another floor is gone to only if its evidence beats this floor's by this"

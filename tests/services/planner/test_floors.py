@@ -63,7 +63,7 @@ def test_goes_where_the_cameras_saw_it(two_floors):
 
 @pytest.mark.parametrize(
     ("here", "there", "leaves"),
-    [(0.0, 0.7, True), (0.0, 0.3, False), (0.6, 0.7, False), (0.5, 0.7, True), (0.7, 0.7, False), (0.2, 0.41, True)],
+    [(0.0, 0.7, True), (0.0, 0.15, False), (0.6, 0.7, False), (0.5, 0.7, True), (0.7, 0.7, False), (0.2, 0.41, True)],
 )
 def test_evidence_must_be_better_by_a_margin(two_floors, here, there, leaves):
     """At the first step, when the joint map may not hold what this floor's own cameras see."""
@@ -169,7 +169,7 @@ def test_through_a_floor_between(world, house, thing):
 
 
 @pytest.mark.parametrize(
-    ("to_1_m", "to_2_m", "seen", "first"), [(3.0, 9.0, 0.0, "1"), (9.0, 3.0, 0.0, "2"), (3.0, 9.0, 0.3, "1")]
+    ("to_1_m", "to_2_m", "seen", "first"), [(3.0, 9.0, 0.0, "1"), (9.0, 3.0, 0.0, "2"), (3.0, 9.0, 0.15, "1")]
 )
 def test_the_nearest_floor_comes_first_without_evidence(world, house, to_1_m, to_2_m, seen, first):
     """A faint hint about floor 2 is no evidence."""
