@@ -65,4 +65,5 @@ def test_a_ranking_ages_and_forgets_who_is_gone(choice, places, monkeypatch):
     few = {key: WAITING[key] for key in [("camera/c", 7), ("camera/c", 0)]}
     assert choice.next_of(few) == ("camera/c", 7), "by the ranking of before"
     now_s += 0.6
+    few = {key: WAITING[key] for key in [("camera/c", 1), ("camera/c", 0)]}
     assert choice.next_of(few) == ("camera/c", 0), "the robot is elsewhere now"
