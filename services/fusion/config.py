@@ -42,6 +42,10 @@ class FusionSettings(BaseSettings):
     camera_views_per_step: int = Field(
         default=2, ge=1, description="camera views integrated between two looks at robots"
     )
+    ahead_cameras: int = Field(
+        default=0, ge=0, le=64, description="while nobody searches, so many cameras at once that no robot is near are looked "
+        "through once; 0: none are, and they send nothing",
+    )  # fmt: skip
     linger_s: float = Field(default=10.0, ge=0, description="how long a camera stays invoked after the last robot left")
     resend_after_s: float = Field(default=5.0, gt=0, description="a view that hasn't come by then is asked for again")
     robot_timeout_s: float = Field(default=10.0, gt=0, description="a robot silent for so long activates no camera")

@@ -27,6 +27,10 @@ class MapContents:
         """Whether the maps hold this very picture of a camera. May be asked from any thread."""
         return bool(digest) and key[0].startswith("camera/") and self.digests.get(key) == digest
 
+    def views_of(self, camera: str) -> set[int]:
+        """The processed views of a camera."""
+        return self.views.get(camera, set())
+
     def repeats_fault(self, perceived: PerceivedView) -> bool:
         """Whether a camera's view has the fault that it had before."""
         key, fault = perceived.key, perceived.fault

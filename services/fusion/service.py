@@ -30,12 +30,14 @@ class FusionService:
         config = settings.core()
         self._views_per_step = settings.camera_views_per_step
         self._maps = DurableMap(node, settings)
-        self._sources = Sources(node, settings, config.map, self._maps.contents.robots)
+        words = Words(node, settings.prompts)
+        self._sources = Sources(
+            node, settings, config.map, self._maps.contents.robots,
+            lambda camera: self._maps.contents.views_of(camera), words.idle,
+        )  # fmt: skip
         self._places = RobotPlaces()
         choice = ViewChoice(self._maps, self._places, config)
-        self._perception = PerceptionClient(
-            node, settings, self._maps.holds, Words(node, settings.prompts).now, choice.next_of
-        )
+        self._perception = PerceptionClient(node, settings, self._maps.holds, words.now, choice.next_of)
         self._pictures = KeptPictures(settings.kept_pictures_mb << 20)
         self._looked_for, self._embedder, self._asked_s = frozenset[str](), "", 0.0
         self._revisions = Revisions(node, config.map, self._maps, self._perception, self._places, self._sources.cameras)

@@ -1,10 +1,11 @@
-"""Who is looked through: robots always, cameras while eq. 1 invokes them. Invocation is subscription."""
+"""Who is looked through: robots always, cameras while eq. 1 invokes them, others ahead if a setting allows. Invocation is
+subscription."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 from services.fusion.config import FusionSettings
@@ -37,14 +38,18 @@ class Sources:
     """Keeps the subscriptions as eq. 1 wants them and hands over the newest frame of each."""
 
     def __init__(
-        self, node: Node, settings: FusionSettings, config: MapConfig, processed: Mapping[str, LastObservation]
-    ) -> None:
-        """``processed``: the newest observation that is, by robot."""
+        self, node: Node, settings: FusionSettings, config: MapConfig, processed: Mapping[str, LastObservation],
+        views_of: Callable[[str], Collection[int]], idle: Callable[[], bool],
+    ) -> None:  # fmt: skip
+        """``processed``: the newest observation that is, by robot; ``views_of``: the views that are, of a camera. ``idle``:
+        whether nobody searches."""
         self._node, self._settings, self._config = node, settings, config
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
         node.alive("robot")  # the first call starts watching
         self._robots: dict[str, Slot[FrameHeader]] = {}
+        self._views_of, self._idle = views_of, idle
+        self._silent_ahead: set[str] = set()
         self._newest = {robot: (h.seq, h.stamp_ns) for robot, h in processed.items()}
         self._invocation = Invocation()
         self._floor_z_m: dict[str, float] = {}
@@ -141,7 +146,7 @@ class Sources:
             self._invocation, floors_z_m, infos.values(), now_s, tau_z_m=self._config.tau_z_m,
             release_z_m=self._config.release_z_m, linger_s=self._settings.linger_s,
         )  # fmt: skip
-        active = self._invocation.active
+        active = [*self._invocation.active, *self._ahead(infos)]
         for name in active:
             if name not in infos:  # it lingers: nobody says of it any more what it is
                 continue
@@ -155,6 +160,16 @@ class Sources:
                 slot.close()
             self._node.log.info("releases a camera", camera=name)
         return [f"camera/{name}" for name in gone]
+
+    def _ahead(self, infos: Mapping[str, CameraInfo]) -> list[str]:
+        """A few cameras that no robot is near and that the maps lack views of, while nobody searches and a setting allows."""
+        if not self._settings.ahead_cameras or not self._idle():
+            return []
+        near = set(self._invocation.active)
+        self._silent_ahead |= {name for name, camera in self.cameras.items() if camera.silent and name not in near}
+        others = sorted(set(infos) - near - self._silent_ahead)
+        lacking = [n for n in others if not {view.view for view in infos[n].views} <= set(self._views_of(n))]
+        return lacking[: self._settings.ahead_cameras]
 
     def _listen(self, info: CameraInfo, now_s: float) -> None:
         try:

@@ -23,12 +23,20 @@ class Words:
     def now(self) -> tuple[str, ...]:
         """The words of this moment, sorted, each once; at most ``MAX_WORDS``, missions' first. Without a planner on the bus no
         mission goes on."""
-        open_ = self._missions.rows() if self._node.alive("planner") else []
-        searched = _words(row.message.target for row in open_ if row.message.state not in FINISHED_STATES)
+        searched = _words(self._targets())
         words = list(dict.fromkeys((*sorted(searched), *sorted(_words(self._standing)))))
         if len(words) > MAX_WORDS:
             self._node.warn_seldom("too many words are searched for at once", left_out=len(words) - MAX_WORDS)
         return tuple(sorted(words[:MAX_WORDS]))
+
+    def idle(self) -> bool:
+        """Whether nobody searches."""
+        return not self._targets()
+
+    def _targets(self) -> list[str]:
+        """Of the missions that go on."""
+        told = self._missions.rows() if self._node.alive("planner") else []
+        return [row.message.target for row in told if row.message.state not in FINISHED_STATES]
 
 
 def _words(names: Iterable[str]) -> set[str]:

@@ -73,10 +73,10 @@ class FakeNode:
         """Only they have said something lately."""
         self.statuses.said = {name: SimpleNamespace(ids={"robot": name}) for name in names}
 
-    def camera(self, name: str, views=(0,)) -> None:
-        pose = Pose((0.0, 0.0, 1.8), (0.0, 0.0, 0.0, 1.0))
+    def camera(self, name: str, views=(0,), z_m=1.8) -> None:
+        pose = Pose((0.0, 0.0, z_m), (0.0, 0.0, 0.0, 1.0))
         message = CameraInfo(
-            stamp_ns=1, camera=name, floor="0", position_m=(0.0, 0.0, 1.8), mounting_offset_m=1.8, intrinsics=CAMERA,
+            stamp_ns=1, camera=name, floor="0", position_m=(0.0, 0.0, z_m), mounting_offset_m=1.8, intrinsics=CAMERA,
             views=[CameraViewInfo(view, pose) for view in views],
         )  # fmt: skip
         self.infos.said[name] = SimpleNamespace(ids={"camera": name}, message=message)
@@ -97,7 +97,10 @@ class Followed:
     def __init__(self, **settings) -> None:
         self.node = FakeNode()
         self.node.robots("r")
-        self.sources = Sources(self.node, FusionSettings(**settings), MapConfig(), {})
+        self.held: dict[str, set[int]] = {}
+        self.idle = True
+        views_of, settings = (lambda name: self.held.get(name, set())), FusionSettings(**settings)
+        self.sources = Sources(self.node, settings, MapConfig(), {}, views_of, lambda: self.idle)
         self.look()
         self.says()
         self.look()
@@ -180,3 +183,34 @@ def test_a_robot_that_is_silent_and_gone_makes_room(followed, monkeypatch):
     followed.look()
     assert ("s",) in node.slots
     assert slot.closed
+
+
+@pytest.mark.parametrize(
+    ("ahead", "heard"), [(0, [["near"]] * 3), (2, [["near", "up1", "up2"], ["near", "up2", "up3"], ["near"]])]
+)
+def test_while_nobody_searches_a_few_other_cameras_are_looked_through_once(ahead, heard):
+    f = Followed(ahead_cameras=ahead)
+    f.node.camera("near")
+    for name in ("up1", "up2", "up3"):
+        f.node.camera(name, views=(0, 1), z_m=4.8)
+    told = []
+    for held in ({}, {"up1": {0, 1}, "up2": {0}}, {"up1": {0, 1}, "up2": {0, 1}, "up3": {0, 1}}):
+        f.held = held
+        f.look()
+        told.append(sorted(f.sources.cameras))
+    assert told == heard
+
+
+def test_a_search_ends_looking_ahead_and_silent_cameras_are_passed_over():
+    f = Followed(ahead_cameras=1)
+    for name in ("up1", "up2"):
+        f.node.camera(name, z_m=4.8)
+    f.look()
+    assert list(f.sources.cameras) == ["up1"]
+    f.sources.cameras["up1"].silent = True
+    for _ in range(2):
+        f.look()
+        assert list(f.sources.cameras) == ["up2"]
+    f.idle = False
+    f.look()
+    assert not f.sources.cameras
