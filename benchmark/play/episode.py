@@ -14,7 +14,7 @@ from benchmark.play.sight import ROBOT, Sight, Sighted
 from benchmark.policies.policy import Searcher
 from services.fusion.core import FusionConfig, Integrated, JointMap, active_cameras
 from services.fusion.core.guard import ViewError
-from services.fusion.core.view_order import FloorWedge, worths_in
+from services.fusion.core.view_order import FloorWedge, most_worth_first
 from services.planner.core import Decision, MapView, RobotView
 from services.robot_node import core as robot
 from simulator.world.goals import Goals, Start, Verdict, judge
@@ -106,8 +106,8 @@ class _Cameras:
         """The views that perception has time for until the robot's next, those that may show most first."""
         n = self._views_per_step or len(self._waiting)
         if n < len(self._waiting):
-            worth = worths_in(joint, [wedge for wedge, _ in self._waiting], [robot_m])
-            self._waiting = [self._waiting[k] for k in np.argsort(-worth, kind="stable")]
+            order = most_worth_first(joint, [wedge for wedge, _ in self._waiting], [robot_m])
+            self._waiting = [self._waiting[k] for k in order]
         chosen, self._waiting = self._waiting[:n], self._waiting[n:]
         return [seen for _, seen in chosen]
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 
 from services.fusion.core import FusionConfig
-from services.fusion.core.view_order import FloorWedge, worths_in
+from services.fusion.core.view_order import FloorWedge, most_worth_first
 from services.fusion.durable_map import DurableMap
 from services.fusion.records import ViewKey
 from services.fusion.robot_places import RobotPlaces
@@ -38,9 +38,9 @@ class ViewChoice:
         wedges = [self._wedge(header) for header in waiting.values()]
         robots_m = [(place.x_m, place.y_m, place.z_m) for _, place in self._places.items()]
         with self._maps.lock:
-            worths = worths_in(self._maps.joint, wedges, robots_m)
-        order = sorted(zip(worths.tolist(), reversed(range(len(wedges))), waiting, strict=True))
-        return [key for _, _, key in order]
+            order = most_worth_first(self._maps.joint, wedges, robots_m)
+        keys = list(waiting)
+        return [keys[k] for k in reversed(order)]
 
     def _wedge(self, header: FrameHeader) -> FloorWedge:
         T_world_camera = header.T_world_camera.matrix()

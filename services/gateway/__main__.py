@@ -34,9 +34,7 @@ def listen(host: str, port: int) -> socket.socket:
             f"(`ss -ltnp 'sport = :{port}'` shows it) or choose another with SURVEILNAV_GATEWAY__PORT "
             "and SURVEILNAV_GATEWAY__HOST."
         ) from error
-    if hasattr(
-        socket, "TCP_USER_TIMEOUT"
-    ):  # Linux, inherited by connections: the kernel drops who doesn't take its bytes
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux; connections inherit it, and who doesn't take its bytes is dropped
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
     return sock
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -164,6 +165,12 @@ class Mission:
         """Has it go on where it was paused."""
         self._pause.end()
         self._save_or_warn()
+
+    def wait_until(self, *, paused: bool, at_most_s: float) -> None:
+        """Until its status says that it is paused, or isn't, or that it ended; at most so long."""
+        until_s = time.monotonic() + at_most_s
+        while (self.status.state == "paused") != paused and not self.finished and time.monotonic() < until_s:
+            time.sleep(0.01)
 
     # --- the loop -------------------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 from services.planner.config import PlannerSettings
 from services.planner.mission import Mission
@@ -30,8 +31,8 @@ class PlannerService:
         self._node, self._missions = node, Missions(node, settings)
         self._saved_s = self._gave_s = time.monotonic()
         node.serve(MISSION_GOAL, self._on_goal)
-        node.serve(MISSION_CANCEL, self._on_cancel, workers=2)
-        node.serve(MISSION_PAUSE, self._on_pause, workers=2)
+        node.serve(MISSION_CANCEL, lambda request: self._of_open(request, self._cancel), workers=2)
+        node.serve(MISSION_PAUSE, lambda request: self._of_open(request, self._pause), workers=2)
         node.serve(MISSION_STATUS, lambda request: self._tell(request, _status_of))
         node.serve(MISSION_PLAN, lambda request: self._tell(request, _plan_of))
 
@@ -58,38 +59,29 @@ class PlannerService:
             return _refused(goal.mission, error.name, str(error))
         return _acknowledged(mission, accepted=True)
 
-    def _on_cancel(self, request: Request) -> Answer:
-        cancel: MissionCancel = request.message
+    def _of_open(self, request: Request, act: Callable[[Mission, Any], Answer]) -> Answer:
+        """What ``act`` answers to the message about a mission, unless that is unknown or has ended."""
         id = request.ids["mission"]
         mission = self._missions.get(id)
         if mission is None:
-            return _refused(cancel.mission, "unknown_mission", f"no mission {id!r} is known here")
+            return _refused(request.message.mission, "unknown_mission", f"no mission {id!r} is known here")
         if mission.finished:
             return _acknowledged(mission, accepted=False, message=f"it is {mission.status.state} already")
+        return act(mission, request.message)
+
+    def _cancel(self, mission: Mission, cancel: MissionCancel) -> Answer:
         mission.cancel(cancel.reason, _CANCEL_WAIT_S)
         return _acknowledged(mission, accepted=True)
 
-    def _on_pause(self, request: Request) -> Answer:
+    def _pause(self, mission: Mission, wanted: MissionPause) -> Answer:
         """Pauses or resumes, and waits a little for that to have happened."""
-        wanted: MissionPause = request.message
-        id = request.ids["mission"]
-        mission = self._missions.get(id)
-        if mission is None:
-            return _refused(wanted.mission, "unknown_mission", f"no mission {id!r} is known here")
-        if mission.finished:
-            return _acknowledged(mission, accepted=False, message=f"it is {mission.status.state} already")
         if mission.waits:
-            return _refused(
-                id, "not_begun", f"mission {id!r} has no robot yet, so there is nothing to pause; cancel it instead"
-            )
+            why = f"mission {mission.id!r} has no robot yet, so there is nothing to pause; cancel it instead"
+            return _refused(mission.id, "not_begun", why)
         if not wanted.paused and self._missions.halted(mission.robot):
-            return _refused(id, "robot_halted", f"robot {mission.robot!r} is halted: release it first")
+            return _refused(mission.id, "robot_halted", f"robot {mission.robot!r} is halted: release it first")
         mission.pause(wanted.reason) if wanted.paused else mission.resume()
-        until_s = time.monotonic() + _PAUSE_WAIT_S
-        while (
-            (mission.status.state == "paused") != wanted.paused and not mission.finished and time.monotonic() < until_s
-        ):
-            time.sleep(0.01)
+        mission.wait_until(paused=wanted.paused, at_most_s=_PAUSE_WAIT_S)
         return _acknowledged(mission, accepted=True)
 
     def _tell(self, request: Request, what: Callable[[Mission], Answer | None]) -> list[Answer]:

@@ -110,6 +110,14 @@ def worths_in(
     return out
 
 
+def most_worth_first(
+    joint: JointMap, wedges: Sequence[FloorWedge], robots_m: Sequence[tuple[float, float, float]]
+) -> list[int]:
+    """Numbers of the views by ``worths_in``; of those worth the same the first comes first."""
+    order: list[int] = np.argsort(-worths_in(joint, wedges, robots_m), kind="stable").tolist()
+    return order
+
+
 def _known_floor(joint: JointMap, floor: str) -> KnownFloor | None:
     if not floor:
         return None

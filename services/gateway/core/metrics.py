@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import accumulate
 from typing import Any, TypeVar, get_args
 
@@ -53,18 +54,6 @@ class Heard:
         yield from _of_the_whole(self)
 
 
-def _gauge(
-    name: str, what: str, things: Iterable[T], labels: Callable[[T], dict[str, str]], value: Callable[[T], float | None]
-) -> Metric:
-    return _filled(GaugeMetricFamily, name, what, things, labels, value)
-
-
-def _counter(
-    name: str, what: str, things: Iterable[T], labels: Callable[[T], dict[str, str]], value: Callable[[T], float | None]
-) -> Metric:
-    return _filled(CounterMetricFamily, name, what, things, labels, value)
-
-
 def _filled(
     family: Any, name: str, what: str, things: Iterable[T], labels: Callable[[T], dict[str, str]],
     value: Callable[[T], float | None],
@@ -75,6 +64,9 @@ def _filled(
     for label, number in rows:
         made.add_metric(list(label.values()), number)
     return made  # type: ignore[no-any-return]
+
+
+_gauge, _counter = partial(_filled, GaugeMetricFamily), partial(_filled, CounterMetricFamily)
 
 
 def _of_cameras(heard: Heard) -> Iterator[Metric]:
