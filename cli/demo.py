@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from cli.evidence import deciding_views, layers, objects, trajectory
+from cli.map_watch import MapWatch
 from cli.progress import bar
 from cli.recorder import Recorder
 from cli.report import Moment, RunRecord, human_bytes, run_json, traffic_lines, write_report
@@ -108,9 +109,12 @@ def _play(
         recorder = Recorder(node, f"demo-{uuid.uuid4().hex[:8]}", ROBOT)
         backend, why = recorder.perception()
         console.print(f"perception: [bold]{backend}[/] ({escape(why)})")
-        status = _search(node, stack, recorder, options, goals.label, console)
+        with MapWatch(node, recorder.mapped) as maps:
+            status = _search(node, stack, recorder, options, goals.label, console)
         verdict = _judge(recorder, goals, start)
-        return _record(options, building, recorder, node, status, verdict, start, started)
+        record = _record(options, building, recorder, node, status, verdict, start, started)
+        record.map_moments = maps.moments
+        return record
 
 
 def _variables(options: DemoOptions, start: Start, run_dir: Path) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
+from cli.report.film import film_of
 from cli.report.floor_map import (
     CAMERA,
     DECIDING,
@@ -21,6 +23,7 @@ from cli.report.floor_map import (
     map_svg,
     value_svg,
 )
+from cli.report.key_moments import key_moments
 from cli.report.record import Moment, RunRecord, Step, TrafficLine, plain
 from cli.report.view_picture import view_svg
 from cli.report.words import human_bytes, outcome
@@ -61,6 +64,7 @@ def facts_of(record: RunRecord) -> dict[str, Any]:
     tone, sentence = outcome(record)
     candidates = _candidates(record)
     moments = [m for m in record.timeline if math.isfinite(m.t_s)]
+    film = film_of(record, candidates)
     return {
         "record": record,
         "tone": tone,
@@ -68,6 +72,8 @@ def facts_of(record: RunRecord) -> dict[str, Any]:
         "tiles": _tiles(record),
         "drawings": _drawings(record, candidates[:_MOST_OBJECTS]),
         "legend": _legend(),
+        "moments": key_moments(film) if film else [],
+        "film": _json(film.data(record)) if film else "",
         "views": _views(record),
         "chosen": record.status.object_id if record.status else None,
         "candidates": candidates[:_MOST_OBJECTS],
@@ -236,6 +242,12 @@ def _phases(moments: Sequence[Moment], seconds: float) -> dict[str, float]:
     for moment, end in zip(moments, ends, strict=True):
         spans[moment.phase] = spans.get(moment.phase, 0.0) + max(0.0, end - moment.t_s)
     return spans
+
+
+def _json(data: dict[str, Any]) -> Markup:
+    """As a script element may hold it: no text in it can end the element."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
 
 
 def _shown(value: Any) -> str:

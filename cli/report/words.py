@@ -50,3 +50,16 @@ def human_bytes(n: int | None) -> str:
             break
         value /= 1000
     return f"{value:.1f} {unit}" if value < 9.95 and unit != "B" else f"{value:.0f} {unit}"
+
+
+def clock(seconds: float) -> str:
+    """Minutes and seconds: "2:10"."""
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
+
+
+def duration(seconds: float) -> str:
+    """In words: "31 s", "2 min 10 s", "1 h 5 min"."""
+    n = round(seconds)
+    if n < 60:
+        return f"{n} s"
+    return f"{n // 60} min {n % 60} s" if n < 3600 else f"{n // 3600} h {n % 3600 // 60} min"
