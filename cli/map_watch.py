@@ -35,7 +35,9 @@ class MapWatch:
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._ended.set()
         self._thread.join()
         if error is None:
@@ -48,7 +50,9 @@ class MapWatch:
             return
         floor, seq = now
         try:
-            answers = {layer: self._node.ask(MAP_LAYER, floor=floor, layer=layer) for layer in ("explored", "occupancy")}
+            answers = {
+                layer: self._node.ask(MAP_LAYER, floor=floor, layer=layer) for layer in ("explored", "occupancy")
+            }
             cells = {layer: unpack_layer(layer, a.message, a.payload) for layer, a in answers.items()}
         except (BusError, WireError):
             return  # fusion is busy or away: the film lacks a moment

@@ -10,6 +10,6 @@ from cli.report.record import DecidingView, MapMoment, Moment, RunRecord, Step, 
 from cli.report.words import human_bytes, outcome
 
 __all__ = [
-    "DecidingView", "MapMoment", "Moment", "RunRecord", "Step", "TrafficLine", "human_bytes", "outcome", "run_json", "traffic_lines",
-    "write_report",
+    "DecidingView", "MapMoment", "Moment", "RunRecord", "Step", "TrafficLine", "human_bytes", "outcome", "run_json",
+    "traffic_lines", "write_report",
 ]  # fmt: skip

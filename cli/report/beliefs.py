@@ -56,8 +56,3 @@ def _of(record: ObjectRecord, steps: Sequence[Step]) -> list[Belief]:
 def _who(source: str) -> str:
     kind, _, name = source.partition("/")
     return "the robot" if kind == "robot" else f"{kind} {name}" if name else source
-
-
-def first_seen_by(record: ObjectRecord) -> str:
-    """The source that saw an object first ("camera/c3"); empty if its history doesn't say."""
-    return next((e.source for e in record.history if e.what != "not_seen"), "")

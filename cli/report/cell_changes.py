@@ -147,4 +147,5 @@ def _pasted(moment: MapMoment, newest: Grid, box: tuple[int, int, int, int]) -> 
 def _joined(cells: NDArray[np.uint8], n: int) -> NDArray[np.uint8]:
     """n x n cells become one, an obstacle before what is explored: a thin wall stays a wall."""
     padded = np.pad(cells, ((0, -cells.shape[0] % n), (0, -cells.shape[1] % n)))
-    return padded.reshape(padded.shape[0] // n, n, padded.shape[1] // n, n).max(axis=(1, 3))
+    blocks = padded.reshape(padded.shape[0] // n, n, padded.shape[1] // n, n)
+    return np.asarray(blocks.max(axis=(1, 3)), np.uint8)

@@ -26,7 +26,8 @@ from cli.report.floor_map import (
 from cli.report.key_moments import key_moments
 from cli.report.record import Moment, RunRecord, Step, TrafficLine, plain
 from cli.report.view_picture import view_svg
-from cli.report.words import human_bytes, outcome
+from cli.report.why import reasons
+from cli.report.words import duration, human_bytes, judgement, outcome
 from services.gateway.core.layers import COLOURS
 from surveilnav.messages import ObjectRecord, Plan
 from surveilnav.words import canonical
@@ -69,10 +70,12 @@ def facts_of(record: RunRecord) -> dict[str, Any]:
         "record": record,
         "tone": tone,
         "sentence": sentence,
+        "judgement": judgement(record),
+        "reasons": reasons(record, candidates),
         "tiles": _tiles(record),
         "drawings": _drawings(record, candidates[:_MOST_OBJECTS]),
         "legend": _legend(),
-        "moments": key_moments(film) if film else [],
+        "moments": key_moments(film, record.target) if film else [],
         "film": _json(film.data(record)) if film else "",
         "views": _views(record),
         "chosen": record.status.object_id if record.status else None,
@@ -101,7 +104,11 @@ def _tiles(record: RunRecord) -> list[Tile]:
         Tile("steps", number("steps", ".0f"), f"of {record.status.max_steps}" if record.status else ""),
         Tile("path", number("path_m", ".1f", " m"), f"shortest {number('shortest_path_m', '.1f', ' m')}"),
         Tile("SPL", number("spl", ".2f"), "shortest ÷ walked, if right"),
-        Tile("time", f"{record.seconds:.0f} s", "from start to outcome"),
+        Tile(
+            "time",
+            duration(record.search_s) if record.search_s is not None else "–",
+            f"of {duration(record.seconds)} with all",
+        ),
         Tile("cameras", cameras, "in use" if record.surveillance else "surveillance off"),
         Tile("traffic", human_bytes(totals["offered"]), f"offered; {human_bytes(totals['wire'])} on the wire"),
         Tile("perception", record.perception, record.perception_why),

@@ -21,7 +21,7 @@ from cli.report.record import RunRecord, Step
 from cli.report.small_pictures import small_pictures
 from surveilnav.messages import Candidate, ObjectRecord, Plan
 
-_MOST_FRAMES = 500
+_MOST_FRAMES = 501
 _PICTURES_BYTES, _MAPS_BYTES = 1_450_000, 260_000
 _MOST_CANDIDATES, _NOTE_CHARS, _PATH_POINTS = 6, 120, 30
 
@@ -128,7 +128,7 @@ def weighed(plan: Plan) -> list[Candidate]:
 
 
 def _candidate(c: Candidate) -> list[Any]:
-    return [c.kind, round(c.x_m, 2), round(c.y_m, 2), float(f"{c.score:.3g}"), c.note[:_NOTE_CHARS], c.chosen]
+    return [c.kind, round(c.x_m, 2), round(c.y_m, 2), float(f"{c.score:.2g}"), c.note[:_NOTE_CHARS], c.chosen]
 
 
 def _is_place(c: Candidate) -> bool:

@@ -12,9 +12,10 @@ from cli.report.film import Film
 from cli.report.floor_map import PATH
 from cli.report.record import Step
 from cli.report.svg import data_uri, drawing, tag
-from cli.report.words import clock
+from cli.report.words import with_article
 from services.gateway.core.layers import COLOURS, encode_png
 from surveilnav.messages import Candidate, Plan
+from surveilnav.words import canonical
 
 _MOST = 6
 _GOES_FOR = {
@@ -36,17 +37,17 @@ class KeyMoment(NamedTuple):
     map: Markup | None
 
 
-def key_moments(film: Film) -> list[KeyMoment]:
-    """At most six: the start, the first sight of the target, changes of mind, the end."""
-    return [_moment(film, i, title) for i, title in sorted(_chosen(film).items())]
+def key_moments(film: Film, target: str) -> list[KeyMoment]:
+    """At most six: the start, when something was first taken for the target, changes of mind, the end."""
+    return [_moment(film, i, title) for i, title in sorted(_chosen(film, target).items())]
 
 
-def _chosen(film: Film) -> dict[int, str]:
+def _chosen(film: Film, target: str) -> dict[int, str]:
     """Frame number -> title."""
     last = len(film.steps) - 1
     titles = {0: "start"}
-    if film.beliefs and (first := film.beliefs[0]):
-        titles.setdefault(first.frame, f"first taken for it: {first.label}, by {first.sources}")
+    if first := next((b for b in film.beliefs if canonical(b.label) == canonical(target)), None):
+        titles.setdefault(first.frame, f"something was taken for {with_article(target)} by {first.sources}")
     turns = [i for i in range(1, last) if _aim(film.plans[i]) not in (None, _aim(film.plans[i - 1]))]
     known = [i for i in turns if _kind(film.plans[i]) in ("target", "candidate", "stairs")]
     # What the robot went for in the end, then evenly from the others.
@@ -69,14 +70,15 @@ def _aim(plan: Plan | None) -> tuple[str, float, float] | None:
 
 def _moment(film: Film, i: int, title: str) -> KeyMoment:
     step, plan, picture = film.steps[i], film.plans[i], film.pictures[i]
-    when = f"step {step.seq - film.steps[0].seq}, {clock(step.t_s - film.steps[0].t_s)}"
     why = ""
     if plan is not None:
         note = plan.waypoint.note if plan.waypoint is not None else ""
         why = "; ".join(dict.fromkeys(s for s in (plan.why, note) if s))
     grown = film.maps.get(step.floor)
     drawn = Markup(_map(film, i, grown)) if grown is not None else None
-    return KeyMoment(i, f"{when}: {title}", why, data_uri("webp", picture) if picture else "", drawn)
+    return KeyMoment(
+        i, f"Step {step.seq - film.steps[0].seq}: {title}", why, data_uri("webp", picture) if picture else "", drawn
+    )
 
 
 def _map(film: Film, i: int, grown: GrowingMap) -> str:
@@ -90,7 +92,8 @@ def _map(film: Film, i: int, grown: GrowingMap) -> str:
 
     def at(s: Step) -> str:
         """Where a step lies in the picture."""
-        return f"{(s.x_m - grid.origin_x_m) / grid.resolution_m:.1f},{grid.rows - (s.y_m - grid.origin_y_m) / grid.resolution_m:.1f}"
+        u = (s.x_m - grid.origin_x_m) / grid.resolution_m
+        return f"{u:.1f},{grid.rows - (s.y_m - grid.origin_y_m) / grid.resolution_m:.1f}"
 
     way = " ".join(at(s) for s in film.steps[: i + 1] if s.floor == step.floor)
     px = max(grid.cols, grid.rows) / 100
@@ -101,4 +104,6 @@ def _map(film: Film, i: int, grown: GrowingMap) -> str:
         "path", d="M3 0L-2 2L-1 0L-2 -2Z", fill=PATH, stroke="#fff", stroke_width=0.4,
         transform=f"translate({u} {v}) rotate({degrees:.0f}) scale({px:.2f})",
     )  # fmt: skip
-    return drawing((grid.cols, grid.rows), [image, line, arrow], f"the map at step {step.seq - film.steps[0].seq}", "moment")
+    return drawing(
+        (grid.cols, grid.rows), [image, line, arrow], f"the map at step {step.seq - film.steps[0].seq}", "moment"
+    )

@@ -149,6 +149,21 @@ class RunRecord:
         return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
 
     @property
+    def search_s(self) -> float | None:
+        """From the mission's start to its end, by the planner's clock; else by when pictures came; None if unknown."""
+        status = self.status
+        if status is not None and 0 < status.started_ns < status.finished_ns:
+            return (status.finished_ns - status.started_ns) / 1e9
+        spent_s = self.trajectory[-1].t_s - self.trajectory[0].t_s if self.trajectory else 0.0
+        return spent_s if 0.0 < spent_s < math.inf else None
+
+    @property
+    def chosen(self) -> ObjectRecord | None:
+        """The object that the robot went to."""
+        id = self.status.object_id if self.status is not None else None
+        return next((o for o in self.objects if o.id == id), None)
+
+    @property
     def totals(self) -> dict[str, int | None]:
         """Bytes offered, delivered and on the wire (sent), over all lines."""
         wire = [line.wire for line in self.traffic if line.wire is not None]
@@ -157,6 +172,11 @@ class RunRecord:
             "delivered": sum(line.delivered for line in self.traffic),
             "wire": sum(wire) if wire else None,
         }
+
+
+def first_seen_by(record: ObjectRecord) -> str:
+    """The source that saw an object first ("camera/c3"); empty if its history doesn't say."""
+    return next((e.source for e in record.history if e.what != "not_seen"), "")
 
 
 def traffic_lines(reports: Iterable[TrafficReport]) -> list[TrafficLine]:

@@ -113,6 +113,7 @@
     }));
   }
 
+  // The newest plan of a frame or of one before it.
   const planAt = (k) => {
     while (k > 0 && !frames[k].p) k--;
     return frames[k].p;

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cli.report import DecidingView, Moment, RunRecord, Step, TrafficLine
+from cli.report import DecidingView, MapMoment, Moment, RunRecord, Step, TrafficLine
 from surveilnav.geometry import Grid, Pinhole, Pose, camera_pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, Candidate, MissionStatus, ObjectEvent, ObjectRecord, Plan
 
@@ -51,6 +51,29 @@ def _layers() -> dict[str, tuple[Grid, np.ndarray]]:
     return {name: (grid, cells.astype(np.uint8)) for name, cells in as_bytes.items()} | {"value": (grid, value)}
 
 
+def _moments(n: int) -> list[MapMoment]:
+    """The flat as it gets known, a sweep from west to east."""
+    layers = _layers()
+    grid, explored = layers["explored"]
+    x = np.mgrid[0:480, 0:480][1] * 0.05 - 6.0
+    moments = []
+    for seq in range(0, n, 3):
+        known = x < 11.1 * (seq + 3) / n
+        cells = np.where(layers["occupancy"][1], 2, explored) * known
+        moments.append(MapMoment(seq, "0", grid, MapMoment.pack(cells)))
+    return moments
+
+
+def _walked(way: list[tuple[float, float]]) -> list[Step]:
+    picture, path_m, steps = _picture(1), 0.0, []
+    for i, (x, y) in enumerate(way):
+        before = way[max(0, i - 1)]
+        path_m += math.dist(before, (x, y))
+        yaw = math.atan2(y - before[1], x - before[0])
+        steps.append(Step(x, y, "0", i, i, 0.8 * i, yaw, path_m, "move_forward", False, picture))
+    return steps
+
+
 def _picture(seed: int) -> bytes:
     height, width = 480, 640
     y, x = np.mgrid[0:height, 0:width]
@@ -64,9 +87,9 @@ def _object(
     id: int, label: str, status: str, confidence: float, x_m: float, y_m: float, reason: str, **more: object
 ) -> ObjectRecord:
     history = [
-        ObjectEvent(1, "camera/c2", 3, 1, label, confidence - 0.1, "created", "new: nothing near overlaps"),
-        ObjectEvent(2, "robot/r1", 0, 31, label, confidence, "matched", "s = 1.62 >= 1.35"),
-        ObjectEvent(3, "robot/r1", 0, 32, label, confidence, status if status != "candidate" else "matched", reason),  # type: ignore[arg-type]
+        ObjectEvent(10, "camera/c2", 3, 1, label, confidence - 0.1, "created", "new: nothing near overlaps"),
+        ObjectEvent(31, "robot/r1", 0, 31, label, confidence, "matched", "s = 1.62 >= 1.35"),
+        ObjectEvent(32, "robot/r1", 0, 32, label, confidence, status if status != "candidate" else "matched", reason),  # type: ignore[arg-type]
     ]
     facts: dict[str, object] = {
         "id": id,
@@ -154,9 +177,11 @@ def record() -> RunRecord:
             "shortest_path_m": 10.4,
             "distance_to_viewpoint_m": 0.06,
         },
-        trajectory=[Step(x, y, "0") for x, y in way],
+        trajectory=_walked(way),
         plans=plans,
         layers={"0": _layers()},
+        map_moments=_moments(len(way)),
+        room="Living room",
         cameras=[
             make_camera("c1", 2.5, 2.0),
             make_camera("c2", 8.2, 5.6, range(-30, 120, 30)),

@@ -73,8 +73,10 @@ def test_it_stands_alone(record, tmp_path):
 
 def test_it_says_what_happened(record, tmp_path):
     _, text = written(record, tmp_path)
-    assert "Found the potted plant: the robot stopped where it should after 42 steps and 11.9 m" in text
-    assert "(the shortest way is 10.4 m)." in text
+    assert (
+        "The robot found the potted plant in the living room after 12 m and 34 s; camera c2 had seen it first." in text
+    )
+    assert "It stopped where it should after 42 steps: the simulator agrees. The shortest way is 10.4 m." in text
     for words in (
         "onnx-coco",
         "weights found",
@@ -141,7 +143,7 @@ def _status(**changes: object) -> MissionStatus:
             "check says no.",
         ),
         (_status(error="out_of_steps"), {}, "bad", "ran out of steps"),
-        (_status(error="not_found"), {}, "bad", "everything reachable was searched"),
+        (_status(error="not_found"), {}, "bad", "everything that it could reach was searched"),
         (_status(error="martians_came"), {}, "bad", "martians came"),
         (_status(), {}, "bad", "no reason was given"),
         (_status(state="cancelled"), {}, "bad", "cancelled"),
