@@ -41,6 +41,7 @@ class Film:
         """What the page's script gets."""
         return {
             "floors": {floor: _floor(record, floor, grown) for floor, grown in self.maps.items()},
+            "target": record.target,
             "frames": self._frames(),
             "beliefs": [[b.frame, b.object_id, b.label, b.score, b.status, b.sources] for b in self.beliefs],
         }

@@ -63,9 +63,12 @@ def _kind(plan: Plan | None) -> str:
     return plan.waypoint.kind if plan is not None and plan.waypoint is not None else ""
 
 
-def _aim(plan: Plan | None) -> tuple[str, float, float] | None:
+def _aim(plan: Plan | None) -> tuple[object, ...] | None:
+    """What a plan goes for; an object stays the same while its place is made out better."""
     w: Candidate | None = plan.waypoint if plan is not None else None
-    return (w.kind, round(w.x_m, 1), round(w.y_m, 1)) if w is not None else None
+    if w is None:
+        return None
+    return (w.kind, w.object_id) if w.object_id is not None else (w.kind, round(w.x_m, 1), round(w.y_m, 1))
 
 
 def _moment(film: Film, i: int, title: str) -> KeyMoment:

@@ -2,7 +2,7 @@
 // The film strip of a report: shows the frame at which the scrubber stands. What it reads is made by cli/report/film.py.
 (() => {
   const $ = (id) => document.getElementById(id);
-  const { floors, frames, beliefs } = JSON.parse($("film-data").textContent);
+  const { target, floors, frames, beliefs } = JSON.parse($("film-data").textContent);
   const KINDS = {
     target: "the confirmed target", candidate: "what may be the target", frontier: "an edge of what is known",
     stairs: "stairs", second_look: "a second look",
@@ -55,7 +55,7 @@
         picture.data.set(SHADES[cells[row * cols + col]], 4 * ((rows - 1 - row) * cols + col));
       }
     }
-    canvas.getContext("2d").putImageData(picture, 0, 0);
+    canvas.getContext("2d", { willReadFrequently: true }).putImageData(picture, 0, 0);
   }
 
   // --- what lies on the map, in units of cells ---
@@ -137,7 +137,8 @@
       [`${chosen ? "chosen: " : ""}${KINDS[kind] || kind} at (${x}, ${y}), worth ${score}${note ? ` – ${note}` : ""}`, chosen ? "chosen" : ""]),
     "Nothing: there was no choice to make.");
     list($("film-believed"), believedAt(k).map(([, id, label, score, status, sources]) =>
-      [`#${id} ${label}: ${status}, at best ${score.toFixed(2)}, seen by ${sources}`, status]), "Nothing so far.");
+      [`#${id}: ${status} as ${label}, at best ${score.toFixed(2)}, seen by ${sources}`, label === target ? status : ""]),
+    "Nothing so far.");
   }
 
   function show(k) {
