@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from pathlib import Path
@@ -39,6 +40,10 @@ def run_up(
         router=router, building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
         perception=perception, surveillance=surveillance, state=state, cameras_everywhere=cameras_everywhere,
     ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}  # fmt: skip
+    # Who looked at which camera is kept whatever the building's plan: the environment may say where else, or "" for nowhere.
+    variables["SURVEILNAV_GATEWAY__ACCESS_LOG"] = os.environ.get(
+        "SURVEILNAV_GATEWAY__ACCESS_LOG", str((logs / "looks").resolve())
+    )
     names = [camera.name for camera in plan.cameras] if surveillance else []
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

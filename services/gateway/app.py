@@ -28,7 +28,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.add_middleware(refusals.Refusals, problem=refusals.check(allowed_hosts))
     problem_answers.answer_failures(app)
     app.include_router(missions.router(gateway.missions))
-    app.include_router(cameras.router(gateway.cameras))
+    app.include_router(cameras.router(gateway.cameras, gateway.looks))
     app.include_router(sources.router(gateway.sources))
     app.include_router(maps.router(gateway.maps))
     app.include_router(objects.router(gateway.objects))

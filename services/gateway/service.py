@@ -13,6 +13,7 @@ from services.gateway.core.metrics import Heard
 from services.gateway.core.resources import NEEDED, Building, Readiness, RobotHalt, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
 from services.gateway.events import Events
+from services.gateway.looks import Looks
 from services.gateway.maps import Maps
 from services.gateway.missions import Missions
 from services.gateway.objects import Objects
@@ -25,9 +26,10 @@ from surveilnav.bus import Node
 class Gateway:
     """All that the web side may ask for, a part for each kind of resource, and the whole: building, traffic, readiness."""
 
-    def __init__(self, node: Node, root_path: str = "") -> None:
+    def __init__(self, node: Node, root_path: str = "", looks: Looks | None = None) -> None:
         """``root_path``: where a proxy has the gateway, such as /surveilnav; "": at the top."""
         self._node = node
+        self.looks = looks or Looks()
         self._state = BuildingState(node, root_path)
         self.missions = Missions(self._state)
         self.cameras = Cameras(self._state)

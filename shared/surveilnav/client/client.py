@@ -122,6 +122,10 @@ class Client:
         """What of its floor each view looks at."""
         return cast("list[r.CameraCone]", self._json("GET", f"cameras/{_id(id)}/cones")["items"])
 
+    def looks(self, id: str) -> list[r.CameraLook]:
+        """Who was shown its pictures, newest first."""
+        return self._items(f"cameras/{_id(id)}/looks")
+
     def pause_camera(self, id: str) -> r.Camera:
         """Has it show nothing."""
         return cast("r.Camera", self._json("POST", f"cameras/{_id(id)}/pause"))

@@ -42,6 +42,13 @@ class CameraCone(TypedDict):
     outline_m: list[list[float]]
 
 
+class CameraLook(TypedDict):
+    time: str
+    client: str
+    view: int
+    what: str
+
+
 class CameraView(TypedDict):
     view: int
     yaw_rad: float | None
