@@ -23,7 +23,8 @@ from cli.report.floor_map import (
 )
 from cli.report.record import Moment, RunRecord, Step, TrafficLine, plain
 from cli.report.view_picture import view_svg
-from cli.report.words import human_bytes, outcome
+from cli.report.words import outcome
+from cli.words import human_bytes
 from services.gateway.core.layers import COLOURS
 from surveilnav.messages import ObjectRecord, Plan
 from surveilnav.words import canonical

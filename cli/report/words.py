@@ -38,15 +38,3 @@ def outcome(record: RunRecord) -> tuple[Literal["good", "half", "bad"], str]:
         return "bad", f"The search for a {record.target} didn't end: it was {status.state} ({status.phase}){effort}."
     why = _FAILURES.get(status.error, status.error.replace("_", " ") or "no reason was given")
     return "bad", f"Didn't find a {record.target}{effort}: {why}."
-
-
-def human_bytes(n: int | None) -> str:
-    """Decimal units, two or three figures: "312 B", "4.7 kB", "81 MB"."""
-    if n is None:
-        return "–"
-    value, unit = float(n), "B"
-    for unit in ("B", "kB", "MB", "GB", "TB"):
-        if value < 999.5 or unit == "TB":
-            break
-        value /= 1000
-    return f"{value:.1f} {unit}" if value < 9.95 and unit != "B" else f"{value:.0f} {unit}"
