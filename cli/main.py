@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import typer
@@ -34,6 +35,7 @@ app = typer.Typer(
 )  # fmt: skip
 
 _SIMULATED, _RUNNING, _BENCHMARK = "A simulated building", "The running system", "Models and benchmark"
+_command: Callable[..., Any]
 for _command in (start.demo, start.up, start.prepare, survey.buildings, survey.homes, survey.doctor):
     app.command(rich_help_panel=_SIMULATED)(_command)
 app.command(rich_help_panel=_RUNNING)(missions.find)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from cli.options import (
+    BUILDING_KINDS,
     Area,
     AsJson,
     Building,
@@ -21,6 +22,7 @@ from cli.options import (
     console,
     density,
     print_json,
+    results,
 )
 from surveilnav.perception.names import BackendName
 
@@ -74,14 +76,45 @@ def up(
     )  # fmt: skip
 
 
-def prepare() -> None:
-    """Make once what every node of a simulated building needs: baked light, camera plan, camera views.
+def prepare(
+    building: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help=f"Which building: {BUILDING_KINDS}; SURVEILNAV_SIM__BUILDING if not said."),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, metavar="N", help="Draws furniture models, textures and sensor noise.")
+    ] = None,
+    perception: Perception = BackendName.AUTO,
+    cameras: Cameras = None,
+    area_per_camera: Area = None,
+    cameras_everywhere: Everywhere = False,
+    models: Annotated[
+        bool, typer.Option("--models/--no-models", help="Whether to fetch what looks at pictures.")
+    ] = True,
+    loops: Annotated[
+        bool, typer.Option("--loops/--no-loops", help="Whether to compile all loops by playing a small search.")
+    ] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Make ahead all that a first search needs: furniture, light, camera views, navigation, models, compiled loops.
 
-    The building comes from the environment (SURVEILNAV_SIM__BUILDING, ...): the first step of `docker compose up`.
+    After it no network is needed. What isn't said comes from the environment (SURVEILNAV_SIM__BUILDING, ...), as in
+    `docker compose up`. With the options of `demo` or `up`, those find everything ready.
     """
-    from cli.progress import bar
-    from simulator.simulation import SimulatedBuilding, SimulationSettings
+    from cli.preparing import run_prepare
+    from simulator.simulation import SimulationSettings
 
-    with bar(console) as progress:
-        plan = SimulatedBuilding(SimulationSettings(), progress).prepare()
-    console.print(f"{plan.building} is ready: {len(plan.cameras)} cameras")
+    said: dict[str, Any] = {
+        "building": building, "seed": seed, "cameras": cameras, "area_per_camera_m2": area_per_camera,
+        "cameras_everywhere": cameras_everywhere or None,
+    }  # fmt: skip
+    settings = SimulationSettings(**{name: value for name, value in said.items() if value is not None})
+    ready = run_prepare(settings, perception.value if models else "", console, loops=loops)
+    if as_json:
+        print_json(ready.as_dict())
+        return
+    for note in ready.notes:
+        console.print(f"note: {note}", markup=False)
+    results.print(f"{ready.building} is ready: {len(ready.cameras)} cameras", markup=False)
+    if ready.backend:
+        results.print(f"perception: {ready.backend} ({ready.why})", markup=False)
