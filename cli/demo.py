@@ -20,9 +20,10 @@ from cli.evidence import deciding_views, layers, objects, trajectory
 from cli.map_watch import MapWatch
 from cli.progress import bar
 from cli.recorder import Recorder
-from cli.report import Moment, RunRecord, human_bytes, run_json, traffic_lines, write_report
+from cli.report import Moment, RunRecord, run_json, traffic_lines, write_report
 from cli.report import outcome as in_words
 from cli.stack import Stack, environment
+from cli.words import human_bytes
 from simulator.plans.polygons import contains
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.world.goals import Goals, Start, Verdict, find_goals, judge, sample_start
