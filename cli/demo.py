@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from cli.evidence import deciding_views, layers, objects, trajectory
+from cli.evidence import actions, deciding_views, layers, objects, trajectory
 from cli.map_watch import MapWatch
 from cli.progress import bar
 from cli.recorder import Recorder
@@ -206,7 +206,7 @@ def _record(
             "shortest_path_m": verdict.shortest_path_m, "distance_to_viewpoint_m": verdict.distance_to_viewpoint_m,
             "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
         },
-        trajectory=trajectory(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
+        trajectory=trajectory(recorder), actions=actions(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
         layers={floor: layers(node, floor, status.target) for floor in floors},
         cameras=recorder.camera_infos(), invoked=recorder.invoked_cameras(), objects=known,
         deciding_views=deciding_views(node, recorder, known, status),
