@@ -25,6 +25,7 @@ from services.planner.config import PlannerSettings
 from services.robot_node.config import RobotSettings
 from simulator.simulation import SimulationSettings
 from surveilnav.bus import BusSettings
+from surveilnav.pictures import PictureSettings
 
 _BEGINNING = """\
 # Settings
@@ -71,6 +72,7 @@ class Section:
 
 SECTIONS = (
     Section("The bus: every process", "shared/surveilnav/bus/settings.py", BusSettings),
+    Section("Past pictures: fusion", "shared/surveilnav/pictures.py", PictureSettings),
     Section("The simulated building", "simulator/simulation.py", SimulationSettings),
     Section("Camera", "services/camera_node/config.py", CameraSettings),
     Section("Robot", "services/robot_node/config.py", RobotSettings),

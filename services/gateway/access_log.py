@@ -64,6 +64,17 @@ class AccessLog:
         with self._lock:
             return [look for look in reversed(self._lines) if look.camera == camera and look.time >= oldest]
 
+    def tidy(self, now: datetime | None = None) -> None:
+        """Removes files of lines that are too old, also where nobody looks any more."""
+        now = now or datetime.now(UTC)
+        with self._lock:
+            if self._folder is None:
+                return
+            try:
+                self._drop_old(self._folder, now)
+            except OSError as error:
+                self._log.error("old looks can't be removed", folder=str(self._folder), error=str(error))
+
     def _is_new(self, watcher: tuple[object, ...]) -> bool:
         now_s = time.monotonic()
         if now_s - self._watched_s.get(watcher, -_AGAIN_S) < _AGAIN_S:
@@ -90,18 +101,21 @@ class AccessLog:
 
     @staticmethod
     def _is_full(file: Path, now: datetime) -> bool:
-        began = datetime.strptime(file.name, _NAME).replace(tzinfo=UTC)
-        return began.date() != now.date() or not file.exists() or file.stat().st_size >= _FILE_BYTES
+        return _began(file).date() != now.date() or not file.exists() or file.stat().st_size >= _FILE_BYTES
 
     def _drop_old(self, folder: Path, now: datetime) -> None:
         """Removes files that ended before what is kept, and the oldest while all are too large."""
         files = _files(folder)
         sizes = {file: file.stat().st_size for file in files}
         for file, following in zip(files, [*files[1:], None], strict=False):
-            ended = datetime.strptime(following.name, _NAME).replace(tzinfo=UTC) if following else now
+            ended = _began(following) if following else _began(file) + timedelta(days=1)
             if now - ended > self._keep or sum(sizes.values()) + _FILE_BYTES > self._max_bytes:
                 del sizes[file]
                 file.unlink(missing_ok=True)
+
+
+def _began(file: Path) -> datetime:
+    return datetime.strptime(file.name, _NAME).replace(tzinfo=UTC)
 
 
 def _files(folder: Path) -> list[Path]:

@@ -5,7 +5,18 @@ from __future__ import annotations
 from fastapi import FastAPI
 
 from services.gateway import problem_answers, refusals
-from services.gateway.routes import cameras, documentation, events, maps, missions, objects, page, sources, system
+from services.gateway.routes import (
+    cameras,
+    documentation,
+    events,
+    maps,
+    missions,
+    objects,
+    page,
+    pictures,
+    sources,
+    system,
+)
 from services.gateway.service import Gateway
 from surveilnav import __version__
 
@@ -29,6 +40,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     problem_answers.answer_failures(app)
     app.include_router(missions.router(gateway.missions))
     app.include_router(cameras.router(gateway.cameras, gateway.looks))
+    app.include_router(pictures.router(gateway.pictures))
     app.include_router(sources.router(gateway.sources))
     app.include_router(maps.router(gateway.maps))
     app.include_router(objects.router(gateway.objects))

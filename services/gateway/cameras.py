@@ -18,7 +18,7 @@ class Cameras:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
-        self._thumbnails = Thumbnails()
+        self.thumbnails = Thumbnails()
 
     def all(self) -> list[Camera]:
         """Every camera, with what the maps hold of it and what it last saw."""
@@ -60,7 +60,7 @@ class Cameras:
 
     def latest(self, id: str, view: int) -> bytes:
         """The same, at most a second old: many viewers cost the camera one picture."""
-        return self._thumbnails.get((id, view), lambda: self.thumbnail(id, view))
+        return self.thumbnails.get((id, view), lambda: self.thumbnail(id, view))
 
     def cones(self, id: str) -> list[CameraCone]:
         """What each view of a camera looks at on the floor."""

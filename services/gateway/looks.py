@@ -25,3 +25,7 @@ class Looks:
     def of(self, camera: str) -> list[CameraLook]:
         """The newest looks at a camera, newest first; none at one that nobody knows."""
         return [CameraLook(time=k.time, client=k.client, view=k.view, what=k.what) for k in self._log.of(camera)]
+
+    def tidy(self) -> None:
+        """Removes files of lines that are too old. Call it now and then: nobody may look for months."""
+        self._log.tidy()

@@ -17,6 +17,7 @@ from services.gateway.looks import Looks
 from services.gateway.maps import Maps
 from services.gateway.missions import Missions
 from services.gateway.objects import Objects
+from services.gateway.pictures import Pictures
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
 from services.gateway.watch import Watch
@@ -33,6 +34,7 @@ class Gateway:
         self._state = BuildingState(node, root_path)
         self.missions = Missions(self._state)
         self.cameras = Cameras(self._state)
+        self.pictures = Pictures(node, self.cameras.thumbnails, self.looks)
         self.sources = Sources(self._state)
         self.maps = Maps(self._state, self.cameras, self.sources, self.missions)
         self.objects = Objects(self._state)

@@ -138,6 +138,10 @@ class Client:
         """Forgets one whose process has ended."""
         self._asked("DELETE", f"{_ROOT}/cameras/{_id(id)}")
 
+    def forget_pictures(self) -> list[r.PictureKeeper]:
+        """Has all services forget past pictures; what each says that it does."""
+        return cast("list[r.PictureKeeper]", self._json("DELETE", "pictures")["items"])
+
     # --- maps and objects -------------------------------------------------------------------------------------------
 
     def buildings(self) -> list[r.Building]:

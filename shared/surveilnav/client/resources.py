@@ -208,6 +208,11 @@ class ObjectEvent(TypedDict):
     box_px: list[float | None] | None
 
 
+class PictureKeeper(TypedDict):
+    keeper: str
+    message: str
+
+
 class Place(TypedDict):
     kind: str
     x_m: float | None

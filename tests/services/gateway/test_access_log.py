@@ -53,6 +53,18 @@ def test_files_are_begun_daily_and_go_when_they_are_too_old(tmp_path):
     assert [k.view for k in AccessLog(tmp_path, keep=timedelta(days=1)).of("c1", NOON + timedelta(days=7))] == [7, 6]
 
 
+def test_old_lines_go_also_where_nobody_looks(tmp_path):
+    log = AccessLog(tmp_path, keep=timedelta(days=3))
+    log.note("10.0.0.1", "c1", 0, "latest", NOON)
+    log.tidy(NOON + timedelta(days=4))
+    assert len(lines(tmp_path)) == 1
+    log.tidy(NOON + timedelta(days=4, seconds=1))
+    assert lines(tmp_path) == []
+    assert log.of("c1", NOON + timedelta(days=4)) == []
+    log.note("10.0.0.1", "c1", 1, "latest", NOON + timedelta(days=5))
+    assert [k["view"] for k in lines(tmp_path)] == [1]
+
+
 def test_all_files_together_stay_below_their_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(access_log, "_FILE_BYTES", 1000)
     log = AccessLog(tmp_path, max_bytes=5000)

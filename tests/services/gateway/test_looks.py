@@ -7,7 +7,11 @@ from contextlib import ExitStack
 import httpx
 import pytest
 
+from surveilnav.bus import Answer, clock_ns
 from surveilnav.client import Client
+from surveilnav.contract import FORGET_PICTURES
+from surveilnav.errors import GatewayError
+from surveilnav.messages import PicturesForgotten
 from tests.waiting import until
 
 
@@ -56,3 +60,28 @@ def test_no_picture_is_in_the_log_and_lists_have_pages(client):
     assert client.get("/api/v1/cameras/nobody/looks").json() == {"items": [], "total": 0}
     with Client(str(client.base_url)) as program:
         assert [k["view"] for k in program.looks("c1")] == [4, 3, 2, 1, 0]
+
+
+def test_past_pictures_are_forgotten_by_all_who_keep_any(client, building):
+    client.get("/api/v1/cameras/c1/latest.jpg")
+    silent = client.delete("/api/v1/pictures")
+    assert (silent.status_code, silent.json()["type"].rpartition(":")[2]) == (504, "keeper_silent")
+    assert silent.json()["keepers"] == [{"keeper": "gateway", "message": "1 thumbnails are gone"}]
+    asked = []
+
+    def forget(request):
+        asked.append(request.message.reason)
+        return Answer(PicturesForgotten(stamp_ns=clock_ns(), keeper="f1", message="gone within seconds"))
+
+    building.fusion.serve(FORGET_PICTURES, forget, keeper="f1")
+    with Client(str(client.base_url)) as program:
+        said = until(lambda: _forgotten(program))
+    assert said == [("gateway", "0 thumbnails are gone"), ("f1", "gone within seconds")]
+    assert asked
+
+
+def _forgotten(program):
+    try:
+        return [(k["keeper"], k["message"]) for k in program.forget_pictures()]
+    except GatewayError:
+        return None

@@ -7,7 +7,7 @@ angles radians, positions in the world frame. Numbers that aren't finite become 
 
 from services.gateway.core.resources.base import ROOT, GrowingItems, Items
 from services.gateway.core.resources.building import Building
-from services.gateway.core.resources.camera import Camera, CameraCone, CameraLook
+from services.gateway.core.resources.camera import Camera, CameraCone, CameraLook, PictureKeeper
 from services.gateway.core.resources.floor import Floor
 from services.gateway.core.resources.layer import Layer
 from services.gateway.core.resources.mission import Mission, MissionPlan, NewMission
@@ -19,5 +19,5 @@ from services.gateway.core.resources.traffic import Traffic
 
 __all__ = [
     "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "CameraLook", "Floor", "GrowingItems", "Items", "Layer", "Mission",
-    "MissionPlan", "NewMission", "Object", "Readiness", "Robot", "RobotHalt", "Service", "Traffic", "Worker",
+    "MissionPlan", "NewMission", "Object", "PictureKeeper", "Readiness", "Robot", "RobotHalt", "Service", "Traffic", "Worker",
 ]  # fmt: skip

@@ -51,6 +51,13 @@ class CameraLook(BaseModel):
     what: str = Field(description="thumbnail, latest or tile")
 
 
+class PictureKeeper(BaseModel):
+    """Who kept past pictures, and what it does to forget them."""
+
+    keeper: str
+    message: str
+
+
 class Camera(Resource):
     model_config = ConfigDict(json_schema_extra={"example": examples.CAMERA})
 
