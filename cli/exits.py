@@ -20,5 +20,5 @@ class Exit(IntEnum):
     FAILED = 1, "it isn't, or a setting, a file or the system is wrong; one line says what"
     MISTYPED = 2, "the command can't be as it was typed"
     INTERRUPTED = 130, "interrupted by Ctrl-C; `up` and `watch` end by it, and with 0"
-    UNREAD = 141, "whoever read its output went away: `surveilnav objects | head -1`"
+    UNREAD = 141, "whoever read its output went away, as `head` does"
     TERMINATED = 143, "ended by SIGTERM"

@@ -64,6 +64,7 @@ def homes(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder, or one file.")], as_json: AsJson = False
 ) -> None:
     """Say of every plan and mesh in FOLDER how much of it robots can search. Exit 1 if nothing could be read.
+
     It takes .sh3d files, Home.xml, .glb, .gltf, .obj and folders of HM3D, however deep they lie.
     """
     from cli.homes import as_dict, look_at, show

@@ -14,7 +14,7 @@ from cli.watching.known import Known
 from cli.words import duration, human_bytes, metres
 from surveilnav.client.resources import Mission, SourceTraffic
 
-_BAR = 12
+_BAR = 8
 _LIGHTS = {"invoked": ("●", "bold green"), "idle": ("○", ""), "paused": ("◌", "yellow"), "offline": ("✕", "bold red")}
 #: So many lines of each at most; in a low terminal fewer.
 _MISSIONS, _SOURCES, _ALERTS = 3, 6, 4
@@ -78,7 +78,7 @@ def _missions(known: Known) -> Iterator[Text]:
 def _under_way(mission: Mission) -> Text:
     state, style = state_of(mission)
     left = duration(mission["time_remaining_s"])
-    facts = [steps_of(mission), metres(mission["path_m"]), f"{left} to the waypoint" if left else ""]
+    facts = [steps_of(mission), metres(mission["path_m"]), f"waypoint in {left}" if left else ""]
     return Text.assemble(
         f"{plain(mission['id'])}  ", (plain(mission["target"]), "bold"), "  ", (state, style), f" {_bar(mission)} ",
         "  ".join(fact for fact in facts if fact),
