@@ -37,6 +37,7 @@ class Stack:
     log_dir: Path
     cameras: list[str] = field(default_factory=list)
     gateway: bool = False
+    recorder: bool = False
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
     @property
@@ -70,6 +71,8 @@ class Stack:
             programs[f"camera-{camera}"] = _Program("services.camera_node", more={"SURVEILNAV_CAMERA__ID": camera})
         if self.gateway:
             programs["gateway"] = _Program("services.gateway")
+        if self.recorder:
+            programs["recorder"] = _Program("services.recorder")
         return programs
 
     def start(self, name: str) -> None:
@@ -84,8 +87,8 @@ class Stack:
             )  # fmt: skip
 
     def can_do_without(self, name: str) -> bool:
-        """Whether the rest can search without that service: a camera."""
-        return name.startswith("camera-")
+        """Whether the rest can search without that service: a camera, the recorder."""
+        return name.startswith("camera-") or name == "recorder"
 
     def log_of(self, name: str) -> Path:
         """The file that the service of that name logs to."""
@@ -115,7 +118,11 @@ class Stack:
 
     def _missing(self, node: Node) -> list[str]:
         """What isn't on the bus yet."""
-        kinds = [*(kind for kind, _ in NEEDED), *(["gateway"] if self.gateway else [])]
+        kinds = [
+            *(kind for kind, _ in NEEDED),
+            *(["gateway"] if self.gateway else []),
+            *(["recorder"] if self.recorder else []),
+        ]
         missing = [kind for kind in kinds if not node.alive(kind)]
         present = node.alive("camera")
         return missing + [f"camera {c}" for c in self.cameras if c not in present]

@@ -9,6 +9,7 @@ import msgspec
 from services.fusion.core.config import FusionConfig
 from services.fusion.core.snapshot import digest, pack
 from services.fusion.durable_map import DurableMap
+from services.fusion.journal import State
 from services.fusion.store import StoreError
 from surveilnav.bus import Answer, Refused, Request, clock_ns
 from surveilnav.messages import LoggedView, MapSnapshot
@@ -59,9 +60,9 @@ class History:
                 self._kept = None
         return Answer(msgspec.structs.replace(header, offset=offset), piece)
 
-    def _header(self, number: int, state: dict[str, object]) -> MapSnapshot:
+    def _header(self, number: int, state: State) -> MapSnapshot:
         maps = state["maps"]
-        revision = maps["maps"]["revision"]  # type: ignore[index]
+        revision = maps["maps"]["revision"]
         return MapSnapshot(
             stamp_ns=clock_ns(), number=number, revision=revision, digest=digest(maps), config=self._config
         )

@@ -61,7 +61,8 @@ def stream_of(schema: str, topic: str) -> Stream | None:
 
 def drawn_line(topic: str, message: Drawn, log_ns: int, publish_ns: int) -> Line:
     """A message that Foxglove and Lichtblick draw."""
-    return Line(topic, "protobuf", _drawn_schema(type(message)), message.SerializeToString(), log_ns, publish_ns)
+    kind: Any = type(message)
+    return Line(topic, "protobuf", _drawn_schema(kind), message.SerializeToString(), log_ns, publish_ns)
 
 
 @cache

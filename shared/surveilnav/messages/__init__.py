@@ -42,8 +42,8 @@ from surveilnav.messages.view import FrameHeader, Part
 __all__ = [
     "ACTIONS", "Ack", "CameraInfo", "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate",
     "Command", "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FINISHED_STATES", "FrameHeader", "Halt", "HaltReply",
-    "InferReply", "InferRequest", "LayerHeader", "LoggedView", "MapSnapshot", "MissionAck", "MissionCancel", "MissionGoal", "MissionPause",
-    "MissionStatus", "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part", "Plan",
+    "InferReply", "InferRequest", "LayerHeader", "LoggedView", "MapSnapshot", "MissionAck", "MissionCancel", "MissionGoal",
+    "MissionPause", "MissionStatus", "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part", "Plan",
     "RecorderStatus", "Recording", "RecordingList", "RecordingPart", "RecordingRemoval", "Revision", "RobotStatus",
     "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "WorkerLoad",
 ]  # fmt: skip
