@@ -183,6 +183,33 @@ def release(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 
 @app.command()
+def replay(
+    file: Annotated[Path, typer.Argument(help="A recording (.mcap), also one that was cut off.")],
+    speed: Annotated[float, typer.Option(min=0.01, max=1000, help="So many times as fast as it happened.")] = 1.0,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="The gateway's port.")] = 8080,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Only make the maps again and compare them. Exit 0 only if they are the same."),
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show a recorded search again, on the page and by REST, until Ctrl-C."""
+    if not check:
+        from cli.replay.play import run_replay
+
+        run_replay(console, file, speed=speed, port=port)
+        return
+    from cli.replay.check import check as compare
+
+    outcome = compare(file)
+    if as_json:
+        print(json.dumps(outcome.as_dict()))
+    else:
+        results.print(outcome.in_words(), markup=False)
+    raise typer.Exit(0 if outcome.same else 1)
+
+
+@app.command()
 def doctor(
     building: Annotated[str, typer.Option(help="Also say how much of this building robots can reach.")] = "",
     as_json: AsJson = False,

@@ -30,7 +30,8 @@ class _Program:
 class Stack:
     """Router and services below one settings environment. Use it as a context manager.
 
-    ``environment`` goes to every process; logs land in ``log_dir``, one file a service.
+    ``environment`` goes to every process; logs land in ``log_dir``, one file a service. ``searches`` False: router and gateway
+    alone, somebody else stands in for the rest.
     """
 
     environment: dict[str, str]
@@ -38,6 +39,7 @@ class Stack:
     cameras: list[str] = field(default_factory=list)
     gateway: bool = False
     recorder: bool = False
+    searches: bool = True
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
     @property
@@ -65,8 +67,9 @@ class Stack:
         programs = {
             "router": _Program("surveilnav.bus.router", ("--listen", self.environment["SURVEILNAV_BUS__ROUTER"]))
         }
-        programs |= {name: _Program(f"services.{name}") for name in ("perception", "fusion", "planner")}
-        programs["robot"] = _Program("services.robot_node")
+        if self.searches:
+            programs |= {name: _Program(f"services.{name}") for name in ("perception", "fusion", "planner")}
+            programs["robot"] = _Program("services.robot_node")
         for camera in self.cameras:
             programs[f"camera-{camera}"] = _Program("services.camera_node", more={"SURVEILNAV_CAMERA__ID": camera})
         if self.gateway:
@@ -118,11 +121,8 @@ class Stack:
 
     def _missing(self, node: Node) -> list[str]:
         """What isn't on the bus yet."""
-        kinds = [
-            *(kind for kind, _ in NEEDED),
-            *(["gateway"] if self.gateway else []),
-            *(["recorder"] if self.recorder else []),
-        ]
+        kinds = [kind for kind, _ in NEEDED] if self.searches else []
+        kinds += [name for name, wanted in (("gateway", self.gateway), ("recorder", self.recorder)) if wanted]
         missing = [kind for kind in kinds if not node.alive(kind)]
         present = node.alive("camera")
         return missing + [f"camera {c}" for c in self.cameras if c not in present]

@@ -36,6 +36,12 @@ class Outcome:
         """Whether both are the same."""
         return self.recorded == self.replayed
 
+    def in_words(self) -> str:
+        """What was found, with both digests."""
+        recorded = self.recorded or "unknown: the recording was cut off before the mission's end"
+        verdict = "the same maps, bit for bit" if self.same else "NOT the same maps"
+        return f"recorded: {recorded}\nreplayed: {self.replayed}\n{verdict}: {self.views} views after maps of {self.began_with}"
+
     def as_dict(self) -> dict[str, Any]:
         return {**asdict(self), "same": self.same}
 
