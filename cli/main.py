@@ -48,6 +48,7 @@ Area = Annotated[float | None, typer.Option(min=1.0, help="One camera for so man
 Everywhere = Annotated[
     bool, typer.Option("--cameras-everywhere", help="Cameras also on floors that robots can't get to.")
 ]
+Record = Annotated[OnOff, typer.Option(help="Whether each mission becomes a file, to be shown again by `replay`.")]
 Perception = Annotated[BackendName, typer.Option(help="What looks at the pictures; auto takes the best that can run.")]
 Text = Annotated[
     str, typer.Argument(help="What looks most like it comes first; a perception with a closed set refuses other words.")
@@ -74,6 +75,7 @@ def demo(
     area_per_camera: Area = None,
     cameras_everywhere: Everywhere = False,
     max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
+    record: Record = OnOff.on,
     runs: Annotated[Path, typer.Option(help="Where run folders go.")] = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
@@ -82,7 +84,7 @@ def demo(
 
     options = DemoOptions(
         building=building, seed=seed, target=target, perception=perception.value, surveillance=surveillance is OnOff.on,
-        **_density(cameras, area_per_camera, cameras_everywhere), max_steps=max_steps, runs=runs,
+        **_density(cameras, area_per_camera, cameras_everywhere), max_steps=max_steps, runs=runs, record=record is OnOff.on,
     )  # fmt: skip
     outcome = run_demo(options, console)
     if as_json:
@@ -102,6 +104,7 @@ def up(
     port: Annotated[int, typer.Option(min=1, max=65535, help="The gateway's port.")] = 8080,
     router: Annotated[str, typer.Option(help="The router's endpoint.")] = "tcp/127.0.0.1:7447",
     logs: Annotated[Path, typer.Option(help="Where the services' logs go.")] = Path("runs/up"),
+    record: Record = OnOff.on,
 ) -> None:
     """Start router and services for a simulated home and keep them running until Ctrl-C."""
     from cli.up import run_up
@@ -109,6 +112,7 @@ def up(
     run_up(
         console, building=building, seed=seed, perception=perception.value, surveillance=surveillance is OnOff.on,
         **_density(cameras, area_per_camera, cameras_everywhere), port=port, router=router, logs=logs,
+        record=record is OnOff.on,
     )  # fmt: skip
 
 

@@ -121,7 +121,7 @@ class Stack:
 
     def _missing(self, node: Node) -> list[str]:
         """What isn't on the bus yet."""
-        kinds = [kind for kind, _ in NEEDED] if self.searches else []
+        kinds: list[str] = [kind for kind, _ in NEEDED] if self.searches else []
         kinds += [name for name, wanted in (("gateway", self.gateway), ("recorder", self.recorder)) if wanted]
         missing = [kind for kind in kinds if not node.alive(kind)]
         present = node.alive("camera")
@@ -156,9 +156,11 @@ def _terminate(processes: list[subprocess.Popen[bytes]]) -> None:
 
 def environment(
     *, router: str, building: str, seed: int, cameras: int | None, area_per_camera_m2: float, perception: str,
-    surveillance: bool, state: Path, cameras_everywhere: bool = False, robot_start: str = "",
+    surveillance: bool, state: Path, recordings: Path = Path("runs/recordings"), cameras_everywhere: bool = False,
+    robot_start: str = "",
 ) -> dict[str, str]:  # fmt: skip
-    """The settings of a stack as environment variables. ``state``: where maps, missions and the robot's place are kept."""
+    """The settings of a stack as environment variables. ``state``: where maps, missions and the robot's place are kept.
+    ``recordings``: where they go, unless the environment says so."""
     settings = {
         "SURVEILNAV_BUS__ROUTER": router,
         "SURVEILNAV_BUS__BUILDING": bus_name(building),
@@ -178,6 +180,7 @@ def environment(
         "SURVEILNAV_PLANNER__STORE": str(state.resolve() / "planner.sqlite"),
         "SURVEILNAV_ROBOT__STORE": str(state.resolve() / "robot.state"),
         "SURVEILNAV_ROBOT__START": robot_start,
+        "SURVEILNAV_RECORDER__FOLDER": os.environ.get("SURVEILNAV_RECORDER__FOLDER", str(recordings.resolve())),
         # Two cores: every process with a pool of its own would only wait for the others.
         "OMP_NUM_THREADS": "2",
         "OPENBLAS_NUM_THREADS": "1",
