@@ -30,7 +30,9 @@ class Folder:
     def file_of(self, id: str) -> Path:
         """Where a recording lies. Refused: it is no id of one."""
         if parts_of(id) is None:
-            raise Refused("unknown_recording", f"expected an id such as 20261125T143519.250Z_m1, got {id!r:.120}")
+            raise Refused(
+                "unknown_recording", f"expected a recording's id, such as 20261125T143519.250Z_m1, got {id!r:.120}"
+            )
         return self.path / f"{id}{ENDING}"
 
     def kept(self) -> list[Kept]:

@@ -16,6 +16,8 @@ from surveilnav.sensing.layers import unpack_layer
 from surveilnav.sensing.packing import unpack_array
 
 _TYPES = {"uint8": PackedElementField.UINT8, "float32": PackedElementField.FLOAT32}
+#: Of a cloud that is drawn: all of a flat's would be most of its recording. The views that made them are in it.
+_MOST_POINTS = 100_000
 _POINT = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")]
 )
@@ -43,7 +45,8 @@ def _grid(header: LayerHeader, payload: bytes, floor_z_m: float) -> DrawnGrid:
 def _cloud(header: LayerHeader, payload: bytes) -> PointCloud:
     if len(header.shape) != 2 or header.shape[1] != 6 or header.dtype != "float32":
         raise WireError(f"expected a cloud of shape (N, 6) float32, got {header.shape} {header.dtype}")
-    array = unpack_array(payload, header.dtype, header.shape)
+    every = max(1, -(-header.shape[0] // _MOST_POINTS))
+    array = unpack_array(payload, header.dtype, header.shape)[::every]
     packed = np.zeros(len(array), _POINT)
     for i, name in enumerate(("x", "y", "z")):
         packed[name] = array[:, i]
