@@ -59,7 +59,7 @@ def test_an_mcap_reader_has_all_of_it(tmp_path, tools):
         assert len(list(reader.iter_messages())) == 30 * 6 == summary.statistics.message_count
         (attachment,) = reader.iter_attachments()
         assert (attachment.name, attachment.data) == ("maps-0", MAPS)
-        assert [(r.name, r.metadata) for r in reader.iter_metadata()][0] == (
+        assert next((r.name, r.metadata) for r in reader.iter_metadata()) == (
             "mission",
             {"mission": "m1", "target": "tv"},
         )
@@ -187,14 +187,18 @@ def test_a_disk_that_fills_leaves_whole_chunks(tmp_path, tools, monkeypatch):
         return real(fd, data[:n])
 
     monkeypatch.setattr(file_module.os, "write", write_some)
-    file, drawer, written = RecordingFile(path), Drawer(), 0
-    with pytest.raises(OSError, match="No space"):
+    file, drawer, written = RecordingFile(path), Drawer(), []
+
+    def write_until_full() -> None:
         for i in range(1, 1000):
             for line in drawer.lines(tools.heard_view(i)):
                 file.write(line)
             file.flush()
-            written = i
+            written.append(i)
+
+    with pytest.raises(OSError, match="No space"):
+        write_until_full()
     file.abandon()
-    assert 0 < len(messages(path)) == written * 5
+    assert 0 < len(messages(path)) == len(written) * 5
     assert path.stat().st_size < 60_000
     assert not is_open(path)

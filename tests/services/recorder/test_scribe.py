@@ -140,7 +140,7 @@ def test_a_disk_that_fills_ends_the_recording_says_it_once_and_the_next_one_work
 def test_others_need_what_is_left_of_the_disk(tmp_path, tools, scribes, monkeypatch):
     free = 10 << 30
     monkeypatch.setattr(Folder, "free_bytes", lambda self: free)
-    node, scribe = scribes(tools, tmp_path, flush_s=0.02)
+    _, scribe = scribes(tools, tmp_path, flush_s=0.02)
     scribe._settings.min_free_mb = 1000
     scribe.begin(ID, {})
     scribe.hear([ID], tools.heard_view(1))

@@ -64,7 +64,9 @@ class Fakes:
 
     def put_revision(self) -> None:
         self.revision.put(
-            m.Revision(stamp_ns=clock_ns(), floor="0", revision=len(self.log), floor_z_m=0.0, robots={}, cameras=[], pending_views=0)
+            m.Revision(
+                stamp_ns=clock_ns(), floor="0", revision=len(self.log), floor_z_m=0.0, robots={}, cameras=[], pending_views=0
+            )
         )  # fmt: skip
 
     def put_status(self, mission: str, state: str, step: int = 0) -> None:
