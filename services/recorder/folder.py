@@ -31,7 +31,7 @@ class Folder:
         """Where a recording lies. Refused: it is no id of one."""
         if parts_of(id) is None:
             raise Refused(
-                "unknown_recording", f"expected a recording's id, such as 20261125T143519.250Z_m1, got {id!r:.120}"
+                "unknown_recording", f"expected a recording's id, such as 20261125T143519250Z_m1, got {id!r:.120}"
             )
         return self.path / f"{id}{ENDING}"
 

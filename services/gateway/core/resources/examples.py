@@ -96,7 +96,7 @@ OBJECT: dict[str, Any] = {
     ],
 }
 RECORDING: dict[str, Any] = {
-    "id": "20260131T100000.250Z_m-0123456789ab",
+    "id": "20260131T100000250Z_m-0123456789ab",
     "mission": "m-0123456789ab",
     "target": "potted plant",
     "state": "complete",
@@ -104,7 +104,7 @@ RECORDING: dict[str, Any] = {
     "started": "2026-01-31T10:00:00.250000Z",
     "changed": "2026-01-31T10:01:12Z",
     "recorder": "recorder",
-    "file": "/api/v1/recordings/20260131T100000.250Z_m-0123456789ab/file",
+    "file": "/api/v1/recordings/20260131T100000250Z_m-0123456789ab/file",
 }
 RECORDER: dict[str, Any] = {
     **_TIMES,
