@@ -14,13 +14,14 @@ _SETTLE_NS = 2 * 10**9
 class Recorded:
     """A mission that is recorded. ``number``: of the newest view that its file holds; None: it needs the maps first.
 
-    ``until_ns``: when its file is closed; None: the mission goes on. ``drawn_s``: when its maps were last drawn.
+    ``until_ns``: when its file is closed; None: the mission goes on. ``has_meaning``: its file holds what its target means.
     """
 
     id: str
     status: MissionStatus
     number: int | None = None
     until_ns: int | None = None
+    has_meaning: bool = False
 
     def hear(self, status: MissionStatus, now_ns: int) -> None:
         """Takes in what the planner says of it."""

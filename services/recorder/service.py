@@ -12,7 +12,7 @@ from services.recorder.core.names import recording_id
 from services.recorder.drawings import Drawings
 from services.recorder.folder import Folder
 from services.recorder.fusion import Fusion
-from services.recorder.meaning import meaning_of
+from services.recorder.meaning import Meanings
 from services.recorder.missions import Recorded, is_under_way
 from services.recorder.scribe import Scribe
 from services.recorder.views import Views
@@ -39,6 +39,7 @@ class RecorderService:
         self._scribe = Scribe(node, settings, self._folder)
         fusion = Fusion(node)
         self._views = Views(node, fusion, self._scribe)
+        self._meanings = Meanings(node, self._scribe)
         self._drawings = Drawings(node, settings, fusion, self._scribe)
         self._recorded: dict[str, Recorded] = {}  # by mission
         self._status = node.publisher(RECORDER_STATUS, recorder=settings.id)
@@ -52,6 +53,7 @@ class RecorderService:
         for row in self._tables[contract.MISSION_STATUS].rows():
             self._on_mission(row)
         more = self._views.follow(self._recorded.values())
+        self._meanings.follow(self._recorded.values())
         revisions = [row.message for row in self._tables[contract.MAP_REVISION].rows()]
         self._drawings.draw(list(self._recorded.values()), revisions)
         for mission, one in list(self._recorded.items()):
@@ -96,10 +98,9 @@ class RecorderService:
             self._begin(mission, Recorded(recording_id(clock_ns(), mission), status))
 
     def _begin(self, mission: str, one: Recorded) -> None:
-        prompt = value_prompt(one.status.target)
         facts = {
             "mission": mission, "target": one.status.target, "robot": one.status.robot, "building": self._node.building,
-            "started_ns": str(one.status.started_ns), "prompt": prompt,
+            "started_ns": str(one.status.started_ns), "prompt": value_prompt(one.status.target),
         }  # fmt: skip
         self._scribe.begin(one.id, facts)
         self._recorded[mission] = one
@@ -107,8 +108,6 @@ class RecorderService:
             for row in table.rows():
                 if row.ids.get("mission") in (None, mission):
                     self._scribe.hear([one.id], Heard(stream, row.key, row.message, row.payload, clock_ns()))
-        if meaning := meaning_of(self._node, prompt):
-            self._scribe.hear([one.id], meaning)
 
     def _end(self, mission: str, one: Recorded) -> None:
         maps = self._views.end(one)
