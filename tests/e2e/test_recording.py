@@ -40,6 +40,12 @@ def files(s: System, mission: str) -> dict[Path, str]:
     return {folder / f"{r.id}.mcap": r.state for r in sorted(rows, key=lambda r: r.id)}
 
 
+def steps_in(path: Path) -> int:
+    """The last step that a recording knows of."""
+    heard = (t for t in told(path) if isinstance(t, Heard) and t.stream.name == "mission_status")
+    return max((t.message.step for t in heard), default=0)
+
+
 def layers_of(port: int) -> dict[str, bytes]:
     url = f"http://127.0.0.1:{port}/api/v1/floors/0/layers"
     return {name: httpx.get(f"{url}/{name}.npy?target=tv", timeout=20).raise_for_status().content for name in _LAYERS}
@@ -136,6 +142,7 @@ def test_the_recorder_may_be_killed_at_any_moment(recorded):
     s = recorded
     s.search("bed", mission="killed", max_steps=40)
     s.wait(lambda m: m.step >= 4, 120, "killed")
+    until(lambda: steps_in(next(iter(files(s, "killed")))) >= 3, "what happened isn't on the disk", 30.0)
     s.kill("recorder")
     at = s.wait(lambda m: True, 10, "killed").step
     s.wait(lambda m: m.step >= at + 2 or m.state in FINISHED_STATES, 60, "killed")
@@ -144,7 +151,7 @@ def test_the_recorder_may_be_killed_at_any_moment(recorded):
     until(lambda: "complete" in files(s, "killed").values(), lambda: files(s, "killed"), 40.0)
     (first, second), states = files(s, "killed"), list(files(s, "killed").values())
     assert states == ["interrupted", "complete"]
-    assert max(t.message.step for t in told(first) if isinstance(t, Heard) and t.stream.name == "mission_status") >= 3
+    assert steps_in(first) >= 3
     cut_off = check(first)
     assert (cut_off.recorded, cut_off.same) == ("", False)
     assert check(second).same
