@@ -14,6 +14,7 @@ from services.gateway.routes import (
     objects,
     page,
     pictures,
+    recordings,
     sources,
     system,
 )
@@ -44,6 +45,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(sources.router(gateway.sources))
     app.include_router(maps.router(gateway.maps))
     app.include_router(objects.router(gateway.objects))
+    app.include_router(recordings.router(gateway.recordings))
     app.include_router(events.router(gateway.events))
     app.include_router(system.router(gateway))
     app.include_router(page.router())

@@ -18,6 +18,7 @@ from services.gateway.maps import Maps
 from services.gateway.missions import Missions
 from services.gateway.objects import Objects
 from services.gateway.pictures import Pictures
+from services.gateway.recordings import Recordings
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
 from services.gateway.watch import Watch
@@ -38,6 +39,7 @@ class Gateway:
         self.sources = Sources(self._state)
         self.maps = Maps(self._state, self.cameras, self.sources, self.missions)
         self.objects = Objects(self._state)
+        self.recordings = Recordings(self._state)
         self.events = Events()
         self._watch = Watch(self._state, self.cameras, self.sources, self.events)
 
@@ -74,7 +76,8 @@ class Gateway:
         return Heard(
             cameras=self.cameras.all(), floors=self.maps.floors(), robots=self.sources.robots(),
             missions=self.missions.all(), processes=self.services(), workers=workers, traffic=self.traffic(),
-            ready=self.readiness().ready, event_streams=self.events.streams, events=self.events.newest,
+            recorders=self.recordings.recorders(), ready=self.readiness().ready, event_streams=self.events.streams,
+            events=self.events.newest,
         )  # fmt: skip
 
     def readiness(self) -> Readiness:
