@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import FastAPI
 
 from services.gateway import problem_answers, refusals
-from services.gateway.routes import cameras, documentation, events, maps, missions, objects, page, sources, system
+from services.gateway.routes import cameras, documentation, events, live, maps, missions, objects, page, sources, system
 from services.gateway.service import Gateway
 from surveilnav import __version__
 
@@ -33,6 +33,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(maps.router(gateway.maps))
     app.include_router(objects.router(gateway.objects))
     app.include_router(events.router(gateway.events))
+    app.include_router(live.router(gateway.live, gateway.tiles))
     app.include_router(system.router(gateway))
     app.include_router(page.router())
     app.include_router(documentation.router())

@@ -259,7 +259,7 @@ def test_any_last_event_id_is_answered(client, last_id):
 
 
 def test_more_streams_than_fit_are_refused(client, monkeypatch):
-    monkeypatch.setattr("services.gateway.events._MAX_STREAMS", 0)
+    monkeypatch.setattr("services.gateway.feed._MAX_STREAMS", 0)
     answer = client.get(URL)
     assert (answer.status_code, answer.headers["retry-after"]) == (503, "10")
     assert answer.json()["type"].endswith(":too_many_streams")

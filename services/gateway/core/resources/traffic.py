@@ -47,6 +47,14 @@ class Traffic(BaseModel):
     cameras: list[SourceTraffic]
     robots: list[SourceTraffic]
 
+    def by_source(self) -> dict[str, BaseModel]:
+        """The sums apart: "total", "camera/..." and "robot/..."."""
+        total = self.model_copy(update={"nodes": [], "cameras": [], "robots": []})
+XX
+            {f"{kind}/{s.id}": s for s in found} for kind, found in (("camera", self.cameras), ("robot", self.robots))
+        )
+        return {"total": total, **cameras, **robots}
+
     @classmethod
     def from_sums(cls, total: sums.Traffic, heard: dict[str, tuple[int, bool]]) -> Traffic:
         """``heard``: by "kind/node", when a report last came (ns) and whether that is too long ago."""
