@@ -19,8 +19,6 @@ from services.gateway.core.problems import Problem
 from services.gateway.feed import Feed
 from services.gateway.problem_answers import answer
 
-#: So often the present id is sent where nothing happens: who is gone, or what stands between, is noticed.
-_HEARTBEAT_S = 15.0
 #: So often a stream looks whether the gateway is about to stop.
 _LOOK_S = 0.5
 #: Bytes for a client that doesn't read wait so long; a client that comes back goes on from its last event.
@@ -64,8 +62,8 @@ class EventStream(Response):
             position, found = self._events.after(number, self._ids)
             told = self._reset(position.number, position.gap) if position.gap else ""
             told += "".join(_block(self._events.id_of(e.number), e.kind, e.data) for e in found)
-            if not told and quiet_s >= _HEARTBEAT_S:
-                told = f"id: {self._events.id_of(number)}\n\n"
+            if not told and quiet_s >= self._events.beat_s:
+                told = f"id: {self._events.id_of(number)}\n{self._events.beat}\n"
             number, quiet_s = found[-1].number if found else position.number, quiet_s + _LOOK_S
             if told:
                 quiet_s = 0.0

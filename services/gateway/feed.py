@@ -19,10 +19,15 @@ class Feed:
     """What happened (a log) or how things are (a board), under a lock, and the streams that wait for news of it.
 
     Attributes:
+        beat_s: so often the present id is sent where nothing happens: who is gone, or what stands between, is noticed.
+        beat: what is sent with it, if clients shall notice, too.
         ended: whether the gateway is about to stop, so that streams end.
         advice: what a client does that is told to begin anew.
         streams: how many are open.
     """
+
+    beat_s = 15.0
+    beat = ""
 
     def __init__(self, source: EventLog | Board) -> None:
         self._source, self.advice = source, source.advice

@@ -24,6 +24,9 @@ class Live(Feed):
     ``sources``: by kind, what gives all resources of it. A resource is shown again if anything but ``last_seen`` changed.
     """
 
+    beat_s = 5.0
+    beat = "event: beat\ndata: {}\n"
+
     def __init__(self, node: Node, sources: Mapping[str, Callable[[], Things]]) -> None:
         self._board = Board(uuid.uuid4().hex[:8])
         super().__init__(self._board)

@@ -16,6 +16,7 @@ import msgspec
 import pytest
 
 from services.gateway.event_stream import EventStream
+from services.gateway.feed import Feed
 from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Node, clock_ns
@@ -241,7 +242,7 @@ _init = EventStream.__init__
 
 def test_a_quiet_stream_says_where_it_is(client, monkeypatch):
     """What an id alone on a line does: the client comes back with it, and proxies see that the stream lives."""
-    monkeypatch.setattr("services.gateway.event_stream._HEARTBEAT_S", 0.0)
+    monkeypatch.setattr(Feed, "beat_s", 0.0)
     with client.stream("GET", URL) as answer:
         lines = answer.iter_lines()
         until(lambda: next(lines) == "", "no first event")

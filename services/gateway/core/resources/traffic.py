@@ -50,10 +50,8 @@ class Traffic(BaseModel):
     def by_source(self) -> dict[str, BaseModel]:
         """The sums apart: "total", "camera/..." and "robot/..."."""
         total = self.model_copy(update={"nodes": [], "cameras": [], "robots": []})
-XX
-            {f"{kind}/{s.id}": s for s in found} for kind, found in (("camera", self.cameras), ("robot", self.robots))
-        )
-        return {"total": total, **cameras, **robots}
+        cameras = {f"camera/{s.id}": s for s in self.cameras}
+        return {"total": total, **cameras, **{f"robot/{s.id}": s for s in self.robots}}
 
     @classmethod
     def from_sums(cls, total: sums.Traffic, heard: dict[str, tuple[int, bool]]) -> Traffic:
