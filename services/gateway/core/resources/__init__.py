@@ -13,11 +13,11 @@ from services.gateway.core.resources.layer import Layer
 from services.gateway.core.resources.mission import Mission, MissionPlan, NewMission
 from services.gateway.core.resources.object import Object
 from services.gateway.core.resources.readiness import NEEDED, Readiness
-from services.gateway.core.resources.robot import Robot, RobotHalt, Worker
+from services.gateway.core.resources.robot import Robot, RobotHalt, Target, Worker
 from services.gateway.core.resources.service import Service
 from services.gateway.core.resources.traffic import Traffic
 
 __all__ = [
     "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "Floor", "GrowingItems", "Items", "Layer", "Mission", "MissionPlan",
-    "NewMission", "Object", "Readiness", "Robot", "RobotHalt", "Service", "Traffic", "Worker",
+    "NewMission", "Object", "Readiness", "Robot", "RobotHalt", "Service", "Target", "Traffic", "Worker",
 ]  # fmt: skip

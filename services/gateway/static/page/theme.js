@@ -1,4 +1,5 @@
 // Light or dark: as the system has it, or as a person chose.
+import { Icon } from "./icons.js";
 import { html, useState } from "./ui.js";
 
 const KEY = "surveilnav-theme";
@@ -35,5 +36,5 @@ export function ThemeButton() {
   const toggle = () => { chosen = isDark() ? "light" : "dark"; write(chosen); apply(); again(n => n + 1); };
   const next = isDark() ? "light" : "dark";
   return html`<button class="icon" onClick=${toggle} aria-label="Switch to ${next} colours" title="Switch to ${next} colours">
-    ${isDark() ? "☀" : "☾"}</button>`;
+    <${Icon} name=${isDark() ? "sun" : "moon"} /></button>`;
 }

@@ -80,7 +80,10 @@ export class MapCanvas {
     drawScene(c, view, this.t, { floor: this.floor, layers: this.layers, shown: this.shown, poses: this.poses, came: () => this.draw() });
   }
 
-  #wanted() { return LAYERS.filter(layer => this.shown[layer] || layer === "explored"); }
+  #wanted() {
+    const searched = all("mission").length > 0; // values belong to a target
+    return LAYERS.filter(layer => (this.shown[layer] || layer === "explored") && (searched || layer !== "value"));
+  }
   #here(...kinds) { return kinds.flatMap(all).filter(thing => thing.floor === this.floor); }
 
   #resize() {

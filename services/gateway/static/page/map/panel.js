@@ -1,5 +1,6 @@
 // The map with its switches: floor, layers, zoom; a hint beside the pointer.
 import { percent } from "../format.js";
+import { Icon } from "../icons.js";
 import { all, one, useStore } from "../store.js";
 import { html, useEffect, useRef, useState } from "../ui.js";
 import { MapCanvas } from "./canvas.js";
@@ -34,11 +35,11 @@ export function MapPanel() {
     <div class="row head"><h2 id="map-title">Map</h2><${Floors} floor=${floor} />
       <span class="grow"></span><${MapNote} floor=${floor} /></div>
     <div class="row switches" role="group" aria-label="Layers">${SWITCHES.map(([key, name]) => html`
-      <button class="switch ${key}" aria-pressed=${shown[key]} onClick=${() => setShown({ ...shown, [key]: !shown[key] })}><i aria-hidden="true"></i>${name}</button>`)}</div>
+      <button class="switch show-${key}" aria-pressed=${shown[key]} onClick=${() => setShown({ ...shown, [key]: !shown[key] })}><i aria-hidden="true"></i>${name}</button>`)}</div>
     <div class="stage">
       <canvas ref=${canvas} tabindex="0" role="application" aria-label="Map of floor ${floor ?? "?"}. Arrow keys move it, plus and minus zoom, 0 shows everything."></canvas>
-      <div class="zoom"><button aria-label="Zoom in" onClick=${() => map.current.zoom(1.3)}>+</button><button aria-label="Zoom out" onClick=${() => map.current.zoom(0.77)}>−</button>
-        <button aria-label="Show everything" title="Show everything (0)" onClick=${() => map.current.fit()}>⤢</button></div>
+      <div class="zoom"><button aria-label="Zoom in" onClick=${() => map.current.zoom(1.3)}><${Icon} name="plus" /></button><button aria-label="Zoom out" onClick=${() => map.current.zoom(0.77)}><${Icon} name="minus" /></button>
+        <button aria-label="Show everything" title="Show everything (0)" onClick=${() => map.current.fit()}><${Icon} name="fit" /></button></div>
       ${hint && html`<${Hint} ...${hint} />`}
       <${Empty} floor=${floor} />
     </div>

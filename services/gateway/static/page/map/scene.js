@@ -27,7 +27,7 @@ export function drawScene(c, view, t, { floor, layers, shown, poses, came }) {
   const plans = here("plan");
   for (const robot of here("robot")) symbols.trail(c, view, trailOf(robot.id).filter(p => p.floor === floor), t);
   for (const plan of plans) drawPlan(c, view, plan, t);
-  if (shown.objects) drawObjects(c, view, here("object"), t);
+  if (shown.objects) drawObjects(c, view, here("object"), t, cameras.map(camera => symbols.cameraBox(view, camera)));
   for (const camera of cameras) symbols.cameraMark(c, view, camera, t, selection.camera === camera.id);
   for (const plan of plans) symbols.waypoint(c, view, plan.waypoint, t);
   for (const robot of here("robot")) symbols.robotMark(c, view, robot, poses.of(robot), t);
@@ -71,17 +71,16 @@ function drawPlan(c, view, plan, t) {
 
 const rank = o => (o.status === "confirmed" ? 2 : 0) + (o.confidence ?? 0);
 
-function drawObjects(c, view, objects, t) {
+function drawObjects(c, view, objects, t, taken) {
   const targets = new Set(all("plan").map(p => all("mission").find(m => m.id === p.mission)?.target));
   const list = objects.filter(o => o.status !== "rejected" && o.center_m[0] != null).sort((a, b) => rank(a) - rank(b));
   const state = o => ({ wanted: targets.has(o.label), chosen: selection.object === `${o.floor}/${o.id}` });
   for (const o of list) symbols.objectMark(c, view, o, t, state(o));
-  labels(c, view, list.reverse().filter(o => o.status === "confirmed" || state(o).wanted || state(o).chosen).slice(0, MOST_LABELS), t);
+  labels(c, view, list.reverse().filter(o => o.status === "confirmed" || state(o).wanted || state(o).chosen).slice(0, MOST_LABELS), t, taken);
 }
 
 /** Names where there is room for them, the surest first. */
-function labels(c, view, objects, t) {
-  const taken = [];
+function labels(c, view, objects, t, taken) {
   c.font = `500 12px ${t.font}`;
   for (const o of objects) {
     const [u, v] = view.to(o.center_m[0], o.center_m[1]), text = `${o.label} ${Math.round(100 * (o.confidence ?? 0))}%`;

@@ -4,7 +4,7 @@ export function cameraCone(c, view, camera, outlines, t) {
   const [u, v] = view.to(...camera.position_m);
   const reach = 4 * view.scale, glow = c.createRadialGradient(u, v, 0, u, v, reach);
   const tint = camera.stale ? t.stale : camera.invoked ? t.camera : t.quiet;
-  glow.addColorStop(0, withAlpha(tint, camera.invoked && !camera.stale ? 0.42 : 0.16));
+  glow.addColorStop(0, withAlpha(tint, camera.invoked && !camera.stale ? 0.3 : 0.1));
   glow.addColorStop(1, withAlpha(tint, 0));
   c.fillStyle = glow;
   c.beginPath();
@@ -27,7 +27,7 @@ export function cameraMark(c, view, camera, t, chosen) {
   c.fill();
   if (camera.invoked && !camera.stale) ring(c, u, v, r + 4, camera.views_processed / camera.views.length, t.camera);
   if (chosen) ring(c, u, v, r + 8, 1, t.accent);
-  label(c, camera.id + (camera.stale ? " ✕" : camera.paused ? " ⏸" : ""), u + r + 5, v - r - 2, t, t.soft);
+  label(c, camera.id + (camera.stale ? " (gone)" : camera.paused ? " (paused)" : ""), u + r + 5, v - r - 2, t, t.soft);
 }
 
 /** How much of something is done. */
@@ -38,6 +38,9 @@ function ring(c, u, v, r, share, colour) {
   c.arc(u, v, r, -Math.PI / 2, -Math.PI / 2 + 2 * Math.PI * Math.min(1, share));
   c.stroke();
 }
+
+/** Where a camera's symbol and name are: no other name goes there. */
+export const cameraBox = (view, camera) => { const [u, v] = view.to(...camera.position_m); return [u - 10, v - 20, u + 44, v + 10]; };
 
 export function robotMark(c, view, robot, pose, t) {
   const [u, v] = view.to(pose.x, pose.y), r = Math.max(9, 0.17 * view.scale);

@@ -12,7 +12,7 @@ export const ranked = plan => [...plan.candidates].sort((a, b) => (b.chosen - a.
 function Candidate({ place, best }) {
   const at = { x: place.x_m, y: place.y_m };
   return html`<li class=${place.chosen ? "chosen" : ""} onMouseEnter=${() => highlight(at)} onMouseLeave=${() => highlight(null)}>
-    <span class="what">${place.chosen ? "▸ " : ""}${KINDS[place.kind] ?? place.kind}${place.object_id == null ? "" : ` #${place.object_id}`}</span>
+    <span class="what">${KINDS[place.kind] ?? place.kind}${place.object_id == null ? "" : ` #${place.object_id}`}</span>
     <span class="score"><span class="bar" aria-hidden="true"><i data-share=${share(place.score, best)}></i></span>${place.score == null ? "" : place.score.toFixed(2)}</span>
     <span class="note">${place.note}</span></li>`;
 }

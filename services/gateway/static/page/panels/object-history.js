@@ -1,6 +1,7 @@
 // An object with all that ever happened to it: who said what, and what came of it.
 import { get, part } from "../api.js";
 import { clock, metres, percent } from "../format.js";
+import { Icon } from "../icons.js";
 import { chooseObject, highlight } from "../map/selection.js";
 import { one, useStore } from "../store.js";
 import { html, useEffect, useRef, useState } from "../ui.js";
@@ -26,7 +27,7 @@ export function ObjectHistory({ id }) {
   const close = () => { chooseObject(null); highlight(null); };
   return html`<dialog ref=${dialog} onClose=${close} onClick=${e => e.target === dialog.current && dialog.current.close()} aria-labelledby="object-title">
     <div class="row head"><h2 id="object-title">${o ? `${o.label} #${o.id}` : `Object #${id.split("/")[1]}`}</h2><span class="grow"></span>
-      <button class="icon" aria-label="Close" onClick=${() => dialog.current.close()}>✕</button></div>
+      <button class="icon" aria-label="Close" onClick=${() => dialog.current.close()}><${Icon} name="close" /></button></div>
     ${problem && html`<p class="bad-text">${problem}</p>`}
     ${!o && !problem && html`<p class="soft">Loading its history …</p>`}
     ${o && html`<${Facts} object=${o} /><${History} events=${o.history} />`}
