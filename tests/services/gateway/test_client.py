@@ -66,13 +66,14 @@ def shown(command, gateway, *arguments, **options):
     return console.file.getvalue()
 
 
-def test_the_commands_print_what_the_client_told(gateway, capsys):
+def test_the_commands_print_what_the_client_told(gateway, building, capsys):
     assert "r1  stopped" in shown(remote.stop_robots, gateway, "smoke", as_json=False)
     shown(remote.release_robots, gateway, as_json=True)
     assert {"robot": "r1", "halted": False, "stale": False} in json.loads(capsys.readouterr().out)["robots"]
     assert "couch 0  floor 0 at (1.0, 2.0, 0.4) m  confirmed 0.80" in shown(
         remote.list_objects, gateway, "", "couch", "0", as_json=False
     )
+    until(lambda: building.put_sources() or any(t["name"] == "tv" for t in gateway.targets()))
     text = shown(remote.system_status, gateway, as_json=False)
     assert "id=c1" in text
     assert "perception (1)" in text

@@ -15,10 +15,18 @@ import msgspec
 import pytest
 
 from services.gateway import tiles
+from services.gateway.live import Live
 from services.gateway.tiles import Tiles
 from surveilnav import contract
 from surveilnav.bus import Node, clock_ns
 from tests.waiting import until
+
+
+@pytest.fixture(autouse=True)
+def _often(monkeypatch):
+    """A stream says something every half second: a watcher that shall end hears it."""
+    monkeypatch.setattr(Live, "beat_s", 0.5)
+    monkeypatch.setattr(Tiles, "beat_s", 0.5)
 
 
 class Watcher:
@@ -101,8 +109,7 @@ def test_a_camera_that_is_forgotten_is_gone(client, building):
         until(lambda: live.known["camera", "c9"] is None, "it never went")
 
 
-def test_many_viewers_cost_a_camera_one_small_picture(router, building, start_gateway, monkeypatch):
-    monkeypatch.setattr(Tiles, "beat_s", 0.5)
+def test_many_viewers_cost_a_camera_one_small_picture(router, building, start_gateway):
     with ExitStack() as stack:
         url, gateway = start_gateway(router, stack)
         client = stack.enter_context(httpx.Client(base_url=url, timeout=20))
