@@ -29,7 +29,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """Debian's Chromium without a window."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright isn't installed: pip install -e '.[dev]'")
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright isn't installed: pip install -e '.[dev]'"
+    )
     if not _CHROMIUM:
         pytest.skip("no Chromium here: apt-get install chromium")
     with playwright.sync_playwright() as started:

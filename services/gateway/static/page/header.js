@@ -20,7 +20,7 @@ export function Header() {
   useStore();
   const [kind, text] = readiness(useNow()), building = one("building", "");
   return html`<header class="bar">
-    <h1><img src=${new URL("../icon.svg", import.meta.url)} alt="" width="24" height="24" /> SurveilNav</h1>
+    <h1><img src=${new URL("../icon.svg", import.meta.url)} alt="" width="24" height="24" /><span>SurveilNav</span></h1>
     ${building && html`<span class="building" title="the building">${building.id}</span>`}
     <span class="pill ${kind}" id="readiness"><i aria-hidden="true"></i>${text}</span>
     <span class="grow"></span>

@@ -23,7 +23,8 @@ export function drawScene(c, view, t, { floor, layers, shown, poses, came }) {
   metreGrid(c, view, t);
   drawLayers(c, view, layers, shown);
   const cameras = here("camera");
-  if (shown.cones) drawCones(c, view, cameras, layers, t, came);
+  const tints = { ...t, coneAlpha: shown.value && layers?.pictures.value ? 0.18 : 0.34 }; // two tints at once would hide each other
+  if (shown.cones) drawCones(c, view, cameras, layers, tints, came);
   const plans = here("plan");
   for (const robot of here("robot")) symbols.trail(c, view, trailOf(robot.id).filter(p => p.floor === floor), t);
   for (const plan of plans) drawPlan(c, view, plan, t);

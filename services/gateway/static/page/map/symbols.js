@@ -4,7 +4,7 @@ export function cameraCone(c, view, camera, outlines, t) {
   const [u, v] = view.to(...camera.position_m);
   const reach = 4 * view.scale, glow = c.createRadialGradient(u, v, 0, u, v, reach);
   const tint = camera.stale ? t.stale : camera.invoked ? t.camera : t.quiet;
-  glow.addColorStop(0, withAlpha(tint, camera.invoked && !camera.stale ? 0.3 : 0.1));
+  glow.addColorStop(0, withAlpha(tint, camera.invoked && !camera.stale ? t.coneAlpha : t.coneAlpha / 3));
   glow.addColorStop(1, withAlpha(tint, 0));
   c.fillStyle = glow;
   c.beginPath();

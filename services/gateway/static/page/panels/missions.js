@@ -19,7 +19,7 @@ export function MissionPanel() {
       <${MissionForm} />
       ${active.map(m => html`<${MissionCard} key=${m.id} mission=${m} />`)}
     </section>
-    <section class="panel" aria-labelledby="history-title">
+    <section class="panel" id="missions-past" aria-labelledby="history-title">
       <h2 id="history-title">Missions</h2>
       <${MissionTable} missions=${list} />
     </section>`;
