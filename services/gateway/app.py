@@ -9,6 +9,7 @@ from services.gateway.routes import (
     cameras,
     documentation,
     events,
+    live,
     maps,
     missions,
     objects,
@@ -47,6 +48,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(objects.router(gateway.objects))
     app.include_router(recordings.router(gateway.recordings))
     app.include_router(events.router(gateway.events))
+    app.include_router(live.router(gateway.live, gateway.tiles, gateway.looks))
     app.include_router(system.router(gateway))
     app.include_router(page.router())
     app.include_router(documentation.router())

@@ -303,6 +303,11 @@ class StageTimes(TypedDict):
     p95_ms: float | None
 
 
+class Target(TypedDict):
+    name: str
+    workers: list[str]
+
+
 class Traffic(TypedDict):
     offered_bytes: int
     delivered_bytes: int

@@ -14,12 +14,12 @@ from services.gateway.core.resources.mission import Mission, MissionPlan, NewMis
 from services.gateway.core.resources.object import Object
 from services.gateway.core.resources.readiness import NEEDED, Readiness
 from services.gateway.core.resources.recording import Recorder, Recording
-from services.gateway.core.resources.robot import Robot, RobotHalt, Worker
+from services.gateway.core.resources.robot import Robot, RobotHalt, Target, Worker
 from services.gateway.core.resources.service import Service
 from services.gateway.core.resources.traffic import Traffic
 
 __all__ = [
     "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "CameraLook", "Floor", "GrowingItems", "Items", "Layer", "Mission",
     "MissionPlan", "NewMission", "Object", "PictureKeeper", "Readiness", "Recorder", "Recording", "Robot", "RobotHalt",
-    "Service", "Traffic", "Worker",
+    "Service", "Target", "Traffic", "Worker",
 ]  # fmt: skip
