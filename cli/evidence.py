@@ -34,6 +34,12 @@ def trajectory(recorder: Recorder) -> list[Step]:
     return steps
 
 
+def actions(recorder: Recorder) -> list[str]:
+    """What the robot did, one after the other."""
+    headers = [recorder.observations[seq][0] for seq in sorted(recorder.observations)]
+    return [header.last_action for header in headers if header.last_action]
+
+
 def layers(node: Node, floor: str, target: str) -> Layers:
     """The map layers of a floor; values are those of ``target``."""
     found: Layers = {}

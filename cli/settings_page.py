@@ -22,6 +22,7 @@ from services.fusion.core.config import FusionConfig
 from services.gateway.config import GatewaySettings
 from services.perception.config import PerceptionSettings
 from services.planner.config import PlannerSettings
+from services.recorder.config import RecorderSettings
 from services.robot_node.config import RobotSettings
 from simulator.simulation import SimulationSettings
 from surveilnav.bus import BusSettings
@@ -42,7 +43,7 @@ SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is nu
 ```
 
 - `surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options,
-  whatever the environment says. `--help` lists the options.
+  whatever the environment says, but for the folder of recordings. `--help` lists the options.
 - A name that doesn't exist is an error below a part (`FUSION__MAP__...`, `PLANNER__CORE__...`), and ignored elsewhere.
 - A description that begins with `...` goes on from the row above.
 
@@ -80,6 +81,7 @@ SECTIONS = (
     Section("Fusion", "services/fusion/config.py", FusionSettings, FusionConfig),
     Section("Planner", "services/planner/config.py", PlannerSettings),
     Section("Gateway", "services/gateway/config.py", GatewaySettings),
+    Section("Recorder", "services/recorder/config.py", RecorderSettings),
 )
 
 

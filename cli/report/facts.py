@@ -27,7 +27,8 @@ from cli.report.key_moments import key_moments
 from cli.report.record import Moment, RunRecord, Step, TrafficLine, plain
 from cli.report.view_picture import view_svg
 from cli.report.why import reasons
-from cli.report.words import duration, human_bytes, judgement, outcome
+from cli.report.words import judgement, outcome
+from cli.words import duration, human_bytes
 from services.gateway.core.layers import COLOURS
 from surveilnav.messages import ObjectRecord, Plan
 from surveilnav.words import canonical

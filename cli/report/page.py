@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from cli.report.facts import facts_of
 from cli.report.record import RunRecord
-from cli.report.words import human_bytes
+from cli.words import human_bytes
 
 _TEMPLATE = "report.html.j2"
 

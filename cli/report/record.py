@@ -106,6 +106,7 @@ class RunRecord:
         objects: the object map of all floors at the end.
         map_moments: the maps as they grew.
         room: the room of what was found, if the building names it.
+        actions: what the robot did, one after the other.
     """
 
     building: str
@@ -130,6 +131,7 @@ class RunRecord:
     notes: Sequence[str] = ()
     map_moments: Sequence[MapMoment] = ()
     room: str = ""
+    actions: Sequence[str] = ()
 
     @property
     def found(self) -> bool:
@@ -156,6 +158,14 @@ class RunRecord:
             return (status.finished_ns - status.started_ns) / 1e9
         spent_s = self.trajectory[-1].t_s - self.trajectory[0].t_s if self.trajectory else 0.0
         return spent_s if 0.0 < spent_s < math.inf else None
+
+    @property
+    def first_action_s(self) -> float | None:
+        """From the mission's start to the first plan, by the planner's clock; None if unknown."""
+        status, first_ns = self.status, min((plan.stamp_ns for plan in self.plans), default=0)
+        return (
+            (first_ns - status.started_ns) / 1e9 if status is not None and 0 < status.started_ns <= first_ns else None
+        )
 
     @property
     def chosen(self) -> ObjectRecord | None:
@@ -211,6 +221,9 @@ def run_json(record: RunRecord, report: Path | None = None) -> dict[str, Any]:
         "path_m": record.number("path_m"),
         "shortest_path_m": record.number("shortest_path_m"),
         "seconds": round(record.seconds, 3),
+        "search_s": plain(record.search_s),
+        "first_action_s": plain(record.first_action_s),
+        "actions": list(record.actions),
         "started": record.started.isoformat(),
         "perception": record.perception,
         "perception_why": record.perception_why,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from cli.report.record import RunRecord, first_seen_by
+from cli.words import duration
 
 Tone = Literal["good", "half", "bad"]
 
@@ -78,28 +79,3 @@ def _who_was_first(record: RunRecord) -> str:
     chosen = record.chosen
     first = first_seen_by(chosen) if chosen is not None else ""
     return f"; camera {first.removeprefix('camera/')} had seen it first" if first.startswith("camera/") else ""
-
-
-def human_bytes(n: int | None) -> str:
-    """Decimal units, two or three figures: "312 B", "4.7 kB", "81 MB"."""
-    if n is None:
-        return "–"
-    value, unit = float(n), "B"
-    for unit in ("B", "kB", "MB", "GB", "TB"):
-        if value < 999.5 or unit == "TB":
-            break
-        value /= 1000
-    return f"{value:.1f} {unit}" if value < 9.95 and unit != "B" else f"{value:.0f} {unit}"
-
-
-def clock(seconds: float) -> str:
-    """Minutes and seconds: "2:10"."""
-    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
-
-
-def duration(seconds: float) -> str:
-    """In words: "31 s", "2 min 10 s", "1 h 5 min"."""
-    n = round(seconds)
-    if n < 60:
-        return f"{n} s"
-    return f"{n // 60} min {n % 60} s" if n < 3600 else f"{n // 3600} h {n % 3600 // 60} min"

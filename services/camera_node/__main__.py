@@ -18,7 +18,7 @@ from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
-from surveilnav.perception import Backend
+from surveilnav.perception.backend import Backend
 
 
 def main() -> None:

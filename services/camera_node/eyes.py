@@ -21,7 +21,7 @@ from services.camera_node.sources.source import Source
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.errors import BusError, PerceptionError
-from surveilnav.perception import Backend
+from surveilnav.perception.backend import Backend
 from surveilnav.sensing.views import looks_straight_down
 
 _NICE = 10

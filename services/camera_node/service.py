@@ -15,6 +15,9 @@ from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
 from surveilnav.messages import Ack, CameraInfo, CameraViewInfo, FrameHeader
 from surveilnav.sensing.truth import truth_to_wire
 
+#: A thumbnail of a smaller width shows nothing.
+_LEAST_THUMBNAIL_PX = 64
+
 
 class CameraService:
     """Serves the views of one camera, without their mask zones."""
@@ -100,7 +103,7 @@ class CameraService:
         if unknown or not views:
             raise Refused("bad_view", f"expected views of 0-{len(self._frames) - 1}, got {views}")
         if action == "thumbnail":
-            return Answer(Ack(stamp_ns=clock_ns()), self._thumbnail(views[0]))
+            return Answer(Ack(stamp_ns=clock_ns()), self._thumbnail(views[0], request.message.width_px))
         with self._lock:
             self._requested |= set(views)
         self._node.wake.set()
@@ -114,7 +117,8 @@ class CameraService:
             self._node.wake.set()
         return Answer(Ack(stamp_ns=clock_ns(), message="paused" if paused else "looking"))
 
-    def _thumbnail(self, view: int) -> bytes:
+    def _thumbnail(self, view: int, width_px: int) -> bytes:
         if self._source.version(view) is None:
             raise Refused("busy", f"view {view} has no picture yet: ask again later")
-        return self._encoded.thumbnail(view, self._settings.thumbnail_width_px)
+        most_px = self._settings.thumbnail_width_px
+        return self._encoded.thumbnail(view, min(max(width_px, _LEAST_THUMBNAIL_PX), most_px) if width_px else most_px)

@@ -18,7 +18,7 @@ from services.fusion.core.map_object import ObjectChange
 from services.fusion.core.snapshot import SnapshotError, freeze, thaw
 from services.fusion.journal import Journal, State
 from services.fusion.records import PerceivedView, ViewKey
-from services.fusion.store import StoreError
+from services.fusion.store import Entry, StoreError
 from surveilnav.bus import Node
 from surveilnav.messages.maps import ObjectEvent
 
@@ -38,6 +38,7 @@ class DurableMap:
         self._node = node
         self.joint = JointMap(settings.core())
         self.lock = threading.Lock()
+        self._whole = threading.Lock()  # maps, contents and the log's number belong together
         self.contents = MapContents()
         self._journal = Journal(node, settings, keep_pictures_s) if settings.store else None
         self._waiting: dict[ViewKey, PerceivedView] = {}
@@ -82,6 +83,19 @@ class DurableMap:
         """Everything that ever happened to an object; None without a store. StoreError: it can't be read."""
         return None if self._journal is None else self._journal.history(floor, object_id)
 
+    def logged_after(self, number: int) -> tuple[int, tuple[int, Entry] | None]:
+        """The number of the newest view taken, and the first that the log has after one, with its number; None: there is none
+        yet. From any thread. StoreError: it can't be read, or there is no log."""
+        if self._journal is None:
+            raise StoreError("no_log", "fusion keeps no log of views: set SURVEILNAV_FUSION__STORE")
+        return self._journal.number, self._journal.after(number)
+
+    def frozen(self) -> tuple[int, State]:
+        """A copy of the maps and of what they have processed, and the number of the view that they took last. From any
+        thread."""
+        with self._whole:
+            return (self._journal.number if self._journal else 0), self._frozen()
+
     def close(self) -> None:
         """Ends a snapshot that is being written, and closes the file."""
         if self._journal is not None:
@@ -123,6 +137,10 @@ class DurableMap:
 
     def _take(self, number: int, perceived: PerceivedView, *, again: bool = False) -> None:
         """Has the maps take a view. ``again``: after a restart, when what is wrong with it was said before."""
+        with self._whole:
+            self._take_whole(number, perceived, again)
+
+    def _take_whole(self, number: int, perceived: PerceivedView, again: bool) -> None:
         source, view = perceived.key
         refused, floor, taken = perceived.fault, "", False
         changes: tuple[ObjectChange, ...] = ()

@@ -36,7 +36,7 @@ _ROW_BYTES = 1024  # of a view in the log, beside its picture: about
 
 
 class Journal:
-    """One file; used by the loop alone, but for ``history``.
+    """One file; used by the loop alone, but for ``history`` and ``after``.
 
     Attributes:
         number: of the newest view taken, in the log.
@@ -102,6 +102,17 @@ class Journal:
     def history(self, floor: str, object_id: int) -> list[ObjectEvent]:
         """Everything that ever happened to an object. StoreError: it can't be read."""
         return self._store.history(floor, object_id)
+
+    def after(self, number: int) -> tuple[int, Entry] | None:
+        """The first view in the log after one, with its number, if the maps have taken it. From any thread. StoreError: it can't
+        be read."""
+        newest = self.number
+        for k, entry in self._store.log(number):
+            if k > newest:
+                return None
+            if entry is not None:  # who asks sees by the numbers that one is missing
+                return k, entry
+        return None
 
     # --- snapshots ------------------------------------------------------------------------------------------------
 
@@ -206,7 +217,7 @@ class Journal:
             try:
                 if entry is None:
                     raise WireError("its bytes aren't those that were written")
-                take(number, _perceived(entry))
+                take(number, perceived_of(entry))
             except Exception as error:  # a view that ended the last process must not end this one, too
                 self._node.log.warning("log_view_lost", number=number, error=f"{type(error).__name__}: {error}")
         self.write_events()
@@ -226,7 +237,7 @@ def _entry(p: PerceivedView) -> Entry:
     return Entry(source, view, msgspec.msgpack.encode(p.header), bytes(p.payload), p.reply, p.digest, p.fault)
 
 
-def _perceived(entry: Entry) -> PerceivedView:
+def perceived_of(entry: Entry) -> PerceivedView:
     """What was logged. WireError, msgspec.DecodeError: it can't be read."""
     key, header = (entry.source, entry.view), _HEADER.decode(entry.header)
     if entry.fault or not entry.payload:

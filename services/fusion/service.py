@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from services.fusion.config import FusionSettings
 from services.fusion.durable_map import DurableMap
+from services.fusion.history import History
 from services.fusion.kept_pictures import KeptPictures
 from services.fusion.perception_client import PerceptionClient
 from services.fusion.records import PerceivedView
@@ -17,7 +18,7 @@ from services.fusion.sources import Sources
 from services.fusion.view_choice import ViewChoice
 from services.fusion.words import Words
 from surveilnav.bus import Answer, Node, Received, Request, clock_ns
-from surveilnav.contract import FORGET_PICTURES, MAP_LAYER, MAP_REVISION, OBJECTS
+from surveilnav.contract import FORGET_PICTURES, MAP_LAYER, MAP_REVISION, MAP_SNAPSHOT, OBJECTS, VIEW_LOG
 from surveilnav.messages import FrameHeader, PicturesForgotten
 
 _WORDS_S = 0.2  # between two looks at what missions search for
@@ -47,6 +48,9 @@ class FusionService:
         node.serve(OBJECTS, replies.objects)
         node.serve(MAP_REVISION, self._revisions.answer)
         node.serve(FORGET_PICTURES, self._on_forget, keeper=node.id)
+        history = History(config, self._maps)
+        node.serve(VIEW_LOG, history.view)
+        node.serve(MAP_SNAPSHOT, history.snapshot)
 
     def step(self) -> bool:
         """One turn of the loop; True if there was something to do."""

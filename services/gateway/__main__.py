@@ -53,7 +53,8 @@ def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = 
         root_path=root_path,
     )  # fmt: skip
     server = uvicorn.Server(config)
-    gateway.events.ended = lambda: server.should_exit
+    for feed in (gateway.events, gateway.live, gateway.tiles):
+        feed.ended = lambda: server.should_exit
     return server
 
 

@@ -9,11 +9,13 @@ from services.gateway.routes import (
     cameras,
     documentation,
     events,
+    live,
     maps,
     missions,
     objects,
     page,
     pictures,
+    recordings,
     sources,
     system,
 )
@@ -44,7 +46,9 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(sources.router(gateway.sources))
     app.include_router(maps.router(gateway.maps))
     app.include_router(objects.router(gateway.objects))
+    app.include_router(recordings.router(gateway.recordings))
     app.include_router(events.router(gateway.events))
+    app.include_router(live.router(gateway.live, gateway.tiles, gateway.looks))
     app.include_router(system.router(gateway))
     app.include_router(page.router())
     app.include_router(documentation.router())

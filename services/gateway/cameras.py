@@ -42,13 +42,14 @@ class Cameras:
             404, "unknown_camera", f"no camera {id!r} has announced itself; {ROOT}/cameras lists those that have"
         )
 
-    def thumbnail(self, id: str, view: int) -> bytes:
-        """A JPEG that the camera makes for this viewer: counted as viewer traffic, no invocation."""
+    def thumbnail(self, id: str, view: int, width_px: int = 0) -> bytes:
+        """A JPEG that the camera makes for this viewer: counted as viewer traffic, no invocation. ``width_px`` 0: as wide
+        as the camera's settings say, which is the most."""
         camera = self.one(id)
         views = sorted(v.view for v in camera.views)
         if view not in views:
             raise Problem(404, "unknown_view", f"camera {id} has the views {', '.join(map(str, views))}, not {view}")
-        request = CameraRequest(stamp_ns=clock_ns(), action="thumbnail", views=[view])
+        request = CameraRequest(stamp_ns=clock_ns(), action="thumbnail", views=[view], width_px=width_px)
         row = ask(self._node, f"camera {id}", contract.CAMERA_REQUEST, request, floor=camera.floor, camera=id)
         if not row.payload.startswith(b"\xff\xd8"):
             raise Problem(502, "bad_picture", f"camera {id} answered with {len(row.payload)} bytes that are no JPEG")

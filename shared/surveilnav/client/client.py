@@ -186,6 +186,10 @@ class Client:
         """Perception workers."""
         return self._items("perception")
 
+    def targets(self) -> list[r.Target]:
+        """What can be searched for by name; workers that know any word have no names."""
+        return self._items("targets")
+
     def services(self) -> list[r.Service]:
         """Processes that are kept running."""
         return self._items("services")

@@ -229,6 +229,29 @@ class Readiness(TypedDict):
     checks: dict[str, str]
 
 
+class Recorder(TypedDict):
+    last_seen: str | None
+    stale: bool
+    id: str
+    recording: list[str]
+    problem: str | None
+    dropped: int
+    n_bytes: int
+    free_bytes: int
+
+
+class Recording(TypedDict):
+    id: str
+    mission: str
+    target: str
+    state: str
+    n_bytes: int
+    started: str | None
+    changed: str | None
+    recorder: str
+    file: str
+
+
 class Robot(TypedDict):
     last_seen: str | None
     stale: bool
@@ -278,6 +301,11 @@ class StageTimes(TypedDict):
     views: int
     p50_ms: float | None
     p95_ms: float | None
+
+
+class Target(TypedDict):
+    name: str
+    workers: list[str]
 
 
 class Traffic(TypedDict):

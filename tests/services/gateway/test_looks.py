@@ -44,6 +44,12 @@ def test_pictures_are_noted_and_nothing_else(client):
     assert latest.headers["etag"]
 
 
+def test_tiles_are_looks_at_the_views_whose_pictures_went_out(client):
+    with client.stream("GET", "/api/v1/tiles?of=c1/3&of=c1/11&of=nobody/0") as answer:
+        next(line for line in answer.iter_lines() if '"jpeg"' in line)
+    assert looks(client) == [(3, "tile", "127.0.0.1")]
+
+
 def test_what_a_client_says_of_itself_isnt_believed(client):
     client.get("/api/v1/cameras/c1/views/5.jpg", headers={"X-Forwarded-For": "1.2.3.4"})
     assert looks(client) == [(5, "thumbnail", "127.0.0.1")]
