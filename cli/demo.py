@@ -12,15 +12,19 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from cli.evidence import deciding_views, layers, objects, trajectory
+from cli.evidence import actions, deciding_views, layers, objects, trajectory
+from cli.map_watch import MapWatch
 from cli.progress import bar
 from cli.recorder import Recorder
-from cli.report import Moment, RunRecord, human_bytes, run_json, traffic_lines, write_report
+from cli.report import Moment, RunRecord, run_json, traffic_lines, write_report
 from cli.report import outcome as in_words
 from cli.stack import Stack, environment
+from cli.words import human_bytes
+from simulator.plans.polygons import contains
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.world.goals import Goals, Start, Verdict, find_goals, judge, sample_start
 from surveilnav.bus import Node, Refused, clock_ns
@@ -113,11 +117,15 @@ def _play(
         recorder = Recorder(node, f"demo-{uuid.uuid4().hex[:8]}", ROBOT)
         backend, why = recorder.perception()
         console.print(f"perception: [bold]{backend}[/] ({escape(why)})")
-        status = _search(node, stack, recorder, options, goals.label, console)
+        with MapWatch(node, recorder.mapped) as maps:
+            status = _search(node, stack, recorder, options, goals.label, console)
         verdict = _judge(recorder, goals, start)
         if options.record:
             _say_recording(node, recorder.mission, variables["SURVEILNAV_RECORDER__FOLDER"], console)
-        return _record(options, building, recorder, node, status, verdict, start, started)
+        record = _record(options, building, recorder, node, status, verdict, start, started)
+        record.map_moments = maps.moments
+        record.room = _room_of(record, building)
+        return record
 
 
 def _variables(options: DemoOptions, start: Start, run_dir: Path) -> dict[str, str]:
@@ -221,13 +229,24 @@ def _record(
             "shortest_path_m": verdict.shortest_path_m, "distance_to_viewpoint_m": verdict.distance_to_viewpoint_m,
             "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
         },
-        trajectory=trajectory(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
+        trajectory=trajectory(recorder), actions=actions(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
         layers={floor: layers(node, floor, status.target) for floor in floors},
         cameras=recorder.camera_infos(), invoked=recorder.invoked_cameras(), objects=known,
         deciding_views=deciding_views(node, recorder, known, status),
         traffic=traffic_lines(recorder.traffic()), timeline=[Moment(*entry) for entry in recorder.timeline],
         notes=[*building.notes, *start.notes],
     )  # fmt: skip
+
+
+def _room_of(record: RunRecord, building: SimulatedBuilding) -> str:
+    """The room that the object stands in; else the one that the robot ended in."""
+    ends = [(s.floor, (s.x_m, s.y_m)) for s in record.trajectory[-1:]]
+    places = [(o.floor, o.center_m[:2]) for o in (record.chosen,) if o is not None] + ends
+    for floor, at_m in places:
+        for room in building.scene.rooms:
+            if room.name and room.floor == floor and contains(np.array(room.polygon_m), np.array(at_m)):
+                return room.name
+    return ""
 
 
 def _say(outcome: dict[str, Any], record: RunRecord, console: Console) -> None:

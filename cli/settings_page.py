@@ -26,6 +26,7 @@ from services.recorder.config import RecorderSettings
 from services.robot_node.config import RobotSettings
 from simulator.simulation import SimulationSettings
 from surveilnav.bus import BusSettings
+from surveilnav.pictures import PictureSettings
 
 _BEGINNING = """\
 # Settings
@@ -72,6 +73,7 @@ class Section:
 
 SECTIONS = (
     Section("The bus: every process", "shared/surveilnav/bus/settings.py", BusSettings),
+    Section("Past pictures: fusion", "shared/surveilnav/pictures.py", PictureSettings),
     Section("The simulated building", "simulator/simulation.py", SimulationSettings),
     Section("Camera", "services/camera_node/config.py", CameraSettings),
     Section("Robot", "services/robot_node/config.py", RobotSettings),

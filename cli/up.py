@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from pathlib import Path
@@ -40,6 +41,10 @@ def run_up(
         perception=perception, surveillance=surveillance, state=state, cameras_everywhere=cameras_everywhere,
         recordings=logs.parent / "recordings",
     ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}  # fmt: skip
+    # Who looked at which camera is kept whatever the building's plan: the environment may say where else, or "" for nowhere.
+    variables["SURVEILNAV_GATEWAY__ACCESS_LOG"] = os.environ.get(
+        "SURVEILNAV_GATEWAY__ACCESS_LOG", str((logs / "looks").resolve())
+    )
     names = [camera.name for camera in plan.cameras] if surveillance else []
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

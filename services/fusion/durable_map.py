@@ -33,13 +33,14 @@ class DurableMap:
         contents: what they have processed of whom.
     """
 
-    def __init__(self, node: Node, settings: FusionSettings) -> None:
+    def __init__(self, node: Node, settings: FusionSettings, keep_pictures_s: float | None = None) -> None:
+        """``keep_pictures_s``: how long pictures may stay in the file; None: as long as the log needs them."""
         self._node = node
         self.joint = JointMap(settings.core())
         self.lock = threading.Lock()
         self._whole = threading.Lock()  # maps, contents and the log's number belong together
         self.contents = MapContents()
-        self._journal = Journal(node, settings) if settings.store else None
+        self._journal = Journal(node, settings, keep_pictures_s) if settings.store else None
         self._waiting: dict[ViewKey, PerceivedView] = {}
         self._restored = self._journal is None
         self._lacks_maps = False  # the file is new and lacks what the maps hold
@@ -67,8 +68,16 @@ class DurableMap:
         rests = self._journal is not None and self._journal.rests
         if self._waiting and not rests and self._make_ready():
             self._take_waiting()
-        if self._journal is not None and self._journal.snapshot_is_due and self._restored and not self._lacks_maps:
-            self._journal.save(self._frozen())
+        if self._journal is not None and self._restored and not self._lacks_maps:
+            if self._journal.snapshot_is_due:
+                self._journal.save(self._frozen())
+            self._journal.drop_old()
+
+    def forget_pictures(self) -> bool:
+        """Has all pictures leave the file, within seconds; False: there is no file. From any thread."""
+        if self._journal is not None:
+            self._journal.forget_pictures()
+        return self._journal is not None
 
     def history(self, floor: str, object_id: int) -> list[ObjectEvent] | None:
         """Everything that ever happened to an object; None without a store. StoreError: it can't be read."""

@@ -80,6 +80,7 @@ class BuildingState:
     def __init__(self, node: Node, root_path: str = "") -> None:
         self.node, self.root = node, root_path + ROOT
         self.missions = LastKnown(node, contract.MISSION_STATUS)
+        self.plans = LastKnown(node, contract.MISSION_PLAN)
         self.cameras = LastKnown(node, contract.CAMERA_INFO)
         self.summaries = LastKnown(node, contract.CAMERA_SUMMARY)
         self.robots = LastKnown(node, contract.ROBOT_STATUS)

@@ -163,6 +163,10 @@ OBJECTS = Stream(
     "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; "
     "text=WORDS: with how well each fits; detail=brief: without points and events",
 )  # fmt: skip
+FORGET_PICTURES = Stream(
+    "forget_pictures", "{building}/forget_pictures/{keeper}", m.PicturesForgotten, "fusion", "query", None, 5_000,
+    "control", "forget past pictures: all who keep any", request=m.ForgetPictures, asked_of_all=True,
+)  # fmt: skip
 VIEW_LOG = Stream(
     "view_log", "{building}/view_log", m.LoggedView, "fusion", "query", None, 5_000,
     "maps", "the next view that went into the maps after one (after=NUMBER), with what perception said of it", payload=True,

@@ -42,6 +42,13 @@ class CameraCone(TypedDict):
     outline_m: list[list[float]]
 
 
+class CameraLook(TypedDict):
+    time: str
+    client: str
+    view: int
+    what: str
+
+
 class CameraView(TypedDict):
     view: int
     yaw_rad: float | None
@@ -201,6 +208,11 @@ class ObjectEvent(TypedDict):
     box_px: list[float | None] | None
 
 
+class PictureKeeper(TypedDict):
+    keeper: str
+    message: str
+
+
 class Place(TypedDict):
     kind: str
     x_m: float | None
@@ -289,6 +301,11 @@ class StageTimes(TypedDict):
     views: int
     p50_ms: float | None
     p95_ms: float | None
+
+
+class Target(TypedDict):
+    name: str
+    workers: list[str]
 
 
 class Traffic(TypedDict):

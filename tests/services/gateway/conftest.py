@@ -39,6 +39,7 @@ class FakeBuilding:
         self.layers_asked: list[tuple[str, dict[str, str]]] = []
         self.grid = GRID
         self.thumbnails = 0
+        self.widths_px: list[int] = []
         self.broken_layer = False
         self.revision = 1
         self.object_status = "confirmed"
@@ -273,7 +274,13 @@ class FakeBuilding:
         self._info = self.camera.publisher(contract.CAMERA_INFO, floor="0", camera="c1")
         self._summary = self.camera.publisher(contract.CAMERA_SUMMARY, floor="0", camera="c1")
         self._robot_status = self.robot.publisher(contract.ROBOT_STATUS, robot="r1")
+        self.worker.serve(contract.PERCEPTION_TEXT, self._text, worker="w1")
         self._load = self.worker.publisher(contract.PERCEPTION_LOAD, worker="w1")
+
+    def _text(self, request: Request) -> Answer:
+        words = ["couch", "tv"]
+        reply = m.TextReply(stamp_ns=clock_ns(), worker="w1", backend="simulated", embeddings=[b""], vocabulary=words)
+        return Answer(reply)
 
     def _halt(self, request: Request) -> Answer:
         self.halted = request.message.halted
@@ -309,6 +316,7 @@ class FakeBuilding:
         if self.info.paused:
             raise Refused("paused", "camera/c1 is paused")
         self.thumbnails += 1
+        self.widths_px.append(request.message.width_px)
         _, jpeg = cv2.imencode(".jpg", np.full((48, 64, 3), 10 * request.message.views[0], np.uint8))
         return Answer(m.Ack(stamp_ns=clock_ns()), b"no picture" if request.message.views[0] == 11 else jpeg.tobytes())
 
