@@ -12,8 +12,8 @@ class PictureSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PICTURES__", extra="ignore")
 
     keep_h: float | None = Field(
-        None, ge=0.01, le=100_000, description="hours after which past pictures go from fusion's store; not set: it has a limit "
-        "by number alone",
+        None, ge=0.01, le=100_000, description="hours after which past pictures go from fusion's store, and recordings are "
+        "deleted; not set: they have limits of their own alone",
     )  # fmt: skip
 
     @property
