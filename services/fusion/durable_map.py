@@ -73,6 +73,10 @@ class DurableMap:
         """Everything that ever happened to an object; None without a store. StoreError: it can't be read."""
         return None if self._journal is None else self._journal.history(floor, object_id)
 
+    def picture(self, source: str, view: int, seq: int) -> bytes | None:
+        """The JPEG of a view that the log has still; None without a store. StoreError: it can't be read."""
+        return None if self._journal is None else self._journal.picture(source, view, seq)
+
     def close(self) -> None:
         """Ends a snapshot that is being written, and closes the file."""
         if self._journal is not None:

@@ -17,7 +17,7 @@ from services.fusion.sources import Sources
 from services.fusion.view_choice import ViewChoice
 from services.fusion.words import Words
 from surveilnav.bus import Node, Received
-from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS
+from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS, VIEW_PICTURE
 from surveilnav.messages import FrameHeader
 
 _WORDS_S = 0.2  # between two looks at what missions search for
@@ -45,6 +45,7 @@ class FusionService:
         # a value layer may wait for perception: the others must not wait with it
         node.serve(MAP_LAYER, replies.layer, workers=3)
         node.serve(OBJECTS, replies.objects)
+        node.serve(VIEW_PICTURE, replies.picture)
         node.serve(MAP_REVISION, self._revisions.answer)
 
     def step(self) -> bool:

@@ -163,6 +163,10 @@ OBJECTS = Stream(
     "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; "
     "text=WORDS: with how well each fits; detail=brief: without points and events",
 )  # fmt: skip
+VIEW_PICTURE = Stream(
+    "view_picture", "{building}/view_picture/{floor}", m.ViewPicture, "fusion", "query", None, 5_000,
+    "maps", "a picture that the maps took (parameters source, view, seq), for as long as fusion keeps it; a JPEG", payload=True,
+)  # fmt: skip
 MISSION_GOAL = Stream(
     "mission_goal", "{building}/mission/{mission}/goal", m.MissionAck, "planner", "query", None, 5_000,
     "control", "submit a mission", request=m.MissionGoal,

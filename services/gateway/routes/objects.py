@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path, Query, Response
 
 from services.gateway.core.object_filter import ObjectFilter
 from services.gateway.core.resources import ROOT, Items, Object
 from services.gateway.objects import Objects
 from services.gateway.routes.paging import Id, Limit, Offset, page_of
 from surveilnav.contract import ID_PATTERN
+
+_JPEG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/jpeg": {}}, "description": "the picture"}}
 
 
 def router(found: Objects) -> APIRouter:
@@ -37,5 +39,14 @@ def router(found: Objects) -> APIRouter:
     def one_object(id: Id, object: Annotated[int, Path(ge=0, le=2**31 - 1)]) -> Object:
         """One object with its whole history: who said what of it when, and what came of it."""
         return found.one(id, object)
+
+    @router.get("/floors/{id}/objects/{object}/history/{number}.jpg", response_class=Response, responses=_JPEG)
+    def picture(
+        id: Id, object: Annotated[int, Path(ge=0, le=2**31 - 1)], number: Annotated[int, Path(ge=0, le=2**31 - 1)]
+    ) -> Response:
+        """What an event of the history (by its place, from 0) saw: a small picture around the box. 404 where nothing was
+        seen, and where the picture isn't kept any more: fusion keeps those of its newest views."""
+        headers = {"Cache-Control": "private, max-age=600"}
+        return Response(found.picture(id, object, number), media_type="image/jpeg", headers=headers)
 
     return router

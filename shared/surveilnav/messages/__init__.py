@@ -13,6 +13,7 @@ from surveilnav.messages.maps import (
     ObjectList,
     ObjectRecord,
     Revision,
+    ViewPicture,
 )
 from surveilnav.messages.mission import (
     FINISHED_STATES,
@@ -36,5 +37,6 @@ __all__ = [
     "InferReply", "InferRequest", "LayerHeader", "MissionAck", "MissionCancel", "MissionGoal", "MissionPause",
     "MissionStatus",
     "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part", "Plan", "Revision", "RobotStatus",
-    "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "WorkerLoad",
+    "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "ViewPicture",
+    "WorkerLoad",
 ]  # fmt: skip
