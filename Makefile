@@ -79,9 +79,10 @@ bench-calibration: $(READY) ## the simulated detector fitted to the real one; re
 bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
 	$(BIN)/python -m benchmark.studies.association $(ARGS)
 
-docs: $(READY) ## write what is generated: the contract, the settings, the card of compact, the README's plot
+docs: $(READY) ## write what is generated: the contract, the settings, the commands, the card of compact, the README's plot
 	$(BIN)/python -m surveilnav.contract > docs/understand/contract.md
 	$(BIN)/python -m cli.settings_page > docs/use/settings.md
+	$(BIN)/python -m cli.command_page > docs/use/command-line.md
 	$(BIN)/python -m training.detector.card > docs/understand/compact.md
 	$(BIN)/python -m cli.client_resources > shared/surveilnav/client/resources.py.new
 	mv shared/surveilnav/client/resources.py.new shared/surveilnav/client/resources.py

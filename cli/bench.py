@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cli.dataset import DEFAULT_ROOT, Root
-from cli.options import AsJson
-from cli.terminal import Terminal
+from cli.options import AsJson, console, results
 
 if TYPE_CHECKING:
     from benchmark.runner.run import Finished
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from benchmark.tables.make import Made
 
 app = typer.Typer(no_args_is_help=True, help="The benchmark: policies on the dataset.")
-console = Terminal(stderr=True, highlight=False)
 
 
 @app.command()
@@ -182,7 +180,7 @@ def policies(as_json: AsJson = False) -> None:
         print(json.dumps({p.name: p.about for p in POLICIES.values()}))
         return
     for p in POLICIES.values():
-        console.print(f"[bold]{p.name}[/]  {p.about}")
+        results.print(f"[bold]{p.name}[/]  {p.about}")
 
 
 def _on(value: str) -> bool:

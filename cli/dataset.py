@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.options import BUILDING_KINDS, AsJson
-from cli.terminal import Terminal
+from cli.options import BUILDING_KINDS, AsJson, console
 
 if TYPE_CHECKING:
     from benchmark.dataset.splits import SplitSpec
 
 app = typer.Typer(no_args_is_help=True, help="The collaborative dataset: buildings, cameras, episodes.")
-console = Terminal(stderr=True, highlight=False)
 
 DEFAULT_ROOT = Path("data/surveilnav-v2")
 Root = Annotated[Path, typer.Option(help="The dataset's folder.")]

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from rich.console import Console
 
-from simulator.furniture.assets import ensure_assets
+from simulator.furniture.assets import is_here as is_here_already
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.sources import EXAMPLE_HOMES
 from surveilnav.config import cache_dir, models_dir, offline
@@ -61,11 +61,13 @@ def _packages() -> list[Finding]:
 
 
 def _assets() -> Finding:
-    try:
-        ensure_assets()
-    except SurveilNavError as error:
-        return Finding("example homes", "note", str(error), "make setup (needs apt); parametric_flat works without")
-    return Finding("example homes", "ok", f"Sweet Home 3D's {len(EXAMPLE_HOMES)} homes and furniture")
+    """Whether the furniture is here; fetching it is `prepare`'s."""
+    if is_here_already():
+        return Finding("example homes", "ok", f"Sweet Home 3D's {len(EXAMPLE_HOMES)} homes and furniture")
+    return Finding(
+        "example homes", "note", "Sweet Home 3D's homes and furniture aren't here yet",
+        "surveilnav prepare (needs apt and a network); parametric_flat works without",
+    )  # fmt: skip
 
 
 def _built_in() -> Finding:

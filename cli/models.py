@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from cli.options import AsJson
-from cli.progress import downloading
-from cli.terminal import Terminal
-from surveilnav.perception import models
+from cli.options import AsJson, console, items, print_json, results
+
+if TYPE_CHECKING:
+    from surveilnav.perception import models
 
 app = typer.Typer(no_args_is_help=True, help="Detectors, segmenters, embedders: list, pull, check.")
-console = Terminal(stderr=True, highlight=False)
 
 Names = Annotated[list[str], typer.Argument(help="Models, as `surveilnav models list` calls them.")]
 
@@ -24,18 +21,25 @@ Names = Annotated[list[str], typer.Argument(help="Models, as `surveilnav models 
 @app.command("list")
 def list_models(as_json: AsJson = False) -> None:
     """Say which models there are, how large, under which licence, and where they lie on this machine."""
+    from cli.listing import Column, listing
+    from surveilnav.perception import models
+
     rows = [_row(model) for model in models.CATALOGUE.values()]
     if as_json:
-        print(json.dumps(rows))
+        print_json(items(rows))
         return
-    table = Table("model", "kind", "MB", "licence", "hash", "here", box=None, pad_edge=False)
-    for row in rows:
-        size = f"{row['bytes'] / 1e6:,.0f}" if row["bytes"] else "?"
-        here = f"[red]{escape(row['fault'])}[/]" if row["fault"] else escape(row["path"] or "-")
-        table.add_row(row["name"], row["kind"], size, row["licence"], row["hash"], here)
-    wide = console if console.is_terminal else Terminal(stderr=True, highlight=False, width=200)
-    wide.print(table)
-    wide.print(
+    columns = (
+        Column("model", "id"), Column("kind"), Column("MB", "number"), Column("licence", "text"), Column("hash", "word"),
+        Column("here", "note"),
+    )  # fmt: skip
+    listing(results, columns, [
+        [
+            row["name"], row["kind"], f"{row['bytes'] / 1e6:,.0f}" if row["bytes"] else "?", row["licence"], row["hash"],
+            (row["fault"], "red") if row["fault"] else row["path"] or "-",
+        ]
+        for row in rows
+    ])  # fmt: skip
+    results.print(
         "\nhash: `known` stands in the catalogue, `card` beside the weights. `first pull` is trusted when it "
         "first comes, and written into models.lock.json; later content is held to it.\n"
         "MB counts the weights. `--json` has notes and sources."
@@ -43,6 +47,8 @@ def list_models(as_json: AsJson = False) -> None:
 
 
 def _row(model: models.Model) -> dict[str, Any]:
+    from surveilnav.perception import models
+
     seen = models.survey(model.name)
     return {
         "name": model.name, "kind": model.kind, "family": model.family, "vocabulary": model.vocabulary,
@@ -73,6 +79,9 @@ def pull(
     as_json: AsJson = False,
 ) -> None:
     """Fetch models. What broke off goes on where it was; what is here already is checked and kept."""
+    from cli.progress import downloading
+    from surveilnav.perception import models
+
     found: dict[str, str] = {}
     for model in [models.model_called(name) for name in names]:  # a wrong name ends it before the first byte
         console.print(f"{model.name}: {model.licence}, from {model.source or model.setting}", soft_wrap=True)
@@ -80,7 +89,7 @@ def pull(
             found[model.name] = str(models.pull(model.name, to=to, on_progress=on_progress))
         console.print(f"[green]ok[/] {escape(found[model.name])}", soft_wrap=True)
     if as_json:
-        print(json.dumps(found))
+        print_json(found)
 
 
 @app.command()
@@ -92,6 +101,8 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Hash models anew, and compare. Exit 1 if one is damaged, or named and not here. A model's id ends with its digest."""
+    from surveilnav.perception import models
+
     seen = {name: models.survey(name, anew=True) for name in names or models.CATALOGUE}
     if not names:
         seen = {name: found for name, found in seen.items() if found.path}
@@ -99,7 +110,7 @@ def check(
     ids = {name: models.model_id(name, found.path) for name, found in seen.items() if found.path and not faults[name]}
     if as_json:
         said = {name: {"ok": not fault, "fault": fault, "id": ids.get(name, "")} for name, fault in faults.items()}
-        print(json.dumps(said))
+        print_json(said)
     else:
         for name, fault in faults.items():
             line = (
@@ -112,5 +123,7 @@ def check(
 
 
 def _not_here(name: str) -> str:
-    model = models.model_called(name)
+    from surveilnav.perception.models import model_called
+
+    model = model_called(name)
     return f"not on this machine. {f'`surveilnav models pull {name}` fetches it.' if model.source else model.note}"

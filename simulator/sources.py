@@ -48,6 +48,8 @@ _PARAMETRIC = {
     "parametric_flat": (parametric_flat, "flat of 80 m², six rooms, made in code: needs no assets"),
     "parametric_house": (parametric_house, "house with two floors and a stair, made in code: needs no assets"),
 }
+#: Buildings made in code, which need no assets.
+PARAMETRIC: tuple[str, ...] = tuple(_PARAMETRIC)
 
 
 @dataclass(frozen=True, slots=True)

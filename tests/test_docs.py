@@ -13,7 +13,8 @@ import pytest
 import typer
 
 from benchmark.tables import readme
-from cli import settings_page
+from cli import command_page, settings_page
+from cli.exits import Exit
 from cli.main import app
 from services.gateway.app import create_app
 
@@ -159,6 +160,24 @@ def test_commands_that_do_not_exist_are_found():
 
 def test_the_settings_page_is_generated_from_the_classes():
     assert (ROOT / "docs/use/settings.md").read_text(encoding="utf-8") == settings_page.markdown(), "run: make docs"
+
+
+def test_the_page_of_commands_is_generated_from_them():
+    assert (ROOT / "docs/use/command-line.md").read_text(encoding="utf-8") == command_page.markdown(), "run: make docs"
+
+
+def test_whatever_prints_json_says_what_and_nothing_else_does():
+    found = dict(command_page.commands(typer.main.get_command(app)))
+    prints = {name for name, command in found.items() if any("--json" in p.opts for p in command.params)}
+    assert prints == set(command_page.SHAPES)
+    assert set(found) - prints == {"up"}, "every other command has --json"
+
+
+def test_every_exit_code_is_on_the_page():
+    page = (ROOT / "docs/use/command-line.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| (\d+) \|", page, re.MULTILINE) == [str(int(code)) for code in Exit]
+    raised = {int(n) for f in (ROOT / "cli").glob("*.py") for n in re.findall(r"sys\.exit\((\d+)\)", f.read_text())}
+    assert raised <= {int(code) for code in Exit}
 
 
 def test_every_setting_is_described():

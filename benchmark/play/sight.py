@@ -26,7 +26,7 @@ from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
 from surveilnav.geometry import Matrix4, Pinhole, Pose
 from surveilnav.messages import CameraInfo, CameraSummary, CameraViewInfo, FrameHeader, Observation
-from surveilnav.perception import Backend
+from surveilnav.perception.backend import Backend
 from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.sensing.packing import decode_frame, encode_rgbd
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down

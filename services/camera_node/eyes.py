@@ -16,11 +16,12 @@ from contextlib import contextmanager
 
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
+from services.camera_node.sources.masked import masked
 from services.camera_node.sources.source import Source
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.errors import BusError, PerceptionError
-from surveilnav.perception import Backend
+from surveilnav.perception.backend import Backend
 from surveilnav.sensing.views import looks_straight_down
 
 _NICE = 10
@@ -57,6 +58,7 @@ class Eyes:
         self, node: Node, source: Source, settings: CameraSettings, load: Callable[[], Backend],
         busy: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
+        source = masked(source, settings)
         self._node, self._source, self._settings, self._load, self._busy = node, source, settings, load, busy
         self._views = [v for v, pose in enumerate(source.views) if not looks_straight_down(pose.matrix())]
         self._seen: dict[int, core.Seen] = {}

@@ -8,6 +8,7 @@ from typing import Any
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
 from services.camera_node.frames import EncodedViews
+from services.camera_node.sources.masked import MaskedSource, masked
 from services.camera_node.sources.source import Source
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
@@ -19,10 +20,14 @@ _LEAST_THUMBNAIL_PX = 64
 
 
 class CameraService:
-    """Serves the views of one camera."""
+    """Serves the views of one camera, without their mask zones."""
 
     def __init__(self, node: Node, source: Source, settings: CameraSettings) -> None:
+        source = masked(source, settings)  # here, so that no camera can forget it
         self._node, self._source, self._settings = node, source, settings
+        if settings.masks:
+            zones = source.zones if isinstance(source, MaskedSource) else {}
+            node.log.info("mask zones", file=settings.masks, zones_by_view={v: len(z) for v, z in zones.items()})
         place, views = source.place, range(len(source.views))
         ids: dict[str, Any] = {"floor": place.floor, "camera": place.name}
         self._name = f"camera/{place.name}"

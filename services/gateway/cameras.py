@@ -18,7 +18,7 @@ class Cameras:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
-        self._thumbnails = Thumbnails()
+        self.thumbnails = Thumbnails()
 
     def all(self) -> list[Camera]:
         """Every camera, with what the maps hold of it and what it last saw."""
@@ -55,11 +55,13 @@ class Cameras:
             raise Problem(502, "bad_picture", f"camera {id} answered with {len(row.payload)} bytes that are no JPEG")
         return row.payload
 
-    def latest(self, id: str, view: int | None) -> bytes:
-        """The same, of a view or the first, at most a second old: many viewers cost the camera one picture."""
-        camera = self.one(id)
-        chosen = min((v.view for v in camera.views), default=0) if view is None else view
-        return self._thumbnails.get((id, chosen), lambda: self.thumbnail(id, chosen))
+    def first_view(self, id: str) -> int:
+        """The number of a camera's first view; 404 if the camera has never announced itself."""
+        return min((v.view for v in self.one(id).views), default=0)
+
+    def latest(self, id: str, view: int) -> bytes:
+        """The same, at most a second old: many viewers cost the camera one picture."""
+        return self.thumbnails.get((id, view), lambda: self.thumbnail(id, view))
 
     def cones(self, id: str) -> list[CameraCone]:
         """What each view of a camera looks at on the floor."""

@@ -16,9 +16,12 @@ from services.gateway.core.resources import NEEDED, Building, Readiness, RobotHa
 from services.gateway.core.traffic import sum_traffic
 from services.gateway.events import Events
 from services.gateway.live import Live, Things
+from services.gateway.looks import Looks
 from services.gateway.maps import Maps
 from services.gateway.missions import Missions
 from services.gateway.objects import Objects
+from services.gateway.pictures import Pictures
+from services.gateway.recordings import Recordings
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
 from services.gateway.tiles import Tiles
@@ -32,15 +35,18 @@ _MISSIONS_SHOWN = 100
 class Gateway:
     """All that the web side may ask for, a part for each kind of resource, and the whole: building, traffic, readiness."""
 
-    def __init__(self, node: Node, root_path: str = "") -> None:
+    def __init__(self, node: Node, root_path: str = "", looks: Looks | None = None) -> None:
         """``root_path``: where a proxy has the gateway, such as /surveilnav; "": at the top."""
         self._node = node
+        self.looks = looks or Looks()
         self._state = BuildingState(node, root_path)
         self.missions = Missions(self._state)
         self.cameras = Cameras(self._state)
+        self.pictures = Pictures(node, self.cameras.thumbnails, self.looks)
         self.sources = Sources(self._state)
         self.maps = Maps(self._state, self.cameras, self.sources, self.missions)
         self.objects = Objects(self._state)
+        self.recordings = Recordings(self._state)
         self.events = Events()
         self._watch = Watch(self._state, self.cameras, self.sources, self.events)
         self.live = Live(node, self._shown())
@@ -95,7 +101,8 @@ class Gateway:
         return Heard(
             cameras=self.cameras.all(), floors=self.maps.floors(), robots=self.sources.robots(),
             missions=self.missions.all(), processes=self.services(), workers=workers, traffic=self.traffic(),
-            ready=self.readiness().ready, event_streams=self.events.streams, events=self.events.newest,
+            recorders=self.recordings.recorders(), ready=self.readiness().ready, event_streams=self.events.streams,
+            events=self.events.newest,
         )  # fmt: skip
 
     def readiness(self) -> Readiness:

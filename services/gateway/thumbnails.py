@@ -37,3 +37,14 @@ class Thumbnails:
             if time.monotonic() - kept.made_s > self._fresh_s:
                 kept.picture, kept.made_s = make(), time.monotonic()
             return kept.picture
+
+    def drop(self, older_s: float) -> int:
+        """Forgets pictures that were made longer ago; how many. One that is being made stays."""
+        now_s = time.monotonic()
+        with self._lock:
+            old = [
+                view for view, kept in self._kept.items() if not kept.lock.locked() and now_s - kept.made_s >= older_s
+            ]
+            for view in old:
+                del self._kept[view]
+        return len(old)

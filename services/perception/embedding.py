@@ -13,8 +13,7 @@ from services.perception.asked import Asked
 from services.perception.core import probe
 from services.perception.core.cache import ByteCache, text_key
 from surveilnav.errors import TargetError
-from surveilnav.perception import Backend
-from surveilnav.perception.backend import Work
+from surveilnav.perception.backend import Backend, Work
 from surveilnav.perception.prompts import word_refused
 
 _CACHE_BYTES = 16 << 20

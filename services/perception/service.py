@@ -15,7 +15,7 @@ from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import PerceptionError, TargetError
 from surveilnav.messages import InferRequest, TextReply, WorkerLoad
-from surveilnav.perception import Backend
+from surveilnav.perception.backend import Backend
 from surveilnav.perception.prompts import named
 from surveilnav.sensing.packing import pack_embedding
 

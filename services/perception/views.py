@@ -23,8 +23,7 @@ from services.perception.truth_channel import Told, TruthChannel
 from surveilnav.bus import Answer, Node, Refused, clock_ns
 from surveilnav.errors import WireError
 from surveilnav.messages import InferReply, InferRequest
-from surveilnav.perception import Backend
-from surveilnav.perception.backend import Stage, Work
+from surveilnav.perception.backend import Backend, Stage, Work
 
 _SWEEP_S = 0.05  # between two looks for views whose time is over
 

@@ -77,6 +77,11 @@ def ensure_assets(progress: Progress | None = None, *, cache: Path | None = None
     return root
 
 
+def is_here(cache: Path | None = None) -> bool:
+    """Whether the packages lie in the cache, so that ``ensure_assets`` fetches nothing."""
+    return is_complete((cache or cache_dir()) / "assets" / "sweethome3d")
+
+
 def _unpacked(base: Path, part: Path, say: Progress) -> Path:
     """A new directory in ``part`` with the contents of all packages."""
     new = part / "root"

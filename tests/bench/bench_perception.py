@@ -38,8 +38,7 @@ from surveilnav.errors import SurveilNavError
 from surveilnav.geometry import Pinhole
 from surveilnav.histogram import quantile_ms
 from surveilnav.messages import InferRequest, ModelIds, Part, WorkerLoad
-from surveilnav.perception import Backend
-from surveilnav.perception.backend import Stage, Work
+from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.perception.presets import Networks, onnx_coco
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.sensing.views import Detected, ViewPerception

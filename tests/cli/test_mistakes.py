@@ -82,12 +82,16 @@ def test_a_command_that_cant_be_is_an_object_too(typed, arguments, says):
 def test_lists_are_objects_too(typed):
     code, out, _ = typed("buildings", "--json")
     assert code == 0
-    assert {"name", "about"} == set(json.loads(out)["buildings"][0])
+    told = {row["name"]: row for row in json.loads(out)["items"]}
+    assert {"name", "about", "floors", "rooms", "area_m2"} == set(told["studio"])
+    house = told["parametric_house"]
+    assert (house["floors"], house["rooms"], house["area_m2"]) == (["0", "1"], 12, 160.0)
     _, out, _ = typed("doctor", "--json")
     assert json.loads(out)["findings"]
     code, out, err = typed("buildings")
-    assert (code, err) == (0, "")
+    assert (code, "Traceback" in err) == (0, False)
     assert "studio" in out
+    assert "`surveilnav prepare` fetches" in out
 
 
 def test_foreign_names_are_shown_and_not_obeyed(typed, tmp_path):

@@ -6,9 +6,9 @@ import io
 from itertools import cycle
 
 import pytest
+from cli.remote import system_status
 from rich.console import Console
 
-from cli.remote import system_status
 from surveilnav.client import Client
 from tests.e2e.kills import SERVICES, Up, up
 from tests.waiting import until

@@ -138,6 +138,6 @@ def test_find_and_status_through_the_gateway(running):
     run = surveilnav("find", "tv")
     assert run.returncode == 0, run.stderr
     assert json.loads(run.stdout)["found"] is True
-    first = json.loads(surveilnav("objects", "television set").stdout or "[{}]")[0]
+    first = json.loads(surveilnav("objects", "television set").stdout)["items"][0]
     assert first.get("relevance") is not None
-    assert json.loads(surveilnav("objects", "tv", "--label", "tv").stdout)[0]["label"] == "tv"
+    assert json.loads(surveilnav("objects", "tv", "--label", "tv").stdout)["items"][0]["label"] == "tv"

@@ -31,7 +31,7 @@ from simulator.furniture.labels import TARGETS
 from simulator.truth.choose import choose_backend
 from simulator.truth.visible import VisibleThing, candidates, world_points
 from surveilnav.errors import PerceptionError, SurveilNavError
-from surveilnav.perception import Backend
+from surveilnav.perception.backend import Backend
 from surveilnav.perception.chances import ChanceTable, ClassTerms, Floats, features, size_rad
 from surveilnav.perception.vocabulary import DATA
 

@@ -36,7 +36,7 @@ from simulator.truth import error_model
 from simulator.truth.choose import choose_backend
 from simulator.truth.error_model import ErrorModel
 from surveilnav.errors import SurveilNavError
-from surveilnav.perception import Backend
+from surveilnav.perception.backend import Backend
 from surveilnav.perception.vocabulary import COCO
 
 TRAIN = tuple(dict.fromkeys(scene.building for scene in SPLITS["train"].scenes))

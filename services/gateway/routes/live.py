@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Response
-from starlette.types import Receive, Scope, Send
+from starlette.requests import HTTPConnection
+from starlette.types import Message, Receive, Scope, Send
 
 from services.gateway import tiles as shown
 from services.gateway.core.resources import ROOT
 from services.gateway.event_stream import EventStream
 from services.gateway.live import Live
+from services.gateway.looks import Looks
 from services.gateway.tiles import Tiles
 from surveilnav.contract import ID
 
@@ -29,19 +31,35 @@ def _described(what: str, example: str) -> dict[int | str, dict[str, Any]]:
 
 
 class TileStream(EventStream):
-    """Tells a client the pictures that it wants, and has cameras asked for them meanwhile."""
+    """Tells a client the pictures that it wants, has cameras asked for them meanwhile, and notes that somebody looks."""
 
-    def __init__(self, tiles: Tiles, last_id: str | None, wanted: list[str]) -> None:
+    def __init__(self, tiles: Tiles, last_id: str | None, wanted: list[str], looks: Looks) -> None:
         super().__init__(tiles, last_id, ids=frozenset(wanted))
-        self._tiles, self._wanted = tiles, wanted
+        self._tiles, self._wanted, self._looks = tiles, wanted, looks
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """The ASGI side."""
+        request = HTTPConnection(scope)
+
+        async def noting(message: Message) -> None:
+            for event in message.get("body", b"").split(b"\n\n"):
+                self._note(request, event)
+            await send(message)
+
         with self._tiles.wanting(self._wanted):
-            await super().__call__(scope, receive, send)
+            await super().__call__(scope, receive, noting)
+
+    def _note(self, request: HTTPConnection, event: bytes) -> None:
+        """That somebody looks at the view whose picture an event holds, if it holds one."""
+        if b'"jpeg"' not in event:
+            return
+        for id in self._wanted:
+            if b'"%s"' % id.encode() in event:
+                camera, _, view = id.rpartition("/")
+                self._looks.note(request, camera, int(view), "tile")
 
 
-def router(live: Live, tiles: Tiles) -> APIRouter:
+def router(live: Live, tiles: Tiles, looks: Looks) -> APIRouter:
     """The streams that a page draws from."""
     router = APIRouter(prefix=ROOT, tags=["building"])
 
@@ -62,6 +80,6 @@ def router(live: Live, tiles: Tiles) -> APIRouter:
         """Small pictures of the views named (`c0-1/3`, at most 32), one connection for all, as Server-Sent Events. Each is
         asked of its camera every 3 seconds while anybody wants it, once for all: that is viewer traffic, no invocation. What
         can't be had says why (`problem`, `detail`)."""
-        return TileStream(tiles, last_event_id, sorted(set(of)))
+        return TileStream(tiles, last_event_id, sorted(set(of)), looks)
 
     return router

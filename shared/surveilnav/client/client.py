@@ -122,6 +122,10 @@ class Client:
         """What of its floor each view looks at."""
         return cast("list[r.CameraCone]", self._json("GET", f"cameras/{_id(id)}/cones")["items"])
 
+    def looks(self, id: str) -> list[r.CameraLook]:
+        """Who was shown its pictures, newest first."""
+        return self._items(f"cameras/{_id(id)}/looks")
+
     def pause_camera(self, id: str) -> r.Camera:
         """Has it show nothing."""
         return cast("r.Camera", self._json("POST", f"cameras/{_id(id)}/pause"))
@@ -133,6 +137,10 @@ class Client:
     def remove_camera(self, id: str) -> None:
         """Forgets one whose process has ended."""
         self._asked("DELETE", f"{_ROOT}/cameras/{_id(id)}")
+
+    def forget_pictures(self) -> list[r.PictureKeeper]:
+        """Has all services forget past pictures; what each says that it does."""
+        return cast("list[r.PictureKeeper]", self._json("DELETE", "pictures")["items"])
 
     # --- maps and objects -------------------------------------------------------------------------------------------
 

@@ -12,7 +12,3 @@ models       the networks' files: where they come from, and that they are what t
 boxes        boxes with the scores of words; sizes: what depth says of a label
 prompts      the text that the value map compares views with (eq. 2), and targets that a backend can't look for
 """
-
-from surveilnav.perception.backend import Backend
-
-__all__ = ["Backend"]

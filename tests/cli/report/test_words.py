@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cli.report import human_bytes
+from cli.words import human_bytes
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 import re
 import threading
 from pathlib import Path
@@ -11,9 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from rich.console import Console
 
-from cli import remote
 from surveilnav.bus import clock_ns
 from surveilnav.client import Client
 from surveilnav.errors import GatewayError
@@ -59,25 +55,6 @@ def test_events_by_the_client(gateway):
     mission = gateway.submit("tv")
     told = next(t for t in stream if t.kind == "mission" and t.data["id"] == mission["id"])
     assert told.data["what"] == "queued"
-
-
-def shown(command, gateway, *arguments, **options):
-    console = Console(file=io.StringIO(), width=500)
-    command(gateway, *arguments, console, **options)
-    return console.file.getvalue()
-
-
-def test_the_commands_print_what_the_client_told(gateway, building, capsys):
-    assert "r1  stopped" in shown(remote.stop_robots, gateway, "smoke", as_json=False)
-    shown(remote.release_robots, gateway, as_json=True)
-    assert {"robot": "r1", "halted": False, "stale": False} in json.loads(capsys.readouterr().out)["robots"]
-    assert "couch 0  floor 0 at (1.0, 2.0, 0.4) m  confirmed 0.80" in shown(
-        remote.list_objects, gateway, "", "couch", "0", as_json=False
-    )
-    until(lambda: building.put_sources() or any(t["name"] == "tv" for t in gateway.targets()))
-    text = shown(remote.system_status, gateway, as_json=False)
-    assert "id=c1" in text
-    assert "perception (1)" in text
 
 
 def test_the_pages_example_runs(gateway, building, capsys):

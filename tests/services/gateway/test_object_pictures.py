@@ -11,6 +11,8 @@ def test_an_event_is_shown_with_what_it_saw(client):
     answer = client.get("/api/v1/floors/0/objects/1/history/0.jpg")
     assert answer.content.startswith(b"\xff\xd8")
     assert answer.headers["content-type"] == "image/jpeg"
+    looks = client.get("/api/v1/cameras/c1/looks").json()["items"]
+    assert "history" in [look["what"] for look in looks], "who was shown what a camera saw is noted"
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,7 @@ from surveilnav.contract import PERCEPTION_INFER
 from surveilnav.errors import PerceptionError, TargetError
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, ModelIds
-from surveilnav.perception import Backend
-from surveilnav.perception.backend import Stage, Work
+from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.sensing.views import Detected, ViewPerception
 from tests.waiting import patient

@@ -21,8 +21,7 @@ from surveilnav.bus import BusSettings, Node, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, Part, Truth
-from surveilnav.perception import Backend
-from surveilnav.perception.backend import Stage, Work
+from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
 from tests.waiting import until

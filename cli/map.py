@@ -1,0 +1,111 @@
+"""``surveilnav map``: a layer of a floor's map, into a file or drawn with characters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.options import DEFAULT_URL, AsJson, Url, console, gateway, print_json, results
+
+if TYPE_CHECKING:
+    from cli.map_drawing import Drawing
+    from surveilnav.client import Client
+    from surveilnav.client.resources import Layer
+
+#: What a file may be.
+_ENDINGS = (".png", ".npy")
+_LAYERS = "occupancy, explored, frontier or value"
+
+
+def map_(
+    layer: Annotated[str, typer.Argument(metavar="LAYER", help=f"{_LAYERS.capitalize()}.")] = "occupancy",
+    floor: Annotated[
+        str, typer.Option(metavar="ID", help="Which floor; the lowest that is mapped if none is named.")
+    ] = "",
+    target: Annotated[
+        str, typer.Option(metavar="WORDS", help="Whose value it shows; the newest mission's if not said.")
+    ] = "",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write it: .png, north up, or .npy, an array for numpy.")
+    ] = None,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Draw a floor's map in the terminal, or write one of its layers to a file.
+
+    The drawing shows obstacles, explored floor and frontiers together; with `value` how promising each place is.
+    """
+    _expect_ending(out)
+    with gateway(url) as asked:
+        floor = floor or _first_mapped(asked)
+        place = asked.layer(floor, layer, target)
+        if out is not None:
+            _write(out, asked, place)
+        if as_json:
+            print_json(place)
+        elif out is not None:
+            console.print(f"{out}: {place['layer']} of floor {floor}, revision {place['revision']}", markup=False)
+        else:
+            show_map(drawn(asked, place), place)
+
+
+def _expect_ending(out: Path | None) -> None:
+    from surveilnav.errors import ConfigError
+
+    if out is not None and out.suffix not in _ENDINGS:
+        raise ConfigError(f"--out is a file that ends with {' or '.join(_ENDINGS)}, got {str(out)!r}")
+
+
+def _first_mapped(asked: Client) -> str:
+    from surveilnav.errors import GatewayError
+
+    for floor in asked.floors():
+        if floor["revision"] is not None:
+            return floor["id"]
+    raise GatewayError("unknown_floor", "no floor is mapped yet: `surveilnav find TARGET` sends a robot, which maps it")
+
+
+def _write(out: Path, asked: Client, place: Layer) -> None:
+    import io
+
+    import numpy as np
+
+    from surveilnav.stored import replacing
+
+    floor, layer, target = place["floor"], place["layer"], place["target"]
+    if out.suffix == ".png":
+        data = asked.layer_picture(floor, layer, target)
+    else:
+        file = io.BytesIO()
+        np.save(file, asked.layer_array(floor, layer, target))
+        data = file.getvalue()
+    with replacing(out) as written:
+        written.write(data)
+
+
+def drawn(asked: Client, place: Layer, width: int | None = None) -> Drawing:
+    """The map as characters, as wide as the terminal."""
+    from cli.map_drawing import draw
+
+    floor = place["floor"]
+    layers = {name: asked.layer_array(floor, name) for name in ("occupancy", "explored", "frontier")}
+    if place["layer"] == "value":
+        layers["value"] = asked.layer_array(floor, "value", place["target"])
+    robots = [r for r in asked.robots() if r["floor"] == floor]
+    cameras = [c for c in asked.cameras() if c["floor"] == floor]
+    things = [o for o in asked.objects(floor=floor, status="confirmed") if None not in o["center_m"]]
+    return draw(layers, place, robots, cameras, things, width or results.width)
+
+
+def show_map(drawing: Drawing, place: Layer) -> None:
+    """Prints it with its legend."""
+    for line in drawing.lines:
+        results.print(line)
+    results.print(
+        f"floor {place['floor']}, revision {place['revision']}; north is up; a character is {drawing.column_m:.2g} m wide and "
+        f"{drawing.line_m:.2g} m high",
+        markup=False,
+    )
+    results.print(drawing.legend)

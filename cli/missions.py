@@ -1,0 +1,148 @@
+"""``surveilnav find`` and ``surveilnav missions``: searches of a running system."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.options import (
+    DEFAULT_URL,
+    AsJson,
+    MaxSteps,
+    Url,
+    console,
+    gateway,
+    items,
+    only_before_nothing,
+    print_json,
+    results,
+)
+
+if TYPE_CHECKING:
+    from surveilnav.client import Client
+    from surveilnav.client.resources import Mission, MissionPlan
+
+app = typer.Typer(invoke_without_command=True, help="List missions; show, cancel, pause or resume one.")
+
+
+def _ids(ctx: typer.Context, incomplete: str) -> list[str]:
+    """For the shell: missions that begin so; none if no gateway answers."""
+    from cli.completing import mission_ids
+
+    return mission_ids(ctx, incomplete)
+
+
+Id = Annotated[
+    str,
+    typer.Argument(metavar="ID", autocompletion=_ids, help="A mission's id, or how it begins if no other begins so."),
+]
+Reason = Annotated[str, typer.Option(metavar="TEXT", help="Why, for people.")]
+
+
+def find(
+    target: Annotated[str, typer.Argument(help="What to find, in words that the perception understands.")],
+    robot: Annotated[str, typer.Option(metavar="ID", help="A robot; any free one if none is named.")] = "",
+    max_steps: MaxSteps = 500,
+    queue: Annotated[bool, typer.Option("--queue", help="Wait for a robot if none is free.")] = False,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Send a robot of the running system to find TARGET. Exit 0 only if it was found."""
+    from cli.following import follow_mission
+
+    with gateway(url) as asked:
+        mission = follow_mission(asked, target, robot, max_steps, console, queue=queue)
+    if as_json:
+        print_json(mission)
+    raise typer.Exit(0 if mission.get("found") else 1)
+
+
+@app.callback()
+def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """List missions, the newest first; or show, cancel, pause or resume one."""
+    only_before_nothing(ctx)
+    if ctx.invoked_subcommand:
+        return
+    from cli.mission_words import show_missions
+
+    with gateway(url) as asked:
+        missions = asked.missions()
+    if as_json:
+        print_json(items(missions))
+    else:
+        show_missions(missions, results)
+
+
+@app.command()
+def show(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """Say all that is known of one mission, and what its robot is up to."""
+    from cli.mission_words import show_mission
+
+    with gateway(url) as asked:
+        mission = asked.mission(_known(asked, id))
+        if as_json:
+            print_json(mission)
+        else:
+            show_mission(mission, _plan_of(asked, mission), results)
+
+
+@app.command()
+def plan(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """Say what was weighed for the next waypoint, and why it was chosen."""
+    from cli.mission_words import show_plan
+
+    with gateway(url) as asked:
+        found = asked.plan(_known(asked, id))
+    if as_json:
+        print_json(found)
+    else:
+        show_plan(found, results)
+
+
+@app.command()
+def cancel(id: Id, reason: Reason = "", url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """End a mission; its robot stops."""
+    with gateway(url) as asked:
+        _changed(asked.cancel(_known(asked, id), reason), as_json)
+
+
+@app.command()
+def pause(id: Id, reason: Reason = "", url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """Have a mission's robot end its action and stay where it is."""
+    with gateway(url) as asked:
+        _changed(asked.pause(_known(asked, id), reason), as_json)
+
+
+@app.command()
+def resume(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """Have a paused mission go on."""
+    with gateway(url) as asked:
+        _changed(asked.resume(_known(asked, id)), as_json)
+
+
+def _changed(mission: Mission, as_json: bool) -> None:
+    if as_json:
+        print_json(mission)
+    else:
+        results.print(f"{mission['id']}: {mission['state']}", markup=False, soft_wrap=True)
+
+
+def _known(asked: Client, typed: str) -> str:
+    """The id that was meant: as typed, or the only one that begins so."""
+    from cli.completing import meant
+
+    return meant("mission", typed, [mission["id"] for mission in asked.missions()])
+
+
+def _plan_of(asked: Client, mission: Mission) -> MissionPlan | None:
+    """What its robot is up to; None if there is no plan, or no longer."""
+    from surveilnav.errors import GatewayError
+    from surveilnav.messages import FINISHED_STATES
+
+    if mission["state"] in FINISHED_STATES:
+        return None
+    try:
+        return asked.plan(mission["id"])
+    except GatewayError:
+        return None

@@ -1,0 +1,62 @@
+"""``surveilnav objects``: what the maps of a running system hold."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.listing import Column, listing
+from cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from surveilnav.client.resources import Object
+
+
+def objects(
+    text: Annotated[
+        str,
+        typer.Argument(
+            help="What looks most like it comes first; a perception with a closed set refuses other words.",
+            show_default=False,
+        ),
+    ] = "",
+    label: Annotated[str, typer.Option(metavar="WORD", help="Only objects that are called so.")] = "",
+    floor: Annotated[str, typer.Option(metavar="ID", help="Only those of one floor.")] = "",
+    state: Annotated[
+        str, typer.Option("--status", metavar="WORD", help="Only those that are confirmed, candidate or rejected.")
+    ] = "",
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """List what the running system has seen; with TEXT, what looks most like it first."""
+    with gateway(url) as asked:
+        found = asked.objects(text, label=label, floor=floor, status=state)
+    if as_json:
+        print_json(items(found))
+    else:
+        show_objects(found, results)
+
+
+def show_objects(found: list[Object], console: Console) -> None:
+    """A line an object."""
+    if not found:
+        console.print("nothing is known of such objects yet")
+        return
+    columns = (
+        Column("object", "text"), Column("floor", "id"), Column("at x, y, z [m]", "number"), Column("status"),
+        Column("chance", "number"), Column("fits", "number"), Column("seen by", "note"),
+    )  # fmt: skip
+    listing(console, columns, [
+        [
+            f"{o['label']} {o['id']}", o["floor"], ", ".join("?" if v is None else f"{v:.1f}" for v in o["center_m"]),
+            o["status"], _share(o["confidence"]), _share(o["relevance"]), ", ".join(o["sources"]),
+        ]
+        for o in found
+    ])  # fmt: skip
+
+
+def _share(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"

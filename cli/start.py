@@ -1,0 +1,124 @@
+"""``surveilnav demo``, ``up`` and ``prepare``: what simulates a building."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cli.options import (
+    BUILDING_KINDS,
+    Area,
+    AsJson,
+    Building,
+    Cameras,
+    Everywhere,
+    MaxSteps,
+    OnOff,
+    Perception,
+    Record,
+    Seed,
+    Surveillance,
+    console,
+    density,
+    print_json,
+    results,
+)
+from surveilnav.perception.names import BackendName
+
+
+def demo(
+    building: Building = "3_bedroom",
+    seed: Seed = 0,
+    target: Annotated[
+        str, typer.Option(metavar="WORDS", help="What to find, in words that the perception understands.")
+    ] = "tv",
+    perception: Perception = BackendName.AUTO,
+    surveillance: Surveillance = OnOff.on,
+    cameras: Cameras = None,
+    area_per_camera: Area = None,
+    cameras_everywhere: Everywhere = False,
+    max_steps: MaxSteps = 500,
+    record: Record = OnOff.on,
+    runs: Annotated[Path, typer.Option(metavar="FOLDER", help="Where run folders go.")] = Path("runs"),
+    as_json: AsJson = False,
+) -> None:
+    """Search a simulated home, end to end, and write a report. Exit 0 only if the stop was right."""
+    from cli.demo import DemoOptions, run_demo
+
+    options = DemoOptions(
+        building=building, seed=seed, target=target, perception=perception.value, surveillance=surveillance is OnOff.on,
+        **density(cameras, area_per_camera, cameras_everywhere), max_steps=max_steps, runs=runs, record=record is OnOff.on,
+    )  # fmt: skip
+    outcome = run_demo(options, console)
+    if as_json:
+        print_json(outcome)
+    raise typer.Exit(0 if outcome["success"] else 1)
+
+
+def up(
+    building: Building = "2_bedroom",
+    seed: Seed = 0,
+    perception: Perception = BackendName.AUTO,
+    surveillance: Surveillance = OnOff.on,
+    cameras: Cameras = None,
+    area_per_camera: Area = None,
+    cameras_everywhere: Everywhere = False,
+    port: Annotated[int, typer.Option(min=1, max=65535, metavar="N", help="The gateway's port.")] = 8080,
+    router: Annotated[str, typer.Option(metavar="ENDPOINT", help="The router's endpoint.")] = "tcp/127.0.0.1:7447",
+    logs: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the services' logs go.")] = Path("runs/up"),
+    record: Record = OnOff.on,
+) -> None:
+    """Start router and services for a simulated home and keep them running until Ctrl-C."""
+    from cli.up import run_up
+
+    run_up(
+        console, building=building, seed=seed, perception=perception.value, surveillance=surveillance is OnOff.on,
+        **density(cameras, area_per_camera, cameras_everywhere), port=port, router=router, logs=logs,
+        record=record is OnOff.on,
+    )  # fmt: skip
+
+
+def prepare(
+    building: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help=f"Which building: {BUILDING_KINDS}; SURVEILNAV_SIM__BUILDING if not said."),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, metavar="N", help="Draws furniture models, textures and sensor noise.")
+    ] = None,
+    perception: Perception = BackendName.AUTO,
+    cameras: Cameras = None,
+    area_per_camera: Area = None,
+    cameras_everywhere: Everywhere = False,
+    models: Annotated[
+        bool, typer.Option("--models/--no-models", help="Whether to fetch what looks at pictures.")
+    ] = True,
+    loops: Annotated[
+        bool, typer.Option("--loops/--no-loops", help="Whether to compile all loops by playing a small search.")
+    ] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Make ahead all that a first search needs: furniture, light, camera views, navigation, models, compiled loops.
+
+    After it no network is needed. What isn't said comes from the environment (SURVEILNAV_SIM__BUILDING, ...), as in
+    `docker compose up`. With the options of `demo` or `up`, those find everything ready.
+    """
+    from cli.preparing import run_prepare
+    from simulator.simulation import SimulationSettings
+
+    said: dict[str, Any] = {
+        "building": building, "seed": seed, "cameras": cameras, "area_per_camera_m2": area_per_camera,
+        "cameras_everywhere": cameras_everywhere or None,
+    }  # fmt: skip
+    settings = SimulationSettings(**{name: value for name, value in said.items() if value is not None})
+    ready = run_prepare(settings, perception.value if models else "", console, loops=loops)
+    if as_json:
+        print_json(ready.as_dict())
+        return
+    for note in ready.notes:
+        console.print(f"note: {note}", markup=False)
+    results.print(f"{ready.building} is ready: {len(ready.cameras)} cameras", markup=False)
+    if ready.backend:
+        results.print(f"perception: {ready.backend} ({ready.why})", markup=False)

@@ -1,0 +1,96 @@
+"""``surveilnav buildings``, ``homes`` and ``doctor``: what there is to search, and what this machine has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cli.listing import Column, listing
+from cli.options import AsJson, console, items, print_json, results
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def buildings(as_json: AsJson = False) -> None:
+    """List the buildings that can be simulated: floors, rooms and their area."""
+    rows = _buildings()
+    if as_json:
+        print_json(items(rows))
+    else:
+        show_buildings(rows, results)
+
+
+def _buildings() -> list[dict[str, Any]]:
+    """A row for each name: its size is null where the number in the name decides it, or the plan isn't here."""
+    from cli.progress import counting
+    from simulator.sizes import sizes
+    from simulator.sources import list_buildings
+
+    about = {building.name: building.about for building in list_buildings()}
+    rows: list[dict[str, Any]] = []
+    with counting(console, "buildings") as progress:
+        for name, size in sizes():
+            facts = {"floors": list(size.floors), "rooms": size.rooms, "area_m2": size.area_m2} if size else {}
+            rows.append({"name": name, "about": about[name], "floors": None, "rooms": None, "area_m2": None, **facts})
+            progress(len(rows), len(about), name)
+    return rows
+
+
+def show_buildings(rows: list[dict[str, Any]], out: Console) -> None:
+    """A line a building."""
+    columns = (
+        Column("name", "id"), Column("floors", "number"), Column("rooms", "number"), Column("m²", "number"),
+        Column("what it is", "note"),
+    )  # fmt: skip
+    listing(out, columns, [
+        [row["name"], _count(row["floors"]), _number(row["rooms"]), _number(row["area_m2"]), row["about"]] for row in rows
+    ])  # fmt: skip
+    if any(row["rooms"] is None and "<n>" not in row["name"] for row in rows):
+        out.print("without numbers: plans that aren't here yet; `surveilnav prepare` fetches them")
+
+
+def _count(floors: list[str] | None) -> str:
+    return "" if floors is None else str(len(floors))
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.0f}"
+
+
+def homes(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder, or one file.")], as_json: AsJson = False
+) -> None:
+    """Say of every plan and mesh in FOLDER how much of it robots can search. Exit 1 if nothing could be read.
+
+    It takes .sh3d files, Home.xml, .glb, .gltf, .obj and folders of HM3D, however deep they lie.
+    """
+    from cli.homes import as_dict, look_at, show
+    from cli.progress import counting
+
+    with counting(console, "files") as progress:
+        lines = look_at(folder, progress)
+    if as_json:
+        print_json({"folder": str(folder), "homes": [as_dict(line) for line in lines]})
+    else:
+        show(lines, results)
+    raise typer.Exit(0 if any(line.survey for line in lines) else 1)
+
+
+def doctor(
+    building: Annotated[
+        str, typer.Option(metavar="NAME", help="Also say how much of this building robots can reach.")
+    ] = "",
+    as_json: AsJson = False,
+) -> None:
+    """Say what is missing on this machine, and how to get it. Exit 1 if something must be mended."""
+    from cli.doctor import examine, show
+
+    findings = examine(building)
+    if as_json:
+        print_json({"findings": [f.as_dict() for f in findings]})
+    else:
+        show(findings, results)
+    raise typer.Exit(1 if any(f.level == "missing" for f in findings) else 0)

@@ -1,0 +1,64 @@
+"""``surveilnav traffic``: what cameras and robots cost, by the three numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.listing import Cell, Column, listing
+from cli.options import DEFAULT_URL, AsJson, Url, gateway, print_json, results
+from cli.words import human_bytes
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from surveilnav.client.resources import SourceTraffic, Traffic
+
+
+def traffic(
+    nodes: Annotated[bool, typer.Option("--nodes", help="Also every process of the system.")] = False,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Say what each camera and robot offered, what was delivered of it, and what went over the wire."""
+    with gateway(url) as asked:
+        found = asked.traffic()
+    if as_json:
+        print_json(found)
+    else:
+        show_traffic(found, results, nodes=nodes)
+
+
+def show_traffic(found: Traffic, console: Console, *, nodes: bool = False) -> None:
+    """A line for each camera and robot, then the sum; ``nodes``: processes, too."""
+    titles = ("offered", "delivered", "wire", "pictures", "for viewers")
+    columns = (Column("source", "id"), *(Column(title, "number") for title in titles))
+    rows: list[list[Cell]] = [_source("camera", c) for c in found["cameras"]] + [
+        _source("robot", r) for r in found["robots"]
+    ]
+    total = [found["offered_bytes"], found["delivered_bytes"], found["wire_sent_bytes"]]
+    listing(console, columns, [*rows, [("all processes", "bold"), *(human_bytes(n) for n in total), "", ""]])
+    if nodes:
+        console.print()
+        _show_nodes(found, console)
+
+
+def _source(kind: str, source: SourceTraffic) -> list[Cell]:
+
+    counts = [source["offered_bytes"], source["delivered_bytes"], source["wire_sent_bytes"], source["frame_bytes"]]
+    name = f"{kind}/{source['id']}"
+    return [(name, "yellow" if source["stale"] else ""), *map(human_bytes, [*counts, source["viewer_bytes"]])]
+
+
+def _show_nodes(found: Traffic, console: Console) -> None:
+    columns = (
+        Column("process", "id"), *(Column(t, "number") for t in ("offered", "delivered", "wire out", "wire in", "refused"))
+    )  # fmt: skip
+    listing(console, columns, [
+        [
+            f"{n['kind']}/{n['id']}", human_bytes(n["offered_bytes"]), human_bytes(n["delivered_bytes"]),
+            human_bytes(n["wire_sent_bytes"]), human_bytes(n["wire_received_bytes"]), str(sum(n["rejected"].values())),
+        ]
+        for n in found["nodes"]
+    ])  # fmt: skip

@@ -1,0 +1,78 @@
+"""What keeps the screen up to date: it outlives the gateway."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, cast
+
+import pytest
+
+from cli.watching import feed as module
+from cli.watching.feed import Feed
+from services.gateway.core.resources import examples
+from surveilnav.client import Client
+from surveilnav.client.events import Told
+from surveilnav.errors import GatewayError
+from tests.waiting import until
+
+
+class Gateway:
+    """A gateway that can go away. ``streams``: what each connection tells; an error is raised."""
+
+    def __init__(self, *streams: list[Any]) -> None:
+        self.streams, self.asked = list(streams), list[str]()
+        self.away = threading.Event()
+
+    def events(self, last_id: str) -> Any:
+        self.asked.append(last_id)
+        if not self.streams:
+            threading.Event().wait(30)
+        for told in self.streams.pop(0):
+            if isinstance(told, Exception):
+                raise told
+            yield told
+
+    def __getattr__(self, name: str) -> Any:
+        def answer(*_: Any) -> Any:
+            if self.away.is_set():
+                raise GatewayError("no_gateway", "away")
+            return (
+                {"cameras": [], "robots": []} if name == "traffic" else [examples.MISSION] if name == "missions" else []
+            )
+
+        return answer
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    for name in ("_MOVING_S", "_REST_S", "_AGAIN_S"):
+        monkeypatch.setattr(module, name, 0.01)
+
+
+def test_a_stream_that_is_refused_later_goes_on_where_it_was():
+    gateway = Gateway([Told("7", "reset", {}), GatewayError("no_gateway", "502")], [Told("8", "mission", {})])  # type: ignore[typeddict-item]
+    feed = Feed(cast("Client", gateway), reads=False)
+    assert [cast("Told", feed.events.get(timeout=10)).id for _ in range(2)] == ["7", "8"]
+    until(lambda: len(gateway.asked) >= 2)
+    assert gateway.asked[:2] == ["", "7"]
+    feed.close()
+
+
+def test_a_gateway_that_was_never_there_is_a_mistake():
+    feed = Feed(cast("Client", Gateway([GatewayError("no_gateway", "away")])), reads=False)
+    assert isinstance(feed.events.get(timeout=10), GatewayError)
+    feed.close()
+
+
+def test_what_is_known_stays_while_the_gateway_is_away():
+    gateway = Gateway()
+    feed = Feed(cast("Client", gateway))
+    until(lambda: feed.known.traffic is not None)
+    gateway.away.set()
+    until(lambda: feed.known.lost)
+    since = feed.known.lost
+    assert feed.known.missions == [examples.MISSION]
+    assert feed.known.lost == since
+    gateway.away.clear()
+    until(lambda: feed.known.lost is None)
+    feed.close()

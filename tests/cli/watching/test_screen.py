@@ -1,0 +1,144 @@
+"""The live screen, its alerts and its lines: pure."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+
+from cli.watching.alerts import Alerts
+from cli.watching.known import Known, _rates
+from cli.watching.lines import line_of
+from cli.watching.screen import screen
+from services.gateway.core.resources import examples
+from surveilnav.client.events import Told
+
+NOW = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
+LONG = "north-wing_" + "0123456789" * 5 + "abc"
+BUILDING: Any = {"id": "studio", "ready": True, "stale": False}
+SERVICE: Any = {"id": "fusion", "running": True, "given_up": False, "restarts": 0, "why": None}
+FLOOR: Any = {"id": "0", "perception_ok": True, "message": ""}
+WORKER: Any = {"id": "w1", "stale": False, "last_seen": None}
+
+
+def source(id: str, offered: int) -> Any:
+    return {
+        "id": id, "offered_bytes": offered, "delivered_bytes": 2 * offered, "wire_sent_bytes": None, "frame_bytes": 0,
+        "viewer_bytes": 0, "stale": False,
+    }  # fmt: skip
+
+
+def traffic(**offered: int) -> Any:
+    cameras = [source(id, n) for id, n in offered.items()]
+    return {
+        "offered_bytes": 9,
+        "delivered_bytes": 8,
+        "wire_sent_bytes": 7,
+        "cameras": cameras,
+        "robots": [source("r1", 5)],
+        "nodes": [],
+    }
+
+
+def known(**changed: Any) -> Known:
+    """A building with a mission under way."""
+    usual: dict[str, Any] = {
+        "missions": [examples.MISSION], "plans": {examples.MISSION["id"]: examples.PLAN}, "robots": [examples.ROBOT],
+        "cameras": [examples.CAMERA], "floors": [FLOOR], "buildings": [BUILDING], "services": [SERVICE], "perception": [WORKER],
+        "traffic": traffic(**{"c0-1": 3_000_000}), "rates": {"camera/c0-1": 24_000.0},
+    }  # fmt: skip
+    return Known(**usual | changed)
+
+
+def drawn(what: Known, *, width: int = 80, height: int = 24, events: tuple[str, ...] = ()) -> list[str]:
+    alerts = Alerts().of(what, NOW)
+    lines = screen(what, alerts, events, url="http://127.0.0.1:8080", now=NOW, width=width, height=height)
+    return [line.plain for line in lines]
+
+
+def test_it_says_why_the_robot_goes_where_it_goes():
+    text = "\n".join(drawn(known()))
+    assert "potted plant  active" in text
+    assert "61/500  10.2 m  waypoint in 12 s" in text
+    assert "to a frontier, 3.1 m (best value, 3.1 m), 1 other weighed" in text
+    assert "● c0-1" in text
+    assert "3.0 MB     6.0 MB          –    24 kB/s  camera/c0-1" in text
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (80, 6), (40, 24), (200, 60)])
+def test_it_fits_any_terminal(width, height):
+    crowd = known(
+        missions=[{**examples.MISSION, "id": f"{i}{LONG}", "message": "so " * 99} for i in range(9)],
+        robots=[{**examples.ROBOT, "id": f"{i}{LONG}"} for i in range(9)],
+        cameras=[{**examples.CAMERA, "id": f"{i}{LONG}", "stale": i % 2 == 0} for i in range(40)],
+        traffic=traffic(**{f"{i}{LONG}": i for i in range(40)}),
+    )
+    lines = drawn(crowd, width=width, height=height, events=tuple(f"event {i} {LONG * 3}" for i in range(300)))
+    assert len(lines) <= height
+    assert [line for line in lines if len(line) > width] == []
+    assert "!" in lines[1], "alerts come first"
+
+
+def test_the_newest_events_have_what_room_is_left():
+    lines = drawn(known(), events=tuple(f"event {i}" for i in range(100)))
+    assert len(lines) == 23 or len(lines) == 24
+    assert lines[-1] == "event 99"
+
+
+def test_nothing_yet_is_said_in_words():
+    text = "\n".join(drawn(Known()))
+    assert "none yet: surveilnav find TARGET" in text
+    ended = known(missions=[{**examples.MISSION, "state": "failed", "error": "not_found", "message": "all was seen"}])
+    assert "failed  61/500  10.2 m  not_found: all was seen" in "\n".join(drawn(ended))
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"cameras": [{**examples.CAMERA, "stale": True}]}, "camera c0-1 is offline"),
+        ({"robots": [{**examples.ROBOT, "stale": True}]}, "robot r1 is silent"),
+        ({"services": [{**SERVICE, "running": False, "why": "SIGKILL"}]}, "fusion has ended: SIGKILL"),
+        ({"services": [{**SERVICE, "given_up": True, "restarts": 8}]}, "fusion was given up after 8 restarts: see its log"),
+        ({"perception": [{**WORKER, "stale": True}]}, "perception worker w1 is silent"),
+        ({"floors": [{**FLOOR, "perception_ok": False, "message": "no worker"}]}, "perception is down for floor 0: no worker"),
+        ({"buildings": [{**BUILDING, "ready": False}]}, "no mission can run in studio now"),
+        ({"lost": NOW, "cameras": [{**examples.CAMERA, "stale": True}]}, "the gateway doesn't answer"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_an_alert(changed, says):
+    (found,) = Alerts().of(known(**changed), NOW)
+    assert says in found[0]
+    assert Alerts().of(known(), NOW) == []
+
+
+def test_an_alert_says_since_when():
+    alerts, later = Alerts(), NOW + timedelta(seconds=90)
+    offline = known(cameras=[{**examples.CAMERA, "stale": True, "last_seen": "2026-01-31T10:00:41Z"}])
+    assert alerts.of(offline, NOW)[0][1] == datetime(2026, 1, 31, 10, 0, 41, tzinfo=UTC)
+    ended = known(services=[{**SERVICE, "running": False}])
+    assert [since for _, since in (*alerts.of(ended, NOW), *alerts.of(ended, later))] == [NOW, NOW]
+    assert alerts.of(known(), later) == []
+    assert alerts.of(ended, later)[0][1] == later, "it came anew"
+
+
+def test_rates_are_bytes_a_second_and_never_negative():
+    rates = _rates(traffic(a=100, b=900), traffic(a=400, b=0, c=30), 3.0)
+    assert rates == {"camera/a": 100.0, "camera/b": 0.0, "camera/c": 10.0, "robot/r1": 0.0}
+    assert _rates(None, traffic(a=1), 3.0) == {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "says"),
+    [
+        ("mission", {"id": "m", "what": "done", "target": "tv", "phase": "finished", "step": 3, "message": "found"},
+         "mission m done  tv: finished, step 3, found"),
+        ("camera", {"id": "c1", "what": "offline", "floor": "0"}, "camera c1 offline  floor 0"),
+        ("service", {"id": "fusion", "what": "restarted", "restarts": 2, "message": "SIGKILL"}, "restarted  2 restarts, SIGKILL"),
+        ("object", {"id": "3", "what": "confirmed", "label": "bed", "floor": "1", "center_m": [1.0, None, 2.0]},
+         "object 3 confirmed  bed on floor 1 at 1.0 m, , 2.0 m"),
+        ("reset", {"why": "the gateway was started anew"}, "what came before isn't known: the gateway was started anew"),
+    ],
+)  # fmt: skip
+def test_an_event_is_a_line(kind, data, says):
+    assert says in line_of(Told("1", kind, data))
