@@ -208,6 +208,13 @@ class FakeBuilding:
         self.layers_asked.append((layer, request.parameters))
         if floor != "0":
             raise Refused("unknown_floor", f"no floor {floor!r}; floors: 0")
+        if layer == "cloud":
+            cloud = np.random.default_rng(0).random((1000, 6), np.float32)
+            header = m.LayerHeader(
+                stamp_ns=clock_ns(), floor=floor, layer="cloud", revision=self.revision, grid=self.grid, dtype="float32",
+                shape=cloud.shape,
+            )  # fmt: skip
+            return Answer(header, pack_array(cloud))
         cells = np.zeros(self.grid.shape, np.float32 if layer == "value" else np.uint8)
         cells[0, :4] = 1
         if layer == "value":
