@@ -128,7 +128,9 @@ def test_a_disk_that_fills_ends_the_recording_says_it_once_and_the_next_one_work
     assert scribe.open == []
     full.clear()
     scribe.hear([ID], tools.heard_view(50))  # its mission goes on
+    assert scribe.full
     scribe.end(ID, {"number": "50"})
+    tools.until(lambda: not scribe.full and not scribe.failed)
     scribe.begin(OTHER, {})
     scribe.hear([OTHER], tools.heard_view(1))
     scribe.end(OTHER, {"number": "1"})
