@@ -14,7 +14,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs/use").glob("*.md"))
 FENCED = re.compile(r"^```(bash|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 HOWTOS = [page for page in PAGES if FENCED.search(page.read_text(encoding="utf-8"))]
-# rest.md's example waits for an end that only a made-up building has at hand (tests/services/gateway runs it); models.md needs PyTorch.
+# rest.md's example waits for an end that only a made-up building has at hand (tests/services/gateway runs it);
+# models.md needs PyTorch.
 NOT_HERE = {"rest.md", "models.md"}
 
 
