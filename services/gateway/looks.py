@@ -16,8 +16,9 @@ class Looks:
         """``trusted``: the proxies that are believed whom they ask for."""
         self._log, self._trusted = log or AccessLog(), trusted
 
-    def note(self, request: HTTPConnection, camera: str, view: int, what: str) -> None:
-        """Notes that whoever sent ``request`` is shown a view now, as "thumbnail", "latest" or "tile"."""
+    def note(self, request: HTTPConnection, camera: str, view: int | None, what: str) -> None:
+        """Notes that whoever sent ``request`` is shown a view now, as "thumbnail", "latest" or "tile"; None: maybe any, as
+        a "recording"."""
         peer = request.client.host if request.client else ""
         client = client_address(peer, request.headers.getlist("x-forwarded-for"), self._trusted)
         self._log.note(client, camera, view, what)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from itertools import chain, islice
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Path, Query, Response
+from fastapi import APIRouter, Header, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
+from services.gateway.cameras import Cameras
 from services.gateway.core.ranges import part_of
 from services.gateway.core.resources import ROOT, GrowingItems, Items, Recorder, Recording
+from services.gateway.looks import Looks
 from services.gateway.recordings import Recordings
 from services.gateway.routes.paging import Limit, Offset, page_of
 
@@ -21,7 +23,7 @@ _MCAP: dict[int | str, dict[str, Any]] = {
 }
 
 
-def router(found: Recordings) -> APIRouter:
+def router(found: Recordings, cameras: Cameras, looks: Looks) -> APIRouter:
     """Recordings, their files, and who makes them."""
     router = APIRouter(prefix=ROOT, tags=["recordings"])
 
@@ -46,6 +48,7 @@ def router(found: Recordings) -> APIRouter:
 
     @router.get("/recordings/{id}/file", response_class=Response, responses=_MCAP)
     def file(
+        request: Request,
         id: RecordingId,
         range: Annotated[str, Header(max_length=100)] = "",
         if_range: Annotated[str, Header(max_length=200)] = "",
@@ -64,6 +67,8 @@ def router(found: Recordings) -> APIRouter:
             headers["Content-Range"] = f"bytes {first}-{after - 1}/{total}"
         parts = found.parts(asked, first, after)
         begin = list(islice(parts, 1))  # what is wrong is said before anything is sent
+        for camera in cameras.all():  # nobody opens the file to see whose pictures are in it
+            looks.note(request, camera.id, None, "recording")
         return StreamingResponse(
             chain(begin, parts), 206 if part else 200, headers, media_type="application/octet-stream"
         )

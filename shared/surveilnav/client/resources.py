@@ -45,7 +45,7 @@ class CameraCone(TypedDict):
 class CameraLook(TypedDict):
     time: str
     client: str
-    view: int
+    view: int | None
     what: str
 
 

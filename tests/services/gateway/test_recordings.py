@@ -92,6 +92,8 @@ def test_a_file_is_downloaded_whole(client, files):
     assert (answer.status_code, answer.content) == (200, CONTENT)
     assert answer.headers["content-disposition"] == f'attachment; filename="{IDS[1]}.mcap"'
     assert files.asked == 3, "a megabyte at a time"
+    look = client.get("/api/v1/cameras/c1/looks").json()["items"][0]
+    assert (look["what"], look["view"], look["client"]) == ("recording", None, "127.0.0.1"), "it may hold c1's pictures"
 
 
 @pytest.mark.parametrize(

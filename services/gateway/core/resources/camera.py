@@ -47,8 +47,8 @@ class CameraLook(BaseModel):
 
     time: datetime
     client: str = Field(description="the address of who looked")
-    view: int
-    what: str = Field(description="thumbnail, latest or tile")
+    view: int | None = Field(description="null: a recording, which may hold any")
+    what: str = Field(description="thumbnail, latest, tile or recording")
 
 
 class PictureKeeper(BaseModel):
