@@ -47,7 +47,7 @@ class AccessLog:
         if folder is not None:
             self._lines.extend(_read(_files(folder)))
 
-    def note(self, client: str, camera: str, view: int | None, what: str, now: datetime | None = None) -> None:
+    def note(self, client: str, camera: str, view: int, what: str, now: datetime | None = None) -> None:
         """Notes that ``client`` was shown a view of a camera; the same again within a minute is one look."""
         now = now or datetime.now(UTC)
         with self._lock:

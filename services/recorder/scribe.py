@@ -40,9 +40,13 @@ class Scribe:
         full: why nothing can be recorded; empty while the disk takes what comes.
     """
 
-    def __init__(self, node: Node, settings: RecorderSettings, folder: Folder) -> None:
+    def __init__(
+        self, node: Node, settings: RecorderSettings, folder: Folder, keep_pictures_s: float | None = None
+    ) -> None:
+        """``keep_pictures_s``: recordings hold pictures, and may be no older; None: no such limit."""
         self._node, self._settings, self._folder = node, settings, folder
-        self._limits = Limits(settings.max_mb << 20, int(settings.max_days * 86_400e9))
+        ages_s = [s for s in (settings.max_days * 86_400, keep_pictures_s) if s]
+        self._limits = Limits(settings.max_mb << 20, int(min(ages_s, default=0) * 1e9))
         self._room = threading.Condition()
         self._waiting: deque[tuple[int, Callable[[], None]]] = deque()
         self._waiting_bytes, self._ended = 0, False
@@ -105,7 +109,8 @@ class Scribe:
             self._room.notify_all()
 
     def _run(self) -> None:
-        flush_at_s = tidy_at_s = 0.0
+        self._guarded(self._tidy)
+        flush_at_s, tidy_at_s = 0.0, time.monotonic() + _TIDY_S
         while True:
             with self._room:
                 if not self._waiting and not self._ended:

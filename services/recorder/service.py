@@ -33,10 +33,10 @@ _STATUS_S = 1.0
 class RecorderService:
     """Follows missions, and has what is heard of them written."""
 
-    def __init__(self, node: Node, settings: RecorderSettings) -> None:
+    def __init__(self, node: Node, settings: RecorderSettings, keep_pictures_s: float | None = None) -> None:
         self._node, self._settings = node, settings
         self._folder = Folder(settings.folder)
-        self._scribe = Scribe(node, settings, self._folder)
+        self._scribe = Scribe(node, settings, self._folder, keep_pictures_s)
         fusion = Fusion(node)
         self._views = Views(node, fusion, self._scribe)
         self._meanings = Meanings(node, self._scribe)

@@ -9,11 +9,10 @@ import msgspec
 
 
 class Look(msgspec.Struct, frozen=True):
-    """Somebody was shown a view of a camera, as ``what``: "thumbnail", "latest" or "tile". Or got a "recording", which may
-    hold any of its views: None. ``client``: an address."""
+    """Somebody was shown a view of a camera. ``what``: "thumbnail", "latest", "tile" or "history"; ``client``: an address."""
 
     time: Annotated[datetime, msgspec.Meta(tz=True)]
     client: str
     camera: str
-    view: int | None
+    view: int
     what: str

@@ -180,6 +180,10 @@ class Client:
         """One object with its whole history."""
         return cast("r.Object", self._json("GET", f"floors/{_id(floor)}/objects/{id}"))
 
+    def object_picture(self, floor: str, id: int, number: int) -> bytes:
+        """A JPEG of what an event of its history (by its place, from 0) saw; GatewayError once it isn't kept."""
+        return self._asked("GET", f"{_ROOT}/floors/{_id(floor)}/objects/{id}/history/{number}.jpg").content
+
     # --- the whole --------------------------------------------------------------------------------------------------
 
     def perception(self) -> list[r.Worker]:

@@ -45,7 +45,7 @@ class CameraCone(TypedDict):
 class CameraLook(TypedDict):
     time: str
     client: str
-    view: int | None
+    view: int
     what: str
 
 
@@ -249,6 +249,7 @@ class Recording(TypedDict):
     started: str | None
     changed: str | None
     recorder: str
+    cameras: list[str] | None
     file: str
 
 

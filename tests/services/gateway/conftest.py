@@ -177,6 +177,7 @@ class FakeBuilding:
         self.fusion.serve(contract.MAP_LAYER, self._layer)
         self.fusion.serve(contract.FORGET_PICTURES, self._forget, keeper="f1")
         self.fusion.serve(contract.OBJECTS, self._objects)
+        self.fusion.serve(contract.VIEW_PICTURE, self._picture)
         self.fusion.serve(contract.MAP_REVISION, lambda _: Answer(self._held(), ids={"floor": "0"}))
 
     def _held(self) -> m.Revision:
@@ -193,6 +194,14 @@ class FakeBuilding:
     def put_revision(self) -> None:
         self.revision += 1
         self._revision.put(self._held())
+
+    def _picture(self, request: Request) -> Answer:
+        asked = request.parameters
+        if asked["seq"] != "1":
+            raise Refused("unknown_picture", "it isn't kept (any more)")
+        _, jpeg = cv2.imencode(".jpg", np.full((60, 80, 3), 90, np.uint8))
+        named = m.ViewPicture(stamp_ns=clock_ns(), source=asked["source"], view=int(asked["view"]), seq=1)
+        return Answer(named, b"no picture" if asked["view"] == "9" else jpeg.tobytes())
 
     def _layer(self, request: Request) -> Answer:
         floor, layer = request.ids["floor"], request.ids["layer"]

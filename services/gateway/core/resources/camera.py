@@ -47,8 +47,8 @@ class CameraLook(BaseModel):
 
     time: datetime
     client: str = Field(description="the address of who looked")
-    view: int | None = Field(description="null: a recording, which may hold any")
-    what: str = Field(description="thumbnail, latest, tile or recording")
+    view: int = Field(description="-1: all of them")
+    what: str = Field(description="thumbnail, latest, tile, history (of an object) or recording")
 
 
 class PictureKeeper(BaseModel):
