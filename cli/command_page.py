@@ -58,8 +58,13 @@ _HEAD = """# The command line
 surveilnav prepare --building studio            # once, with a network: afterwards none is needed
 surveilnav up --building studio                 # keeps running; go on in another terminal
 surveilnav watch                                # what is going on, until Ctrl-C
-surveilnav find tv                              # send a robot
+```
+
+```bash
+surveilnav find tv                              # send a robot, and follow it
 surveilnav missions                             # which searches there are
+surveilnav cameras                              # what cameras saw
+surveilnav traffic                              # what that cost
 surveilnav map                                  # what is mapped, drawn with characters
 surveilnav map value --target tv --out tv.png   # or as a picture; .npy is an array
 ```

@@ -83,6 +83,10 @@ class DurableMap:
         """Everything that ever happened to an object; None without a store. StoreError: it can't be read."""
         return None if self._journal is None else self._journal.history(floor, object_id)
 
+    def picture(self, source: str, view: int, seq: int) -> bytes | None:
+        """The JPEG of a view that the log has still; None without a store. StoreError: it can't be read."""
+        return None if self._journal is None else self._journal.picture(source, view, seq)
+
     def logged_after(self, number: int) -> tuple[int, tuple[int, Entry] | None]:
         """The number of the newest view taken, and the first that the log has after one, with its number; None: there is none
         yet. From any thread. StoreError: it can't be read, or there is no log."""

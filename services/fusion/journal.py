@@ -31,12 +31,13 @@ State = dict[str, Any]
 
 _HEADER = msgspec.msgpack.Decoder(FrameHeader)
 _REPLY = msgspec.msgpack.Decoder(InferReply)
+_NEWEST_VIEWS = 64  # of one source: among so many a picture is looked for
 _ASIDES_S = 60.0  # between two looks at what was set aside
 _ROW_BYTES = 1024  # of a view in the log, beside its picture: about
 
 
 class Journal:
-    """One file; used by the loop alone, but for ``history`` and ``after``.
+    """One file; used by the loop alone, but for ``history``, ``picture`` and ``after``.
 
     Attributes:
         number: of the newest view taken, in the log.
@@ -102,6 +103,14 @@ class Journal:
     def history(self, floor: str, object_id: int) -> list[ObjectEvent]:
         """Everything that ever happened to an object. StoreError: it can't be read."""
         return self._store.history(floor, object_id)
+
+    def picture(self, source: str, view: int, seq: int) -> bytes | None:
+        """The JPEG of a view that is logged still; None if it isn't. StoreError: the log can't be read."""
+        for entry in self._store.newest(source, view, _NEWEST_VIEWS):
+            header = _HEADER.decode(entry.header)
+            if header.seq == seq and entry.payload and header.image.encoding == "jpeg":
+                return bytes(entry.payload[: header.image.n_bytes])
+        return None
 
     def after(self, number: int) -> tuple[int, Entry] | None:
         """The first view in the log after one, with its number, if the maps have taken it. From any thread. StoreError: it can't

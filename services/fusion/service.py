@@ -18,7 +18,7 @@ from services.fusion.sources import Sources
 from services.fusion.view_choice import ViewChoice
 from services.fusion.words import Words
 from surveilnav.bus import Answer, Node, Received, Request, clock_ns
-from surveilnav.contract import FORGET_PICTURES, MAP_LAYER, MAP_REVISION, MAP_SNAPSHOT, OBJECTS, VIEW_LOG
+from surveilnav.contract import FORGET_PICTURES, MAP_LAYER, MAP_REVISION, MAP_SNAPSHOT, OBJECTS, VIEW_LOG, VIEW_PICTURE
 from surveilnav.messages import FrameHeader, PicturesForgotten
 
 _WORDS_S = 0.2  # between two looks at what missions search for
@@ -46,6 +46,7 @@ class FusionService:
         # a value layer may wait for perception: the others must not wait with it
         node.serve(MAP_LAYER, replies.layer, workers=3)
         node.serve(OBJECTS, replies.objects)
+        node.serve(VIEW_PICTURE, replies.picture)
         node.serve(MAP_REVISION, self._revisions.answer)
         node.serve(FORGET_PICTURES, self._on_forget, keeper=node.id)
         history = History(config, self._maps)

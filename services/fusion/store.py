@@ -118,6 +118,15 @@ class Store:
             after, *fields, checksum = row
             yield after, _entry(fields, checksum)
 
+    def newest(self, source: str, view: int, limit: int) -> list[Entry]:
+        """The views of a source that are logged still, newest first, at most so many; damaged ones left out. StoreError."""
+        with self._reading() as db:
+            rows = db.execute(
+                "SELECT source, view, header, payload, reply, digest, fault, checksum FROM view"
+                " WHERE source = ? AND view = ? ORDER BY number DESC LIMIT ?", (source, view, limit),
+            ).fetchall()  # fmt: skip
+        return [entry for *fields, checksum in rows if (entry := _entry(fields, checksum)) is not None]
+
     def add_events(self, events: Iterable[StoredEvent]) -> None:
         """Commits events; those that came before, with the same numbers, stay. StoreError."""
         rows = [(e.number, e.k, e.floor, e.object_id, e.absorbed, msgspec.msgpack.encode(e.event)) for e in events]

@@ -20,7 +20,7 @@ class Looks:
         self._log, self._trusted = log or AccessLog(), trusted
 
     def note(self, request: HTTPConnection, camera: str, view: int, what: str) -> None:
-        """Notes that whoever sent ``request`` is shown a view now, as "thumbnail", "latest", "tile" or "recording"."""
+        """Notes that whoever sent ``request`` is shown a view now, as "thumbnail", "latest", "tile", "history" or "recording"."""
         peer = request.client.host if request.client else ""
         client = client_address(peer, request.headers.getlist("x-forwarded-for"), self._trusted)
         self._log.note(client, camera, view, what)

@@ -163,6 +163,10 @@ OBJECTS = Stream(
     "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; "
     "text=WORDS: with how well each fits; detail=brief: without points and events",
 )  # fmt: skip
+VIEW_PICTURE = Stream(
+    "view_picture", "{building}/view_picture/{floor}", m.ViewPicture, "fusion", "query", None, 5_000,
+    "maps", "a picture that the maps took (parameters source, view, seq), for as long as fusion keeps it; a JPEG", payload=True,
+)  # fmt: skip
 FORGET_PICTURES = Stream(
     "forget_pictures", "{building}/forget_pictures/{keeper}", m.PicturesForgotten, "fusion", "query", None, 5_000,
     "control", "forget past pictures: all who keep any", request=m.ForgetPictures, asked_of_all=True,

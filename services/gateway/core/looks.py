@@ -9,7 +9,7 @@ import msgspec
 
 
 class Look(msgspec.Struct, frozen=True):
-    """Somebody was shown a view of a camera. ``what``: "thumbnail", "latest" or "tile"; ``client``: an address."""
+    """Somebody was shown a view of a camera. ``what``: "thumbnail", "latest", "tile" or "history"; ``client``: an address."""
 
     time: Annotated[datetime, msgspec.Meta(tz=True)]
     client: str

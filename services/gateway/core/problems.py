@@ -22,6 +22,8 @@ STATUS_OF = {
     "unknown_view": 404,
     "bad_view": 404,
     "no_plan": 404,
+    "no_picture": 404,
+    "unknown_picture": 404,
     "unknown_recording": 404,
     "busy": 503,
     "queue_full": 503,

@@ -27,6 +27,8 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
+#: Modules that are loaded when somebody opens what they show.
+_LATER = "page/cloud/"
 _FOR_GOOD = "max-age=31536000, immutable"
 
 
@@ -44,7 +46,7 @@ def _read() -> _Files:
     paths = [p for p in sorted(_FOLDER.rglob("*")) if p.suffix in _TYPES]
     files = {p.relative_to(_FOLDER).as_posix(): p.read_bytes() for p in paths}
     version = hashlib.sha256(b"".join(n.encode() + b"\0" + data for n, data in files.items())).hexdigest()[:16]
-    at_once = [n for n in files if n.startswith(("page/", "vendor/")) and n.endswith(".js")]
+    at_once = [n for n in files if n.endswith(".js") and not n.startswith(_LATER)]
     preloads = "\n".join(f'<link rel="modulepreload" href="static/{version}/{name}">' for name in at_once)
     text = (_FOLDER / "page.html").read_text(encoding="utf-8")
     return _Files(text.replace("{{version}}", version).replace("{{preloads}}", preloads), files, version)

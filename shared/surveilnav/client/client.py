@@ -176,9 +176,18 @@ class Client:
         wanted = _given(text=text, floor=floor, label=label, status=status, min_confidence=min_confidence)
         return self._items("objects", **wanted)
 
+    def cloud(self, floor: str, points: int = 50_000) -> NDArray[np.float32]:
+        """(N, 6): x, y, z [m, world] and red, green, blue [0-1] of at most so many points of the joint cloud."""
+        answer = self._asked("GET", f"{_ROOT}/floors/{_id(floor)}/cloud.npy", params={"points": points})
+        return cast("NDArray[np.float32]", np.load(io.BytesIO(answer.content), allow_pickle=False))
+
     def object(self, floor: str, id: int) -> r.Object:
         """One object with its whole history."""
         return cast("r.Object", self._json("GET", f"floors/{_id(floor)}/objects/{id}"))
+
+    def object_picture(self, floor: str, id: int, number: int) -> bytes:
+        """A JPEG of what an event of its history (by its place, from 0) saw; GatewayError once it isn't kept."""
+        return self._asked("GET", f"{_ROOT}/floors/{_id(floor)}/objects/{id}/history/{number}.jpg").content
 
     # --- the whole --------------------------------------------------------------------------------------------------
 

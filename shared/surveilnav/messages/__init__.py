@@ -13,6 +13,7 @@ from surveilnav.messages.maps import (
     ObjectList,
     ObjectRecord,
     Revision,
+    ViewPicture,
 )
 from surveilnav.messages.mission import (
     FINISHED_STATES,
@@ -47,5 +48,6 @@ __all__ = [
     "MissionCancel", "MissionGoal", "MissionPause", "MissionStatus", "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord",
     "Observation", "Part", "PicturesForgotten", "Plan", "RecorderStatus", "Recording", "RecordingList", "RecordingPart",
     "RecordingRemoval", "Revision", "RobotStatus",
-    "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "WorkerLoad",
+    "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "ViewPicture",
+    "WorkerLoad",
 ]  # fmt: skip

@@ -175,7 +175,9 @@ class FakeBuilding:
     def _fusion(self) -> None:
         self._revision = self.fusion.publisher(contract.MAP_REVISION, floor="0")
         self.fusion.serve(contract.MAP_LAYER, self._layer)
+        self.fusion.serve(contract.FORGET_PICTURES, self._forget, keeper="f1")
         self.fusion.serve(contract.OBJECTS, self._objects)
+        self.fusion.serve(contract.VIEW_PICTURE, self._picture)
         self.fusion.serve(contract.MAP_REVISION, lambda _: Answer(self._held(), ids={"floor": "0"}))
 
     def _held(self) -> m.Revision:
@@ -193,11 +195,26 @@ class FakeBuilding:
         self.revision += 1
         self._revision.put(self._held())
 
+    def _picture(self, request: Request) -> Answer:
+        asked = request.parameters
+        if asked["seq"] != "1":
+            raise Refused("unknown_picture", "it isn't kept (any more)")
+        _, jpeg = cv2.imencode(".jpg", np.full((60, 80, 3), 90, np.uint8))
+        named = m.ViewPicture(stamp_ns=clock_ns(), source=asked["source"], view=int(asked["view"]), seq=1)
+        return Answer(named, b"no picture" if asked["view"] == "9" else jpeg.tobytes())
+
     def _layer(self, request: Request) -> Answer:
         floor, layer = request.ids["floor"], request.ids["layer"]
         self.layers_asked.append((layer, request.parameters))
         if floor != "0":
             raise Refused("unknown_floor", f"no floor {floor!r}; floors: 0")
+        if layer == "cloud":
+            cloud = np.random.default_rng(0).random((1000, 6), np.float32)
+            header = m.LayerHeader(
+                stamp_ns=clock_ns(), floor=floor, layer="cloud", revision=self.revision, grid=self.grid, dtype="float32",
+                shape=cloud.shape,
+            )  # fmt: skip
+            return Answer(header, pack_array(cloud))
         cells = np.zeros(self.grid.shape, np.float32 if layer == "value" else np.uint8)
         cells[0, :4] = 1
         if layer == "value":
@@ -306,6 +323,9 @@ class FakeBuilding:
                 times={"queue": [0] * 20 + [3] + [0] * 53, "odd": [1]},
             )
         )
+
+    def _forget(self, request: Request) -> Answer:
+        return Answer(m.PicturesForgotten(stamp_ns=clock_ns(), keeper="f1", message="gone within seconds"))
 
     def _thumbnail(self, request: Request) -> Answer:
         if (action := request.message.action) != "thumbnail":

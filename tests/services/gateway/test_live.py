@@ -163,9 +163,13 @@ def test_the_page_is_made_of_files_that_are_all_there_and_need_nothing_from_else
         assert not name.startswith("/"), "addresses are relative: a proxy may have the gateway below a path"
         answer = client.get(name)
         assert answer.status_code == 200, name
-        for imported in re.findall(r'(?:from|import) ?\(?"([^"]+)"', answer.text) if name.endswith(".js") else ():
+        for how, imported in re.findall(r'(from |import\()"([^"]+)"', answer.text) if name.endswith(".js") else ():
             assert imported.startswith("."), (name, imported)
-            assert str(httpx.URL(name).join(imported)) in files, (name, imported)
+            module = str(httpx.URL(name).join(imported))
+            assert client.get(module).status_code == 200, (name, imported)
+            assert (module in files) == (how == "from "), (
+                "what is needed at once is named by the page, and nothing else"
+            )
     assert not re.search(r"<script(?![^>]*src=)|<style|\son\w+=", page.text), "nothing runs that is no file"
 
 

@@ -48,7 +48,7 @@ class CameraLook(BaseModel):
     time: datetime
     client: str = Field(description="the address of who looked")
     view: int = Field(description="-1: all of them")
-    what: str = Field(description="thumbnail, latest, tile or recording")
+    what: str = Field(description="thumbnail, latest, tile, history (of an object) or recording")
 
 
 class PictureKeeper(BaseModel):

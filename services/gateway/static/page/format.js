@@ -23,6 +23,13 @@ export function duration(seconds) {
   return `${Math.floor(s / 86400)} d ${Math.floor(s / 3600) % 24} h`;
 }
 
+/** The same in little room: 0:08, 3:05, 2:10:00. */
+export function timer(seconds) {
+  if (seconds == null || !isFinite(seconds)) return "–";
+  const s = Math.max(0, Math.round(seconds)), two = n => String(n).padStart(2, "0"), h = Math.floor(s / 3600);
+  return `${h ? `${h}:${two(Math.floor(s / 60) % 60)}` : Math.floor(s / 60)}:${two(s % 60)}`;
+}
+
 export const secondsSince = (time, now) => time ? (now - new Date(time)) / 1000 : null;
 export const ago = (time, now) => time ? `${duration(secondsSince(time, now))} ago` : "never";
 export const clock = time => time ? new Date(time).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false }) : "–";

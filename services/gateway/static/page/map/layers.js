@@ -6,7 +6,7 @@ import { colour } from "../theme.js";
 /** From the bottom to the top. */
 export const LAYERS = ["explored", "value", "occupancy", "frontier"];
 const NAMES = { explored: "explored", value: "value", occupancy: "obstacles", frontier: "frontiers" };
-const OPACITY = { explored: 1, value: 0.75, occupancy: 1, frontier: 0.95 };
+const OPACITY = { explored: 1, value: 0.62, occupancy: 1, frontier: 0.95 };
 const LEAST_MS = 1000;
 export const nameOf = layer => NAMES[layer];
 export const opacityOf = layer => OPACITY[layer];

@@ -1,12 +1,11 @@
-// The map with its switches: floor, layers, zoom; a hint beside the pointer.
-import { percent } from "../format.js";
-import { Icon } from "../icons.js";
+// The map with its switches: floor, layers, flat or in 3D.
 import { all, one, useStore } from "../store.js";
-import { html, useEffect, useRef, useState } from "../ui.js";
-import { MapCanvas } from "./canvas.js";
+import { toast } from "../toasts.js";
+import { html, useState } from "../ui.js";
 import { LAYERS, nameOf } from "./layers.js";
 import { Legend } from "./legend.js";
-import { chooseCamera, chooseFloor, chooseObject, selection } from "./selection.js";
+import { chooseFloor, selection } from "./selection.js";
+import { MapStage } from "./stage.js";
 
 const SWITCHES = [...LAYERS.map(l => [l, nameOf(l)]), ["cones", "camera views"], ["objects", "objects"]];
 
@@ -18,52 +17,31 @@ export function shownFloor() {
   return (robots.find(r => r.mission) ?? robots.find(r => !r.stale) ?? robots[0])?.floor ?? names[0] ?? null;
 }
 
+/** The 3D view is loaded when it is first opened. */
+function useCloud() {
+  const [stage, setStage] = useState(null);
+  const toggle = () => stage ? setStage(null) : import("../cloud/stage.js").then(m => setStage(() => m.CloudStage), () => toast("The 3D view can't be loaded.", "bad"));
+  return [stage, toggle];
+}
+
 export function MapPanel() {
   useStore();
-  const canvas = useRef(), map = useRef(), [shown, setShown] = useState(Object.fromEntries(SWITCHES.map(([k]) => [k, true])));
-  const [hint, setHint] = useState(null), [layers, setLayers] = useState(null), floor = shownFloor();
-  useEffect(() => {
-    map.current = new MapCanvas(canvas.current, {
-      onPick: found => pick(found), onLayers: l => setLayers({ ...l }),
-      onHover: (found, u, v) => setHint(found && { text: describe(found), u, v }),
-    });
-    return () => map.current.end();
-  }, []);
-  useEffect(() => map.current.show(floor, shown), [floor, shown]);
-
+  const [shown, setShown] = useState(Object.fromEntries(SWITCHES.map(([k]) => [k, true]))), [layers, setLayers] = useState(null);
+  const floor = shownFloor(), [Cloud, toggleCloud] = useCloud();
   return html`<section class="panel map" id="map" aria-labelledby="map-title">
-    <div class="row head"><h2 id="map-title">Map</h2><${Floors} floor=${floor} />
-      <span class="grow"></span><${MapNote} floor=${floor} /></div>
-    <div class="row switches" role="group" aria-label="Layers">${SWITCHES.map(([key, name]) => html`
-      <button class="switch show-${key}" aria-pressed=${shown[key]} onClick=${() => setShown({ ...shown, [key]: !shown[key] })}><i aria-hidden="true"></i>${name}</button>`)}</div>
-    <div class="stage">
-      <canvas ref=${canvas} tabindex="0" role="application" aria-label="Map of floor ${floor ?? "?"}. Arrow keys move it, plus and minus zoom, 0 shows everything."></canvas>
-      <div class="zoom"><button aria-label="Zoom in" onClick=${() => map.current.zoom(1.3)}><${Icon} name="plus" /></button><button aria-label="Zoom out" onClick=${() => map.current.zoom(0.77)}><${Icon} name="minus" /></button>
-        <button aria-label="Show everything" title="Show everything (0)" onClick=${() => map.current.fit()}><${Icon} name="fit" /></button></div>
-      ${hint && html`<${Hint} ...${hint} />`}
-      <${Empty} floor=${floor} />
-    </div>
-    <${Legend} range=${shown.value ? layers?.pictures?.value?.range : null} problem=${shown.value ? layers?.problems?.value : null} />
+    <div class="row head"><h2 id="map-title">Map</h2><${Floors} floor=${floor} /><span class="grow"></span><${MapNote} floor=${floor} />
+      <button class="quiet" aria-pressed=${!!Cloud} onClick=${toggleCloud}>3D</button></div>
+    ${!Cloud && html`<${Switches} shown=${shown} setShown=${setShown} />`}
+    <div class="stage">${Cloud ? html`<${Cloud} floor=${floor} />` : html`<${MapStage} floor=${floor} shown=${shown} onLayers=${l => setLayers({ ...l })} />`}
+      <${Empty} floor=${floor} /></div>
+    ${!Cloud && html`<${Legend} range=${shown.value ? layers?.pictures?.value?.range : null} problem=${shown.value ? layers?.problems?.value : null} />`}
     <${Positions} floor=${floor} />
   </section>`;
 }
 
-function pick(found) {
-  if (found?.kind === "object") chooseObject(`${found.thing.floor}/${found.thing.id}`);
-  if (found?.kind === "camera") { chooseCamera(found.thing.id); document.getElementById(`camera-${found.thing.id}`)?.scrollIntoView({ block: "nearest" }); }
-}
-
-function describe({ kind, thing }) {
-  if (kind === "object") return `${thing.label} #${thing.id}, ${thing.status} ${percent(thing.confidence)} (click for its history)`;
-  if (kind === "camera") return `camera ${thing.id}${thing.stale ? ", gone" : thing.paused ? ", paused" : thing.invoked ? `, invoked: ${thing.views_processed} of ${thing.views.length} views` : ", not invoked"}`;
-  if (kind === "place") return `${thing.kind}${thing.chosen ? ", chosen" : ""}: ${thing.note}`;
-  return `robot ${thing.id}, ${thing.state}${thing.message ? `: ${thing.message}` : ""}`;
-}
-
-function Hint({ text, u, v }) {
-  const box = useRef();
-  useEffect(() => { box.current.style.transform = `translate(${u + 14}px, ${v + 14}px)`; }, [u, v]);
-  return html`<div class="hint" ref=${box}>${text}</div>`;
+function Switches({ shown, setShown }) {
+  return html`<div class="row switches" role="group" aria-label="Layers">${SWITCHES.map(([key, name]) => html`
+    <button class="switch show-${key}" aria-pressed=${shown[key]} onClick=${() => setShown({ ...shown, [key]: !shown[key] })}><i aria-hidden="true"></i>${name}</button>`)}</div>`;
 }
 
 function Floors({ floor }) {

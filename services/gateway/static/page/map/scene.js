@@ -85,7 +85,8 @@ function labels(c, view, objects, t, taken) {
   c.font = `500 12px ${t.font}`;
   for (const o of objects) {
     const [u, v] = view.to(o.center_m[0], o.center_m[1]), text = `${o.label} ${Math.round(100 * (o.confidence ?? 0))}%`;
-    const box = [u + 8, v - 7, u + 8 + c.measureText(text).width, v + 7];
+    const width = c.measureText(text).width, left = u + 10 + width > view.width ? u - 10 - width : u + 10;
+    const box = [left, v - 7, left + width, v + 7];
     if (taken.some(b => b[0] < box[2] && box[0] < b[2] && b[1] < box[3] && box[1] < b[3])) continue;
     taken.push(box);
     symbols.label(c, text, box[0], v + 4, t);

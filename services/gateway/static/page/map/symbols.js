@@ -61,7 +61,7 @@ export function robotMark(c, view, robot, pose, t) {
 
 export function objectMark(c, view, object, t, { wanted, chosen }) {
   const [u, v] = view.to(object.center_m[0], object.center_m[1]), sure = object.status === "confirmed";
-  const r = wanted ? 6.5 : sure ? 5 : 3.5;
+  const r = wanted ? (sure ? 7 : 3.5 + 4 * (object.confidence ?? 0)) : sure ? 5 : 3.5;
   c.beginPath();
   c.arc(u, v, r, 0, 7);
   c.lineWidth = 1.8;

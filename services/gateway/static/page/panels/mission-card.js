@@ -1,7 +1,7 @@
 // A mission under way: how far it is, what it does and why, and what a person can do about it.
 import { part, post } from "../api.js";
 import { useNow } from "../clock.js";
-import { duration, metres, secondsSince } from "../format.js";
+import { metres, secondsSince, timer } from "../format.js";
 import { one } from "../store.js";
 import { attempt } from "../toasts.js";
 import { html } from "../ui.js";
@@ -39,12 +39,12 @@ export function MissionCard({ mission: m }) {
     <p class="why" aria-live="polite">${plan?.why || m.message || m.phase}</p>
     <${Progress} mission=${m} />
     <dl class="facts">
-      <${Fact} name="to waypoint" value=${metres(m.distance_remaining_m)} />
-      <${Fact} name="time left" value=${duration(m.time_remaining_s)} />
+      <${Fact} name="waypoint in" value=${metres(m.distance_remaining_m)} />
+      <${Fact} name="there in" value=${timer(m.time_remaining_s)} />
       <${Fact} name="driven" value=${metres(m.path_m)} />
-      <${Fact} name="since" value=${duration(elapsed)} />
+      <${Fact} name="since" value=${timer(elapsed)} />
     </dl>
-    ${plan && html`<${Candidates} plan=${plan} />`}
     <${Actions} mission=${m} />
+    ${plan && html`<${Candidates} plan=${plan} />`}
   </article>`;
 }

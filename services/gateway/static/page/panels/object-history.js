@@ -1,5 +1,5 @@
 // An object with all that ever happened to it: who said what, and what came of it.
-import { get, part } from "../api.js";
+import { address, get, part } from "../api.js";
 import { clock, metres, percent } from "../format.js";
 import { Icon } from "../icons.js";
 import { chooseObject, highlight } from "../map/selection.js";
@@ -7,6 +7,8 @@ import { one, useStore } from "../store.js";
 import { html, useEffect, useRef, useState } from "../ui.js";
 
 const FIRST = 30;
+/** So many of the newest events are shown with what they saw: fusion keeps no older pictures. */
+const PICTURES = 20;
 
 /** The object with its history, read again when the map knows more of it. */
 function useObject(id) {
@@ -30,7 +32,7 @@ export function ObjectHistory({ id }) {
       <button class="icon" aria-label="Close" onClick=${() => dialog.current.close()}><${Icon} name="close" /></button></div>
     ${problem && html`<p class="bad-text">${problem}</p>`}
     ${!o && !problem && html`<p class="soft">Loading its history …</p>`}
-    ${o && html`<${Facts} object=${o} /><${History} events=${o.history} />`}
+    ${o && html`<${Facts} object=${o} /><${History} id=${id} events=${o.history} />`}
   </dialog>`;
 }
 
@@ -44,10 +46,19 @@ function Facts({ object: o }) {
   return html`<dl class="facts wide">${facts.map(([name, value]) => html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>`;
 }
 
-function History({ events }) {
+/** What an event saw, if fusion keeps it still. */
+function Picture({ id, number, event: e }) {
+  const [gone, setGone] = useState(false), [floor, object] = id.split("/");
+  if (gone) return null;
+  return html`<img class="seen" loading="lazy" src=${address(`floors/${part(floor)}/objects/${object}/history/${number}.jpg`)}
+    alt="What ${e.source} saw: ${e.label}" onError=${() => setGone(true)} />`;
+}
+
+function History({ id, events }) {
   const [whole, setWhole] = useState(false), list = [...events].reverse(), shown = whole ? list : list.slice(0, FIRST);
-  return html`<h3>History</h3><ol class="history">${shown.map(e => html`<li class=${e.what}>
+  return html`<h3>History</h3><ol class="history">${shown.map((e, i) => html`<li class=${e.what} key=${events.length - i}>
       <time>${clock(e.time)}</time><span class="what">${e.what}</span>
-      <span>${e.label && `${e.label} ${percent(e.score)}`} <span class="soft">${e.source}${e.source ? `, view ${e.view}` : ""}</span>${e.note && html`<br /><span class="soft">${e.note}</span>`}</span></li>`)}</ol>
+      <span>${e.label && `${e.label} ${percent(e.score)}`} <span class="soft">${e.source}${e.source ? `, view ${e.view}` : ""}</span>${e.note && html`<br /><span class="soft">${e.note}</span>`}</span>
+      ${e.box_px && i < PICTURES && html`<${Picture} id=${id} number=${events.length - 1 - i} event=${e} />`}</li>`)}</ol>
     ${list.length > FIRST && html`<button class="quiet" onClick=${() => setWhole(!whole)}>${whole ? "Fewer" : `All ${list.length}`}</button>`}`;
 }
