@@ -33,10 +33,10 @@ RUN apt-get update \
  && apt-get install -y --no-install-recommends libusb-1.0-0 libegl1 libgl1 libgomp1 libx11-6 \
  && rm -rf /var/lib/apt/lists/* \
  && useradd --system --uid 10001 --home-dir /tmp --shell /usr/sbin/nologin surveilnav \
- && install -d -o 10001 -g 10001 /var/lib/surveilnav
+ && install -d -o 10001 -g 10001 /var/lib/surveilnav /var/lib/recordings
 COPY --from=code --chown=10001:10001 /var/cache/surveilnav /var/cache/surveilnav
 COPY --from=code /opt/surveilnav /opt/surveilnav
-# Everything that a service writes lies in the volumes cache and state or in /tmp: the rest may be read-only.
+# Everything that a service writes lies in the volumes cache, state and recordings or in /tmp: the rest may be read-only.
 ENV PATH=/opt/surveilnav/bin:/opt/venv/bin:$PATH \
     PYTHONPATH=/opt/surveilnav \
     PYTHONUNBUFFERED=1 \

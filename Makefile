@@ -9,7 +9,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-render bench-homes bench-association bench-calibration docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -27,10 +27,13 @@ check: $(READY) ## format, lint, types, import rules
 	$(BIN)/lint-imports
 
 test: $(READY) ## all tests that need no Docker engine, on real Zenoh; TEST_WORKERS=0 runs them in one process
-	$(BIN)/python -m pytest -q -m "not compose" -n $(TEST_WORKERS) --dist worksteal $(ARGS)
+	$(BIN)/python -m pytest -q -m "not compose and not page" -n $(TEST_WORKERS) --dist worksteal $(ARGS)
 
 canary: $(READY) ## a dozen fixed searches, action by action as written in benchmark/canary.json (2 minutes)
 	$(BIN)/python -m benchmark.canary $(ARGS)
+
+test-page: $(READY) ## the page in a browser, on a running system (skipped where there is no Chromium)
+	$(BIN)/python -m pytest -q tests/page $(ARGS)
 
 $(TORCH_READY): $(READY) tools/setup-torch
 	@tools/setup-torch

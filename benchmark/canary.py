@@ -134,7 +134,8 @@ def play(search: Search) -> Outcome:
     actions: list[str] = []
     episode = Episode(
         sight, goals, start, policy.begin(task), surveillance=settings.surveillance, fusion=settings.fusion_config(),
-        delay_steps=settings.delay_steps, seed=1, on_step=lambda *step: actions.append(step[-1].action or ""),
+        delay_steps=settings.delay_steps, views_per_step=settings.views_per_step, seed=1,
+        on_step=lambda *step: actions.append(step[-1].action or ""),
     ).run()  # fmt: skip
     return Outcome(
         success=episode.verdict.success, steps=episode.steps, path_mm=round(1e3 * episode.verdict.path_m),

@@ -30,6 +30,7 @@ SHAPES: dict[str, str] = {
     "cameras pause": "`Camera`",
     "cameras resume": "`Camera`",
     "cameras forget": "`id`, `forgotten`",
+    "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `same`",
     "status": "`services`, `robots`, `cameras`, `perception`, `missions`: items each",
     "watch": "an object a line: `id`, `event`, `data` (`Event`)",
     "objects": "items: `Object`",

@@ -12,26 +12,32 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from cli.evidence import deciding_views, layers, objects, trajectory
+from cli.evidence import actions, deciding_views, layers, objects, trajectory
+from cli.map_watch import MapWatch
+from cli.old_runs import drop_old_runs
 from cli.progress import bar
 from cli.recorder import Recorder
 from cli.report import Moment, RunRecord, run_json, traffic_lines, write_report
 from cli.report import outcome as in_words
 from cli.stack import Stack, environment
 from cli.words import human_bytes
+from simulator.plans.polygons import contains
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.world.goals import Goals, Start, Verdict, find_goals, judge, sample_start
 from surveilnav.bus import Node, Refused, clock_ns
 from surveilnav.bus.router import free_port
-from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL
+from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, RECORDINGS
 from surveilnav.errors import BusError, MissionError, SurveilNavError
 from surveilnav.messages import MissionCancel, MissionGoal, MissionStatus
+from surveilnav.pictures import PictureSettings
 
 ROBOT = "r1"
 _READY_S = 180.0
+_CLOSED_S = 15.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,7 @@ class DemoOptions:
     cameras_everywhere: bool
     max_steps: int
     runs: Path
+    record: bool = False
 
 
 def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
@@ -60,6 +67,8 @@ def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
         SurveilNavError: a user's mistake, or a service that ended; its text says what to do.
     """
     began_s, started = time.monotonic(), datetime.now(UTC)
+    if removed := drop_old_runs(options.runs, PictureSettings().keep_s):
+        console.print(f"removed {removed} old runs from {options.runs} (SURVEILNAV_PICTURES__KEEP_H)", markup=False)
     prepared = _prepare(options, console)
     run_dir = options.runs / f"{started:%Y%m%d-%H%M%S}-{uuid.uuid4().hex[:4]}"
     try:
@@ -103,22 +112,31 @@ def _play(
     """The search itself: from the start of the services to what the report needs of them."""
     cameras = [camera.name for camera in building.plan.cameras] if options.surveillance else []
     variables = _variables(options, start, run_dir)
-    with Stack(variables, run_dir / "logs", cameras) as stack, Node("cli", "demo", stack.bus, alive=False) as node:
+    with (
+        Stack(variables, run_dir / "logs", cameras, recorder=options.record) as stack,
+        Node("cli", "demo", stack.bus, alive=False) as node,
+    ):
         with console.status("starting the services") as spinner:
             stack.wait_ready(node, _READY_S, spinner.update)
         recorder = Recorder(node, f"demo-{uuid.uuid4().hex[:8]}", ROBOT)
         backend, why = recorder.perception()
         console.print(f"perception: [bold]{backend}[/] ({escape(why)})")
-        status = _search(node, stack, recorder, options, goals.label, console)
+        with MapWatch(node, recorder.mapped) as maps:
+            status = _search(node, stack, recorder, options, goals.label, console)
         verdict = _judge(recorder, goals, start)
-        return _record(options, building, recorder, node, status, verdict, start, started)
+        if options.record:
+            _say_recording(node, recorder.mission, variables["SURVEILNAV_RECORDER__FOLDER"], console)
+        record = _record(options, building, recorder, node, status, verdict, start, started)
+        record.map_moments = maps.moments
+        record.room = _room_of(record, building)
+        return record
 
 
 def _variables(options: DemoOptions, start: Start, run_dir: Path) -> dict[str, str]:
     return environment(
         router=f"tcp/127.0.0.1:{free_port()}", building=options.building, seed=options.seed, cameras=options.cameras,
         area_per_camera_m2=options.area_per_camera_m2, perception=options.perception, surveillance=options.surveillance,
-        state=run_dir / "state", cameras_everywhere=options.cameras_everywhere,
+        state=run_dir / "state", cameras_everywhere=options.cameras_everywhere, recordings=options.runs / "recordings",
         robot_start=f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}",
     )  # fmt: skip
 
@@ -169,6 +187,22 @@ def _submit(node: Node, goal: MissionGoal, stack: Stack) -> None:
         time.sleep(0.2)
 
 
+def _say_recording(node: Node, mission: str, folder: str, console: Console) -> None:
+    """Where the mission's recording is, once it is closed."""
+    until_s = time.monotonic() + _CLOSED_S
+    while time.monotonic() < until_s:
+        try:
+            told = node.ask(RECORDINGS, recorder="recorder").message.recordings
+        except BusError as error:
+            console.print(f"recording: {error}", markup=False)
+            return
+        if ids := [r.id for r in told if r.mission == mission and r.state == "complete"]:
+            console.print(f"recording: {folder}/{ids[0]}.mcap", markup=False, soft_wrap=True)
+            return
+        time.sleep(0.1)
+    console.print(f"recording: not closed within {_CLOSED_S:g} s; it is in {folder}", markup=False, soft_wrap=True)
+
+
 def _judge(recorder: Recorder, goals: Goals, start: Start) -> Verdict:
     """The simulator's own check at the robot's last pose."""
     last = recorder.observations[max(recorder.observations)][0] if recorder.observations else None
@@ -199,13 +233,24 @@ def _record(
             "shortest_path_m": verdict.shortest_path_m, "distance_to_viewpoint_m": verdict.distance_to_viewpoint_m,
             "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
         },
-        trajectory=trajectory(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
+        trajectory=trajectory(recorder), actions=actions(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
         layers={floor: layers(node, floor, status.target) for floor in floors},
         cameras=recorder.camera_infos(), invoked=recorder.invoked_cameras(), objects=known,
         deciding_views=deciding_views(node, recorder, known, status),
         traffic=traffic_lines(recorder.traffic()), timeline=[Moment(*entry) for entry in recorder.timeline],
         notes=[*building.notes, *start.notes],
     )  # fmt: skip
+
+
+def _room_of(record: RunRecord, building: SimulatedBuilding) -> str:
+    """The room that the object stands in; else the one that the robot ended in."""
+    ends = [(s.floor, (s.x_m, s.y_m)) for s in record.trajectory[-1:]]
+    places = [(o.floor, o.center_m[:2]) for o in (record.chosen,) if o is not None] + ends
+    for floor, at_m in places:
+        for room in building.scene.rooms:
+            if room.name and room.floor == floor and contains(np.array(room.polygon_m), np.array(at_m)):
+                return room.name
+    return ""
 
 
 def _say(outcome: dict[str, Any], record: RunRecord, console: Console) -> None:

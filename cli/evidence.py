@@ -11,6 +11,7 @@ from cli.report.floor_map import Layers
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_REQUEST, MAP_LAYER, OBJECTS
 from surveilnav.errors import BusError, WireError
+from surveilnav.geometry import yaw_of
 from surveilnav.messages import CameraRequest, MissionStatus, ObjectEvent, ObjectRecord
 from surveilnav.sensing.layers import GRID_LAYERS, unpack_layer
 
@@ -19,8 +20,24 @@ _MOST_DECIDING_VIEWS = 6
 
 def trajectory(recorder: Recorder) -> list[Step]:
     """Where the robot was at the start and after each action."""
+    steps = []
+    for seq in sorted(recorder.observations):
+        header, jpeg = recorder.observations[seq]
+        x_m, y_m, _ = header.T_world_base.translation_m
+        yaw_rad = yaw_of(header.T_world_base.matrix())
+        steps.append(
+            Step(
+                x_m, y_m, header.floor, seq, header.stamp_ns, recorder.arrived_s[seq], yaw_rad, header.path_m,
+                header.last_action or "", header.collided, jpeg,
+            )
+        )  # fmt: skip
+    return steps
+
+
+def actions(recorder: Recorder) -> list[str]:
+    """What the robot did, one after the other."""
     headers = [recorder.observations[seq][0] for seq in sorted(recorder.observations)]
-    return [Step(*header.T_world_base.translation_m[:2], header.floor) for header in headers]
+    return [header.last_action for header in headers if header.last_action]
 
 
 def layers(node: Node, floor: str, target: str) -> Layers:
@@ -37,9 +54,9 @@ def layers(node: Node, floor: str, target: str) -> Layers:
 
 
 def objects(node: Node, floor: str) -> list[ObjectRecord]:
-    """The objects of a floor."""
+    """The objects of a floor with all that ever happened to them."""
     try:
-        return list(node.ask(OBJECTS, floor=floor).message.objects)
+        return list(node.ask(OBJECTS, floor=floor, parameters={"history": "all"}).message.objects)
     except BusError as error:
         node.log.warning("the report lacks the objects", error=str(error))
         return []

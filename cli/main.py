@@ -14,6 +14,7 @@ from typer.core import TyperGroup
 
 from cli import bench, cameras, dataset, map, missions, models, objects, robots, start, status, survey, traffic, watch
 from cli.exits import Exit
+from cli.replay.command import replay
 
 
 class _Root(TyperGroup):
@@ -36,7 +37,7 @@ app = typer.Typer(
 
 _SIMULATED, _RUNNING, _BENCHMARK = "A simulated building", "The running system", "Models and benchmark"
 _command: Callable[..., Any]
-for _command in (start.demo, start.up, start.prepare, survey.buildings, survey.homes, survey.doctor):
+for _command in (start.demo, start.up, start.prepare, survey.buildings, survey.homes, survey.doctor, replay):
     app.command(rich_help_panel=_SIMULATED)(_command)
 app.command(rich_help_panel=_RUNNING)(missions.find)
 app.add_typer(missions.app, name="missions", rich_help_panel=_RUNNING)

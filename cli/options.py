@@ -53,6 +53,7 @@ Perception = Annotated[
         help=f"What looks at the pictures: {', '.join(BackendName)}; auto takes the best that can run.",
     ),
 ]
+Record = Annotated[OnOff, typer.Option(help="Whether each mission becomes a file, to be shown again by `replay`.")]
 Surveillance = Annotated[OnOff, typer.Option(help="Whether cameras take part.")]
 MaxSteps = Annotated[int, typer.Option(min=1, max=5000, metavar="N", help="Give up after so many actions.")]
 DEFAULT_CAMERAS = 4

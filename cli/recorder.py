@@ -36,6 +36,7 @@ class Recorder:
     mission: str
     robot: str
     observations: dict[int, tuple[Observation, bytes]] = field(default_factory=dict)
+    arrived_s: dict[int, float] = field(default_factory=dict)
     plans: dict[int, Plan] = field(default_factory=dict)
     timeline: list[tuple[float, str, str]] = field(default_factory=list)
     cameras_used: dict[str, int] = field(default_factory=dict)
@@ -57,6 +58,7 @@ class Recorder:
             header = received.message
             # The picture alone: the depth behind it would be most of the bytes.
             self.observations[header.seq] = (header, received.payload[: header.image.n_bytes])
+            self.arrived_s[header.seq] = time.monotonic() - self._began_s
         if rows := self._plan.rows():
             plan = rows[0].message
             self.plans[plan.seq] = plan
@@ -104,6 +106,12 @@ class Recorder:
     def revisions(self) -> list[Revision]:
         """The newest state of each floor's maps."""
         return [row.message for row in self._revisions.rows()]
+
+    def mapped(self) -> tuple[str, int] | None:
+        """The floor whose map holds the newest of the robot's observations, and that one's number; None: none does yet."""
+        holding = [(r.robots[self.robot], r.floor) for r in self.revisions() if self.robot in r.robots]
+        seq, floor = max(holding, default=(0, ""))
+        return (floor, seq) if holding else None
 
     def camera_infos(self) -> list[CameraInfo]:
         """The cameras that announced themselves."""

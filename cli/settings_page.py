@@ -22,9 +22,11 @@ from services.fusion.core.config import FusionConfig
 from services.gateway.config import GatewaySettings
 from services.perception.config import PerceptionSettings
 from services.planner.config import PlannerSettings
+from services.recorder.config import RecorderSettings
 from services.robot_node.config import RobotSettings
 from simulator.simulation import SimulationSettings
 from surveilnav.bus import BusSettings
+from surveilnav.pictures import PictureSettings
 
 _BEGINNING = """\
 # Settings
@@ -41,7 +43,7 @@ SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is nu
 ```
 
 - `surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options,
-  whatever the environment says. `--help` lists the options.
+  whatever the environment says, but for the folder of recordings. `--help` lists the options.
 - A name that doesn't exist is an error below a part (`FUSION__MAP__...`, `PLANNER__CORE__...`), and ignored elsewhere.
 - A description that begins with `...` goes on from the row above.
 
@@ -71,6 +73,7 @@ class Section:
 
 SECTIONS = (
     Section("The bus: every process", "shared/surveilnav/bus/settings.py", BusSettings),
+    Section("Past pictures: fusion and demo", "shared/surveilnav/pictures.py", PictureSettings),
     Section("The simulated building", "simulator/simulation.py", SimulationSettings),
     Section("Camera", "services/camera_node/config.py", CameraSettings),
     Section("Robot", "services/robot_node/config.py", RobotSettings),
@@ -78,6 +81,7 @@ SECTIONS = (
     Section("Fusion", "services/fusion/config.py", FusionSettings, FusionConfig),
     Section("Planner", "services/planner/config.py", PlannerSettings),
     Section("Gateway", "services/gateway/config.py", GatewaySettings),
+    Section("Recorder", "services/recorder/config.py", RecorderSettings),
 )
 
 

@@ -30,13 +30,16 @@ class _Program:
 class Stack:
     """Router and services below one settings environment. Use it as a context manager.
 
-    ``environment`` goes to every process; logs land in ``log_dir``, one file a service.
+    ``environment`` goes to every process; logs land in ``log_dir``, one file a service. ``searches`` False: router and gateway
+    alone, somebody else stands in for the rest.
     """
 
     environment: dict[str, str]
     log_dir: Path
     cameras: list[str] = field(default_factory=list)
     gateway: bool = False
+    recorder: bool = False
+    searches: bool = True
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
     @property
@@ -64,12 +67,15 @@ class Stack:
         programs = {
             "router": _Program("surveilnav.bus.router", ("--listen", self.environment["SURVEILNAV_BUS__ROUTER"]))
         }
-        programs |= {name: _Program(f"services.{name}") for name in ("perception", "fusion", "planner")}
-        programs["robot"] = _Program("services.robot_node")
+        if self.searches:
+            programs |= {name: _Program(f"services.{name}") for name in ("perception", "fusion", "planner")}
+            programs["robot"] = _Program("services.robot_node")
         for camera in self.cameras:
             programs[f"camera-{camera}"] = _Program("services.camera_node", more={"SURVEILNAV_CAMERA__ID": camera})
         if self.gateway:
             programs["gateway"] = _Program("services.gateway")
+        if self.recorder:
+            programs["recorder"] = _Program("services.recorder")
         return programs
 
     def start(self, name: str) -> None:
@@ -84,8 +90,8 @@ class Stack:
             )  # fmt: skip
 
     def can_do_without(self, name: str) -> bool:
-        """Whether the rest can search without that service: a camera."""
-        return name.startswith("camera-")
+        """Whether the rest can search without that service: a camera, the recorder."""
+        return name.startswith("camera-") or name == "recorder"
 
     def log_of(self, name: str) -> Path:
         """The file that the service of that name logs to."""
@@ -115,7 +121,8 @@ class Stack:
 
     def _missing(self, node: Node) -> list[str]:
         """What isn't on the bus yet."""
-        kinds = [*(kind for kind, _ in NEEDED), *(["gateway"] if self.gateway else [])]
+        kinds: list[str] = [kind for kind, _ in NEEDED] if self.searches else []
+        kinds += [name for name, wanted in (("gateway", self.gateway), ("recorder", self.recorder)) if wanted]
         missing = [kind for kind in kinds if not node.alive(kind)]
         present = node.alive("camera")
         return missing + [f"camera {c}" for c in self.cameras if c not in present]
@@ -149,9 +156,11 @@ def _terminate(processes: list[subprocess.Popen[bytes]]) -> None:
 
 def environment(
     *, router: str, building: str, seed: int, cameras: int | None, area_per_camera_m2: float, perception: str,
-    surveillance: bool, state: Path, cameras_everywhere: bool = False, robot_start: str = "",
+    surveillance: bool, state: Path, recordings: Path = Path("runs/recordings"), cameras_everywhere: bool = False,
+    robot_start: str = "",
 ) -> dict[str, str]:  # fmt: skip
-    """The settings of a stack as environment variables. ``state``: where maps, missions and the robot's place are kept."""
+    """The settings of a stack as environment variables. ``state``: where maps, missions and the robot's place are kept.
+    ``recordings``: where they go, unless the environment says so."""
     settings = {
         "SURVEILNAV_BUS__ROUTER": router,
         "SURVEILNAV_BUS__BUILDING": bus_name(building),
@@ -171,6 +180,7 @@ def environment(
         "SURVEILNAV_PLANNER__STORE": str(state.resolve() / "planner.sqlite"),
         "SURVEILNAV_ROBOT__STORE": str(state.resolve() / "robot.state"),
         "SURVEILNAV_ROBOT__START": robot_start,
+        "SURVEILNAV_RECORDER__FOLDER": os.environ.get("SURVEILNAV_RECORDER__FOLDER", str(recordings.resolve())),
         # Two cores: every process with a pool of its own would only wait for the others.
         "OMP_NUM_THREADS": "2",
         "OPENBLAS_NUM_THREADS": "1",

@@ -17,6 +17,7 @@ from cli.options import (
     MaxSteps,
     OnOff,
     Perception,
+    Record,
     Seed,
     Surveillance,
     console,
@@ -39,6 +40,7 @@ def demo(
     area_per_camera: Area = None,
     cameras_everywhere: Everywhere = False,
     max_steps: MaxSteps = 500,
+    record: Record = OnOff.on,
     runs: Annotated[Path, typer.Option(metavar="FOLDER", help="Where run folders go.")] = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
@@ -47,7 +49,7 @@ def demo(
 
     options = DemoOptions(
         building=building, seed=seed, target=target, perception=perception.value, surveillance=surveillance is OnOff.on,
-        **density(cameras, area_per_camera, cameras_everywhere), max_steps=max_steps, runs=runs,
+        **density(cameras, area_per_camera, cameras_everywhere), max_steps=max_steps, runs=runs, record=record is OnOff.on,
     )  # fmt: skip
     outcome = run_demo(options, console)
     if as_json:
@@ -66,6 +68,7 @@ def up(
     port: Annotated[int, typer.Option(min=1, max=65535, metavar="N", help="The gateway's port.")] = 8080,
     router: Annotated[str, typer.Option(metavar="ENDPOINT", help="The router's endpoint.")] = "tcp/127.0.0.1:7447",
     logs: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the services' logs go.")] = Path("runs/up"),
+    record: Record = OnOff.on,
 ) -> None:
     """Start router and services for a simulated home and keep them running until Ctrl-C."""
     from cli.up import run_up
@@ -73,6 +76,7 @@ def up(
     run_up(
         console, building=building, seed=seed, perception=perception.value, surveillance=surveillance is OnOff.on,
         **density(cameras, area_per_camera, cameras_everywhere), port=port, router=router, logs=logs,
+        record=record is OnOff.on,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from pathlib import Path
@@ -21,7 +22,7 @@ _TEND_S = 0.1
 
 def run_up(
     console: Console, *, building: str, seed: int, perception: str, surveillance: bool, cameras: int | None,
-    area_per_camera_m2: float, cameras_everywhere: bool, port: int, router: str, logs: Path,
+    area_per_camera_m2: float, cameras_everywhere: bool, port: int, router: str, logs: Path, record: bool,
 ) -> None:  # fmt: skip
     """Prepares the building, starts everything, and waits."""
     settings = SimulationSettings(
@@ -38,17 +39,27 @@ def run_up(
     variables = environment(
         router=router, building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
         perception=perception, surveillance=surveillance, state=state, cameras_everywhere=cameras_everywhere,
+        recordings=logs.parent / "recordings",
     ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}  # fmt: skip
+    # Who looked at which camera is kept whatever the building's plan: the environment may say where else, or "" for nowhere.
+    variables["SURVEILNAV_GATEWAY__ACCESS_LOG"] = os.environ.get(
+        "SURVEILNAV_GATEWAY__ACCESS_LOG", str((logs / "looks").resolve())
+    )
     names = [camera.name for camera in plan.cameras] if surveillance else []
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
-    with Stack(variables, logs, names, gateway=True) as stack, Node("cli", "up", stack.bus, alive=False) as node:
+    with (
+        Stack(variables, logs, names, gateway=True, recorder=record) as stack,
+        Node("cli", "up", stack.bus, alive=False) as node,
+    ):
         stack.wait_ready(node, 120.0)  # what ends before all are ready has a reason that no restart mends
         console.print(
             f"ready: http://127.0.0.1:{port}/  (building {plan.building}, {len(names)} cameras; logs in {logs}, "
             f"maps and missions in {state})"
         )
+        if record:
+            console.print(f"recordings: {variables['SURVEILNAV_RECORDER__FOLDER']}", markup=False)
         for load in (answer.message for answer in node.ask_all(PERCEPTION_LOAD)):
             console.print(f"perception: {load.backend} ({load.why})", markup=False)
         console.print('try: surveilnav find "tv"    stop: Ctrl-C')

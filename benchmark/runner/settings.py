@@ -30,7 +30,8 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         resolution_divisor: of depth, where perception looks at no pixel.
         harder: of ``simulated``: a worse detector than the measured one, in standard deviations of its luck.
         delay_steps: so many actions after its invocation a camera's views arrive.
-        views_per_step: so many cameras' views are looked at from one action to the next; 0: all of them before the first.
+        views_per_step: so many cameras' views are looked at from one action to the next, as measured in the running system on
+            two cores (docs/results/clock.md); 0: all of them before the first.
         camera_error_m, camera_error_deg: how wrong each camera is about where it hangs and looks.
         detectors: the weights of ``onnx-coco``; empty: its own choice.
         fusion, planning: settings of the joint maps and of the planner's core to change, by name.
@@ -48,7 +49,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     resolution_divisor: int = 2
     harder: float = 0.0
     delay_steps: int = 0
-    views_per_step: int = 0
+    views_per_step: int = 2
     camera_error_m: float = 0.0
     camera_error_deg: float = 0.0
     detectors: list[str] = []

@@ -6,10 +6,10 @@ json.dumps(run_json(record, run_dir / "report.html"))
 """
 
 from cli.report.page import write_report
-from cli.report.record import DecidingView, Moment, RunRecord, Step, TrafficLine, run_json, traffic_lines
+from cli.report.record import DecidingView, MapMoment, Moment, RunRecord, Step, TrafficLine, run_json, traffic_lines
 from cli.report.words import outcome
 
 __all__ = [
-    "DecidingView", "Moment", "RunRecord", "Step", "TrafficLine", "outcome", "run_json", "traffic_lines",
+    "DecidingView", "MapMoment", "Moment", "RunRecord", "Step", "TrafficLine", "outcome", "run_json", "traffic_lines",
     "write_report",
 ]  # fmt: skip

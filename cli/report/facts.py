@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
+from cli.report.film import film_of
 from cli.report.floor_map import (
     CAMERA,
     DECIDING,
@@ -21,10 +23,12 @@ from cli.report.floor_map import (
     map_svg,
     value_svg,
 )
+from cli.report.key_moments import key_moments
 from cli.report.record import Moment, RunRecord, Step, TrafficLine, plain
 from cli.report.view_picture import view_svg
-from cli.report.words import outcome
-from cli.words import human_bytes
+from cli.report.why import reasons
+from cli.report.words import judgement, outcome
+from cli.words import duration, human_bytes
 from services.gateway.core.layers import COLOURS
 from surveilnav.messages import ObjectRecord, Plan
 from surveilnav.words import canonical
@@ -62,13 +66,18 @@ def facts_of(record: RunRecord) -> dict[str, Any]:
     tone, sentence = outcome(record)
     candidates = _candidates(record)
     moments = [m for m in record.timeline if math.isfinite(m.t_s)]
+    film = film_of(record, candidates)
     return {
         "record": record,
         "tone": tone,
         "sentence": sentence,
+        "judgement": judgement(record),
+        "reasons": reasons(record, candidates),
         "tiles": _tiles(record),
         "drawings": _drawings(record, candidates[:_MOST_OBJECTS]),
         "legend": _legend(),
+        "moments": key_moments(film, record.target) if film else [],
+        "film": _json(film.data(record)) if film else "",
         "views": _views(record),
         "chosen": record.status.object_id if record.status else None,
         "candidates": candidates[:_MOST_OBJECTS],
@@ -96,7 +105,11 @@ def _tiles(record: RunRecord) -> list[Tile]:
         Tile("steps", number("steps", ".0f"), f"of {record.status.max_steps}" if record.status else ""),
         Tile("path", number("path_m", ".1f", " m"), f"shortest {number('shortest_path_m', '.1f', ' m')}"),
         Tile("SPL", number("spl", ".2f"), "shortest ÷ walked, if right"),
-        Tile("time", f"{record.seconds:.0f} s", "from start to outcome"),
+        Tile(
+            "time",
+            duration(record.search_s) if record.search_s is not None else "–",
+            f"of {duration(record.seconds)} with all",
+        ),
         Tile("cameras", cameras, "in use" if record.surveillance else "surveillance off"),
         Tile("traffic", human_bytes(totals["offered"]), f"offered; {human_bytes(totals['wire'])} on the wire"),
         Tile("perception", record.perception, record.perception_why),
@@ -237,6 +250,12 @@ def _phases(moments: Sequence[Moment], seconds: float) -> dict[str, float]:
     for moment, end in zip(moments, ends, strict=True):
         spans[moment.phase] = spans.get(moment.phase, 0.0) + max(0.0, end - moment.t_s)
     return spans
+
+
+def _json(data: dict[str, Any]) -> Markup:
+    """As a script element may hold it: no text in it can end the element."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
 
 
 def _shown(value: Any) -> str:

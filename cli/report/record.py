@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -10,18 +11,51 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cli.report.floor_map import Layers
 from services.gateway.core.traffic import sum_traffic
+from surveilnav.geometry import Grid
 from surveilnav.messages import CameraInfo, MissionStatus, ObjectRecord, Plan, TrafficReport
 
 
 class Step(NamedTuple):
-    """Where the robot was after an action, or at the start [m, world]."""
+    """Where the robot was after an action, or at the start [m, world], and what it saw there.
+
+    ``seq``: number of the observation; ``t_s``: when it came, since the mission began; ``path_m``: walked so far;
+    ``jpeg``: its picture, empty if none is kept; ``action``: what led here.
+    """
 
     x_m: float
     y_m: float
     floor: str
+    seq: int = 0
+    stamp_ns: int = 0
+    t_s: float = 0.0
+    yaw_rad: float = 0.0
+    path_m: float = 0.0
+    action: str = ""
+    collided: bool = False
+    jpeg: bytes = b""
+
+
+class MapMoment(NamedTuple):
+    """What a floor's map held when it had observation ``seq``; ``packed`` as by ``pack``, as hundreds of them are kept."""
+
+    seq: int
+    floor: str
+    grid: Grid
+    packed: bytes
+
+    @staticmethod
+    def pack(cells: NDArray[np.uint8]) -> bytes:
+        """Cells (rows, cols) of 0 (unknown), 1 (explored) or 2 (obstacle), compressed."""
+        return zlib.compress(np.ascontiguousarray(cells, np.uint8).tobytes(), 1)
+
+    @property
+    def cells(self) -> NDArray[np.uint8]:
+        """The states (rows, cols)."""
+        return np.frombuffer(zlib.decompress(self.packed), np.uint8).reshape(self.grid.shape)
 
 
 class DecidingView(NamedTuple):
@@ -70,6 +104,9 @@ class RunRecord:
         layers: floor -> layer -> (grid, cells): occupancy, explored, frontier uint8; value float32 with NaN.
         invoked: names of the cameras that fusion subscribed to.
         objects: the object map of all floors at the end.
+        map_moments: the maps as they grew.
+        room: the room of what was found, if the building names it.
+        actions: what the robot did, one after the other.
     """
 
     building: str
@@ -92,6 +129,9 @@ class RunRecord:
     traffic: Sequence[TrafficLine] = ()
     timeline: Sequence[Moment] = ()
     notes: Sequence[str] = ()
+    map_moments: Sequence[MapMoment] = ()
+    room: str = ""
+    actions: Sequence[str] = ()
 
     @property
     def found(self) -> bool:
@@ -111,6 +151,29 @@ class RunRecord:
         return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
 
     @property
+    def search_s(self) -> float | None:
+        """From the mission's start to its end, by the planner's clock; else by when pictures came; None if unknown."""
+        status = self.status
+        if status is not None and 0 < status.started_ns < status.finished_ns:
+            return (status.finished_ns - status.started_ns) / 1e9
+        spent_s = self.trajectory[-1].t_s - self.trajectory[0].t_s if self.trajectory else 0.0
+        return spent_s if 0.0 < spent_s < math.inf else None
+
+    @property
+    def first_action_s(self) -> float | None:
+        """From the mission's start to the first plan, by the planner's clock; None if unknown."""
+        status, first_ns = self.status, min((plan.stamp_ns for plan in self.plans), default=0)
+        return (
+            (first_ns - status.started_ns) / 1e9 if status is not None and 0 < status.started_ns <= first_ns else None
+        )
+
+    @property
+    def chosen(self) -> ObjectRecord | None:
+        """The object that the robot went to."""
+        id = self.status.object_id if self.status is not None else None
+        return next((o for o in self.objects if o.id == id), None)
+
+    @property
     def totals(self) -> dict[str, int | None]:
         """Bytes offered, delivered and on the wire (sent), over all lines."""
         wire = [line.wire for line in self.traffic if line.wire is not None]
@@ -119,6 +182,11 @@ class RunRecord:
             "delivered": sum(line.delivered for line in self.traffic),
             "wire": sum(wire) if wire else None,
         }
+
+
+def first_seen_by(record: ObjectRecord) -> str:
+    """The source that saw an object first ("camera/c3"); empty if its history doesn't say."""
+    return next((e.source for e in record.history if e.what != "not_seen"), "")
 
 
 def traffic_lines(reports: Iterable[TrafficReport]) -> list[TrafficLine]:
@@ -153,6 +221,9 @@ def run_json(record: RunRecord, report: Path | None = None) -> dict[str, Any]:
         "path_m": record.number("path_m"),
         "shortest_path_m": record.number("shortest_path_m"),
         "seconds": round(record.seconds, 3),
+        "search_s": plain(record.search_s),
+        "first_action_s": plain(record.first_action_s),
+        "actions": list(record.actions),
         "started": record.started.isoformat(),
         "perception": record.perception,
         "perception_why": record.perception_why,

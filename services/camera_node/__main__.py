@@ -6,12 +6,14 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from services.camera_node.config import CameraSettings
 from services.camera_node.eyes import open_eyes
 from services.camera_node.service import CameraService
 from services.camera_node.slots import lease, named
 from services.camera_node.sources.simulated import SimulatedSource
+from services.camera_node.zones import read_zones
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
@@ -24,6 +26,8 @@ def main() -> None:
     settings, bus = CameraSettings(), BusSettings()
     building = SimulatedBuilding(SimulationSettings())
     plan = building.plan
+    if settings.masks:  # before any camera is leased: a name that is misspelt would mask nothing
+        read_zones(Path(settings.masks), "", 0, [camera.name for camera in plan.cameras])
     with _camera_and_node(plan, settings, bus) as (camera, node):
         source = SimulatedSource(building, camera)
         service = CameraService(node, source, settings)

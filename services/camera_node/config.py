@@ -16,6 +16,9 @@ class CameraSettings(BaseSettings):
     id: str = Field("", description="a camera of the plan; empty: lease any free slot of it")
     jpeg_quality: int = Field(85, ge=10, le=100, description="of the frames it sends")
     thumbnail_width_px: int = Field(480, ge=64, le=1280, description="of the pictures made for people")
+    masks: str = Field(
+        "", description="a file (YAML) of mask zones, which are never sent, kept or looked at; empty: there are none"
+    )
     perception: str = Field(
         "none",
         pattern=f"^({'|'.join(('none', *BackendName))})$",

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
+from services.camera_node.sources.masked import masked
 from services.camera_node.sources.source import Source
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_SUMMARY
@@ -57,6 +58,7 @@ class Eyes:
         self, node: Node, source: Source, settings: CameraSettings, load: Callable[[], Backend],
         busy: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
+        source = masked(source, settings)
         self._node, self._source, self._settings, self._load, self._busy = node, source, settings, load, busy
         self._views = [v for v, pose in enumerate(source.views) if not looks_straight_down(pose.matrix())]
         self._seen: dict[int, core.Seen] = {}

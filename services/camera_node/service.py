@@ -8,18 +8,26 @@ from typing import Any
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
 from services.camera_node.frames import EncodedViews
+from services.camera_node.sources.masked import MaskedSource, masked
 from services.camera_node.sources.source import Source
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
 from surveilnav.messages import Ack, CameraInfo, CameraViewInfo, FrameHeader
 from surveilnav.sensing.truth import truth_to_wire
 
+#: A thumbnail of a smaller width shows nothing.
+_LEAST_THUMBNAIL_PX = 64
+
 
 class CameraService:
-    """Serves the views of one camera."""
+    """Serves the views of one camera, without their mask zones."""
 
     def __init__(self, node: Node, source: Source, settings: CameraSettings) -> None:
+        source = masked(source, settings)  # here, so that no camera can forget it
         self._node, self._source, self._settings = node, source, settings
+        if settings.masks:
+            zones = source.zones if isinstance(source, MaskedSource) else {}
+            node.log.info("mask zones", file=settings.masks, zones_by_view={v: len(z) for v, z in zones.items()})
         place, views = source.place, range(len(source.views))
         ids: dict[str, Any] = {"floor": place.floor, "camera": place.name}
         self._name = f"camera/{place.name}"
@@ -95,7 +103,7 @@ class CameraService:
         if unknown or not views:
             raise Refused("bad_view", f"expected views of 0-{len(self._frames) - 1}, got {views}")
         if action == "thumbnail":
-            return Answer(Ack(stamp_ns=clock_ns()), self._thumbnail(views[0]))
+            return Answer(Ack(stamp_ns=clock_ns()), self._thumbnail(views[0], request.message.width_px))
         with self._lock:
             self._requested |= set(views)
         self._node.wake.set()
@@ -109,7 +117,8 @@ class CameraService:
             self._node.wake.set()
         return Answer(Ack(stamp_ns=clock_ns(), message="paused" if paused else "looking"))
 
-    def _thumbnail(self, view: int) -> bytes:
+    def _thumbnail(self, view: int, width_px: int) -> bytes:
         if self._source.version(view) is None:
             raise Refused("busy", f"view {view} has no picture yet: ask again later")
-        return self._encoded.thumbnail(view, self._settings.thumbnail_width_px)
+        most_px = self._settings.thumbnail_width_px
+        return self._encoded.thumbnail(view, min(max(width_px, _LEAST_THUMBNAIL_PX), most_px) if width_px else most_px)

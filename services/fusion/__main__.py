@@ -8,13 +8,14 @@ from services.fusion.config import FusionSettings
 from services.fusion.service import FusionService
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
+from surveilnav.pictures import PictureSettings
 
 
 def main() -> None:
     """Runs the service until it is told to stop."""
     settings = FusionSettings()
     with Node("fusion", "fusion", BusSettings()) as node:
-        service = FusionService(node, settings)
+        service = FusionService(node, settings, PictureSettings().keep_s)
         node.run(service.step)
         service.close()
 

@@ -18,7 +18,7 @@ from services.fusion.core.map_object import ObjectChange
 from services.fusion.core.snapshot import SnapshotError, freeze, thaw
 from services.fusion.journal import Journal, State
 from services.fusion.records import PerceivedView, ViewKey
-from services.fusion.store import StoreError
+from services.fusion.store import Entry, StoreError
 from surveilnav.bus import Node
 from surveilnav.messages.maps import ObjectEvent
 
@@ -33,12 +33,14 @@ class DurableMap:
         contents: what they have processed of whom.
     """
 
-    def __init__(self, node: Node, settings: FusionSettings) -> None:
+    def __init__(self, node: Node, settings: FusionSettings, keep_pictures_s: float | None = None) -> None:
+        """``keep_pictures_s``: how long pictures may stay in the file; None: as long as the log needs them."""
         self._node = node
         self.joint = JointMap(settings.core())
         self.lock = threading.Lock()
+        self._whole = threading.Lock()  # maps, contents and the log's number belong together
         self.contents = MapContents()
-        self._journal = Journal(node, settings) if settings.store else None
+        self._journal = Journal(node, settings, keep_pictures_s) if settings.store else None
         self._waiting: dict[ViewKey, PerceivedView] = {}
         self._restored = self._journal is None
         self._lacks_maps = False  # the file is new and lacks what the maps hold
@@ -66,12 +68,37 @@ class DurableMap:
         rests = self._journal is not None and self._journal.rests
         if self._waiting and not rests and self._make_ready():
             self._take_waiting()
-        if self._journal is not None and self._journal.snapshot_is_due and self._restored and not self._lacks_maps:
-            self._journal.save(self._frozen())
+        if self._journal is not None and self._restored and not self._lacks_maps:
+            if self._journal.snapshot_is_due:
+                self._journal.save(self._frozen())
+            self._journal.drop_old()
+
+    def forget_pictures(self) -> bool:
+        """Has all pictures leave the file, within seconds; False: there is no file. From any thread."""
+        if self._journal is not None:
+            self._journal.forget_pictures()
+        return self._journal is not None
 
     def history(self, floor: str, object_id: int) -> list[ObjectEvent] | None:
         """Everything that ever happened to an object; None without a store. StoreError: it can't be read."""
         return None if self._journal is None else self._journal.history(floor, object_id)
+
+    def picture(self, source: str, view: int, seq: int) -> bytes | None:
+        """The JPEG of a view that the log has still; None without a store. StoreError: it can't be read."""
+        return None if self._journal is None else self._journal.picture(source, view, seq)
+
+    def logged_after(self, number: int) -> tuple[int, tuple[int, Entry] | None]:
+        """The number of the newest view taken, and the first that the log has after one, with its number; None: there is none
+        yet. From any thread. StoreError: it can't be read, or there is no log."""
+        if self._journal is None:
+            raise StoreError("no_log", "fusion keeps no log of views: set SURVEILNAV_FUSION__STORE")
+        return self._journal.number, self._journal.after(number)
+
+    def frozen(self) -> tuple[int, State]:
+        """A copy of the maps and of what they have processed, and the number of the view that they took last. From any
+        thread."""
+        with self._whole:
+            return (self._journal.number if self._journal else 0), self._frozen()
 
     def close(self) -> None:
         """Ends a snapshot that is being written, and closes the file."""
@@ -114,6 +141,10 @@ class DurableMap:
 
     def _take(self, number: int, perceived: PerceivedView, *, again: bool = False) -> None:
         """Has the maps take a view. ``again``: after a restart, when what is wrong with it was said before."""
+        with self._whole:
+            self._take_whole(number, perceived, again)
+
+    def _take_whole(self, number: int, perceived: PerceivedView, again: bool) -> None:
         source, view = perceived.key
         refused, floor, taken = perceived.fault, "", False
         changes: tuple[ObjectChange, ...] = ()

@@ -6,6 +6,7 @@ snapshot that can be read, and the views logged since, in their order. What can'
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ import msgspec
 from services.fusion.config import FusionSettings
 from services.fusion.core.map_object import ObjectChange
 from services.fusion.core.snapshot import SnapshotError, pack, unpack
+from services.fusion.log_age import LogAge
 from services.fusion.records import PerceivedView
 from services.fusion.store import Entry, Store, StoredEvent, StoreError
 from surveilnav.bus import Node
@@ -29,20 +31,25 @@ State = dict[str, Any]
 
 _HEADER = msgspec.msgpack.Decoder(FrameHeader)
 _REPLY = msgspec.msgpack.Decoder(InferReply)
+_NEWEST_VIEWS = 64  # of one source: among so many a picture is looked for
+_ASIDES_S = 60.0  # between two looks at what was set aside
 _ROW_BYTES = 1024  # of a view in the log, beside its picture: about
 
 
 class Journal:
-    """One file; used by the loop alone, but for ``history``.
+    """One file; used by the loop alone, but for ``history``, ``picture`` and ``after``.
 
     Attributes:
         number: of the newest view taken, in the log.
         problem: why views can't be logged now; empty while they can.
     """
 
-    def __init__(self, node: Node, settings: FusionSettings) -> None:
-        self._node, self._settings = node, settings
-        self._store = Store(Path(settings.store), max_events=settings.max_events)
+    def __init__(self, node: Node, settings: FusionSettings, keep_s: float | None = None) -> None:
+        """``keep_s``: how long pictures may stay in the file; None: as long as the log needs them."""
+        self._node, self._settings, self._keep_s = node, settings, keep_s
+        self._store = Store(Path(settings.store), max_events=settings.max_events, overwrite=keep_s is not None)
+        self._age, self._asides_s = LogAge(keep_s), -math.inf
+        self._wipes = False  # once the log is empty of what shall be forgotten
         self.number = 0
         self.problem = ""
         self._events: list[StoredEvent] = []  # not written yet
@@ -75,6 +82,7 @@ class Journal:
         """Notes a logged view that the maps took or refused, and what it changed. A refused one buys no snapshot, but its
         bytes do: the log is bounded."""
         self.number = number
+        self._age.logged(time.monotonic())
         views, n_bytes = self._since_snapshot
         self._since_snapshot = views + taken, n_bytes + len(perceived.payload) + _ROW_BYTES
         self._events += [
@@ -96,20 +104,44 @@ class Journal:
         """Everything that ever happened to an object. StoreError: it can't be read."""
         return self._store.history(floor, object_id)
 
+    def picture(self, source: str, view: int, seq: int) -> bytes | None:
+        """The JPEG of a view that is logged still; None if it isn't. StoreError: the log can't be read."""
+        for entry in self._store.newest(source, view, _NEWEST_VIEWS):
+            header = _HEADER.decode(entry.header)
+            if header.seq == seq and entry.payload and header.image.encoding == "jpeg":
+                return bytes(entry.payload[: header.image.n_bytes])
+        return None
+
+    def after(self, number: int) -> tuple[int, Entry] | None:
+        """The first view in the log after one, with its number, if the maps have taken it. From any thread. StoreError: it can't
+        be read."""
+        newest = self.number
+        for k, entry in self._store.log(number):
+            if k > newest:
+                return None
+            if entry is not None:  # who asks sees by the numbers that one is missing
+                return k, entry
+        return None
+
     # --- snapshots ------------------------------------------------------------------------------------------------
 
     @property
     def snapshot_is_due(self) -> bool:
-        """Whether enough was logged since the last one, and none is being written."""
+        """Whether enough was logged since the last one, or too long ago, and none is being written."""
         views, n_bytes = self._since_snapshot
         enough = views >= self._settings.snapshot_views or n_bytes >= self._settings.snapshot_mb << 20
+        enough = enough or self._age.is_due(time.monotonic())
         busy = self._saving is not None and self._saving.is_alive()
         return enough and not busy and not self._events
 
     def save(self, state: State) -> None:
         """Saves a snapshot of the maps beside the loop; ``state`` must not change any more."""
         self._since_snapshot = 0, 0
-        self._saving = threading.Thread(target=self._save, args=(state, self.number), name="snapshot", daemon=True)
+        wipes = self._age.saved(time.monotonic()) and self._wipes
+        self._wipes = self._wipes and not wipes
+        self._saving = threading.Thread(
+            target=self._save, args=(state, self.number, wipes), name="snapshot", daemon=True
+        )
         self._saving.start()
 
     def save_first(self, state: State) -> None:
@@ -117,11 +149,37 @@ class Journal:
         self._since_snapshot = 0, 0
         self._store.save(pack(state), 0)
 
-    def _save(self, state: State, up_to: int) -> None:
+    def _save(self, state: State, up_to: int, wipes: bool) -> None:
         try:
             self._store.save(pack(state), up_to)
+            if wipes:
+                self._store.wipe()
+                self._node.log.info("pictures_forgotten", up_to=up_to)
         except Exception as error:  # the log goes on from the one before
+            self._age.failed(time.monotonic())
+            self._wipes = self._wipes or wipes
             self._node.warn_seldom("a snapshot can't be written", error=f"{type(error).__name__}: {error}")
+
+    # --- pictures -------------------------------------------------------------------------------------------------
+
+    def forget_pictures(self) -> None:
+        """Has all pictures leave the file, by the two next snapshots, and what was set aside. From any thread."""
+        self._age.forget()
+        self._wipes = True
+        self._asides_s = -math.inf
+
+    def drop_old(self) -> None:
+        """Removes what was set aside longer ago than pictures may be kept. Called often; looks seldom."""
+        now_s = time.monotonic()
+        if (self._keep_s is None and not self._wipes) or now_s - self._asides_s < _ASIDES_S:
+            return
+        self._asides_s = now_s
+        try:
+            removed = self._store.drop_aside(math.inf if self._wipes else time.time() - (self._keep_s or 0.0))
+            if removed:
+                self._node.log.info("set_aside_removed", files=removed)
+        except StoreError as error:
+            self._node.warn_seldom("what was set aside can't be removed", error=str(error))
 
     def close(self) -> None:
         """Ends a snapshot that is being written, and closes the file."""
@@ -168,10 +226,12 @@ class Journal:
             try:
                 if entry is None:
                     raise WireError("its bytes aren't those that were written")
-                take(number, _perceived(entry))
+                take(number, perceived_of(entry))
             except Exception as error:  # a view that ended the last process must not end this one, too
                 self._node.log.warning("log_view_lost", number=number, error=f"{type(error).__name__}: {error}")
         self.write_events()
+        if self._keep_s is not None and self.number:  # nobody knows since when they lie there
+            self.forget_pictures()
 
     def begin_anew(self, reason: str) -> Path:
         """Sets a file aside that is of no use any more; returns where to. StoreError: it can't be moved."""
@@ -186,7 +246,7 @@ def _entry(p: PerceivedView) -> Entry:
     return Entry(source, view, msgspec.msgpack.encode(p.header), bytes(p.payload), p.reply, p.digest, p.fault)
 
 
-def _perceived(entry: Entry) -> PerceivedView:
+def perceived_of(entry: Entry) -> PerceivedView:
     """What was logged. WireError, msgspec.DecodeError: it can't be read."""
     key, header = (entry.source, entry.view), _HEADER.decode(entry.header)
     if entry.fault or not entry.payload:

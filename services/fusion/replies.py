@@ -14,7 +14,7 @@ from services.fusion.robot_places import RobotPlaces
 from services.fusion.store import StoreError
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.errors import BusError, PerceptionError
-from surveilnav.messages import DEFAULT_LAYERS, LayerHeader, ObjectList, ObjectRecord
+from surveilnav.messages import DEFAULT_LAYERS, LayerHeader, ObjectList, ObjectRecord, ViewPicture
 from surveilnav.messages.maps import LayerName
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.packing import pack_array
@@ -116,6 +116,21 @@ class Replies:
             message = ObjectList(stamp_ns=clock_ns(), floor=name, revision=revision, objects=objects)
             answers.append(Answer(message, ids={"floor": name}))
         return answers
+
+    def picture(self, request: Request) -> Answer:
+        """A picture that the maps took, while the log has it."""
+        asked = request.parameters
+        source, numbers = asked.get("source", ""), [asked.get("view", ""), asked.get("seq", "")]
+        if not all(n.isascii() and n.isdigit() and len(n) <= 18 for n in numbers):
+            raise Refused("unknown_picture", "ask view_picture/FLOOR?source=SOURCE;view=N;seq=N")
+        view, seq = map(int, numbers)
+        try:
+            jpeg = self._maps.picture(source, view, seq)
+        except (StoreError, msgspec.MsgspecError) as error:
+            raise Refused("store_down", f"the picture can't be read: {error}") from error
+        if jpeg is None:
+            raise Refused("unknown_picture", f"picture {seq} of {source[:80]}, view {view}, isn't kept (any more)")
+        return Answer(ViewPicture(stamp_ns=clock_ns(), source=source, view=view, seq=seq), jpeg)
 
     def _objects_of(self, floor: str | None, text: TextEmbedding | None) -> list[tuple[str, list[ObjectRecord], int]]:
         """(floor, its objects, its revision) of one floor, or of all."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from services.fusion.config import FusionSettings
 from services.fusion.durable_map import DurableMap
+from services.fusion.history import History
 from services.fusion.kept_pictures import KeptPictures
 from services.fusion.perception_client import PerceptionClient
 from services.fusion.records import PerceivedView
@@ -16,9 +17,9 @@ from services.fusion.robot_places import RobotPlaces
 from services.fusion.sources import Sources
 from services.fusion.view_choice import ViewChoice
 from services.fusion.words import Words
-from surveilnav.bus import Node, Received
-from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS
-from surveilnav.messages import FrameHeader
+from surveilnav.bus import Answer, Node, Received, Request, clock_ns
+from surveilnav.contract import FORGET_PICTURES, MAP_LAYER, MAP_REVISION, MAP_SNAPSHOT, OBJECTS, VIEW_LOG, VIEW_PICTURE
+from surveilnav.messages import FrameHeader, PicturesForgotten
 
 _WORDS_S = 0.2  # between two looks at what missions search for
 
@@ -26,10 +27,10 @@ _WORDS_S = 0.2  # between two looks at what missions search for
 class FusionService:
     """Follows robots, invokes cameras, has perception look at every new view, and keeps the joint maps."""
 
-    def __init__(self, node: Node, settings: FusionSettings) -> None:
+    def __init__(self, node: Node, settings: FusionSettings, keep_pictures_s: float | None = None) -> None:
         config = settings.core()
         self._views_per_step = settings.camera_views_per_step
-        self._maps = DurableMap(node, settings)
+        self._node, self._maps = node, DurableMap(node, settings, keep_pictures_s)
         words = Words(node, settings.prompts)
         self._sources = Sources(
             node, settings, config.map, self._maps.contents.robots,
@@ -45,7 +46,12 @@ class FusionService:
         # a value layer may wait for perception: the others must not wait with it
         node.serve(MAP_LAYER, replies.layer, workers=3)
         node.serve(OBJECTS, replies.objects)
+        node.serve(VIEW_PICTURE, replies.picture)
         node.serve(MAP_REVISION, self._revisions.answer)
+        node.serve(FORGET_PICTURES, self._on_forget, keeper=node.id)
+        history = History(config, self._maps)
+        node.serve(VIEW_LOG, history.view)
+        node.serve(MAP_SNAPSHOT, history.snapshot)
 
     def step(self) -> bool:
         """One turn of the loop; True if there was something to do."""
@@ -65,6 +71,12 @@ class FusionService:
     def close(self) -> None:
         """Ends what is being written."""
         self._maps.close()
+
+    def _on_forget(self, request: Request) -> Answer:
+        stored = self._maps.forget_pictures()
+        self._node.log.warning("forgets pictures", reason=request.message.reason)
+        said = "pictures go from the store within seconds" if stored else "no store, so there are no past pictures"
+        return Answer(PicturesForgotten(stamp_ns=clock_ns(), keeper=self._node.id, message=said))
 
     def _submit(self, frames: Iterable[Received[FrameHeader]]) -> list[PerceivedView]:
         """Has perception look at frames; returns those that nobody needs to look at, since they can't be."""

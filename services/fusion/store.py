@@ -8,6 +8,7 @@ system when a committed view reaches the disk, so a power cut may take the last 
 
 from __future__ import annotations
 
+import glob
 import shutil
 import sqlite3
 import threading
@@ -85,8 +86,9 @@ class StoredEvent:
 class Store:
     """The file at ``path``; safe to use from any thread. Opened when first needed, and again after a failure."""
 
-    def __init__(self, path: Path, *, max_events: int = 1_000_000, max_pages: int = 0) -> None:
-        self.path = path
+    def __init__(self, path: Path, *, max_events: int = 1_000_000, max_pages: int = 0, overwrite: bool = False) -> None:
+        """``overwrite``: what is deleted is overwritten, so that nobody finds it in the file."""
+        self.path, self._overwrite = path, overwrite
         self._max_events, self._max_pages = max_events, max_pages
         self._lock = threading.RLock()
         self._connection: sqlite3.Connection | None = None
@@ -115,6 +117,15 @@ class Store:
                 return
             after, *fields, checksum = row
             yield after, _entry(fields, checksum)
+
+    def newest(self, source: str, view: int, limit: int) -> list[Entry]:
+        """The views of a source that are logged still, newest first, at most so many; damaged ones left out. StoreError."""
+        with self._reading() as db:
+            rows = db.execute(
+                "SELECT source, view, header, payload, reply, digest, fault, checksum FROM view"
+                " WHERE source = ? AND view = ? ORDER BY number DESC LIMIT ?", (source, view, limit),
+            ).fetchall()  # fmt: skip
+        return [entry for *fields, checksum in rows if (entry := _entry(fields, checksum)) is not None]
 
     def add_events(self, events: Iterable[StoredEvent]) -> None:
         """Commits events; those that came before, with the same numbers, stay. StoreError."""
@@ -167,6 +178,29 @@ class Store:
             data = b"".join(piece for (piece,) in pieces)
             whole = len(pieces) == n_pieces and zlib.crc32(data) == checksum
             yield up_to, data if whole else None
+
+    def wipe(self) -> None:
+        """Has nothing left in the file that was deleted, now and from here on. StoreError."""
+        self.close()  # it is opened anew with the new setting
+        self._overwrite = True
+        with self._reading() as db:
+            db.execute("VACUUM")
+            db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+    def drop_aside(self, before_s: float) -> int:
+        """Removes what was set aside before a time [s since the epoch]; how many files. StoreError."""
+        ours = {self.path.name + ending for ending in ("", "-wal", "-shm", "-journal")}
+        removed = 0
+        try:
+            for aside in self.path.parent.glob(f"{glob.escape(self.path.name)}.*"):
+                if aside.name not in ours and aside.stat().st_mtime < before_s:
+                    aside.unlink(missing_ok=True)
+                    removed += 1
+        except OSError as error:
+            raise StoreError(
+                "unwritable", f"what was set aside beside {self.path} can't be removed: {error}"
+            ) from error
+        return removed
 
     def set_aside(self, reason: str, *, copy: bool = False) -> Path:
         """Moves or copies the file out of the way, in the place of what went there before; returns where to. StoreError."""
@@ -225,6 +259,7 @@ class Store:
         try:
             for pragma in ("journal_mode=WAL", "synchronous=NORMAL", f"journal_size_limit={64 << 20}"):
                 db.execute(f"PRAGMA {pragma}")
+            db.execute(f"PRAGMA secure_delete={'ON' if self._overwrite else 'OFF'}")
             if self._max_pages:
                 db.execute(f"PRAGMA max_page_count={self._max_pages}")
             version = db.execute("PRAGMA user_version").fetchone()[0]

@@ -5,11 +5,15 @@ from __future__ import annotations
 import signal
 import socket
 import sys
+from datetime import timedelta
+from pathlib import Path
 
 import uvicorn
 
+from services.gateway.access_log import AccessLog
 from services.gateway.app import create_app
 from services.gateway.config import GatewaySettings
+from services.gateway.looks import Looks
 from services.gateway.service import Gateway
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
@@ -42,22 +46,30 @@ def listen(host: str, port: int) -> socket.socket:
 def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = "") -> uvicorn.Server:
     """The server around ``gateway``, which answers under those names (None: under any); its streams end with it.
 
-    Nothing here depends on ``X-Forwarded-*``, and nobody's are believed.
+    What uvicorn does depends on no ``X-Forwarded-*``; whom the log of looks believes is in the settings.
     """
     config = uvicorn.Config(
         create_app(gateway, names), log_config=None, access_log=False, lifespan="off", proxy_headers=False,
         root_path=root_path,
     )  # fmt: skip
     server = uvicorn.Server(config)
-    gateway.events.ended = lambda: server.should_exit
+    for feed in (gateway.events, gateway.live, gateway.tiles):
+        feed.ended = lambda: server.should_exit
     return server
+
+
+def _looks(settings: GatewaySettings) -> Looks:
+    keep = timedelta(days=settings.access_log_days)
+    folder = Path(settings.access_log) if settings.access_log else None
+    return Looks(AccessLog(folder, keep=keep, max_bytes=settings.access_log_mb << 20), settings.proxies)
 
 
 def serve(settings: GatewaySettings, bus: BusSettings) -> None:
     """Serves until SIGTERM or SIGINT."""
     with listen(settings.host, settings.port) as sock, Node("gateway", settings.node_id, bus) as node:
         host, port = sock.getsockname()[:2]
-        server = web_server(Gateway(node, settings.root_path), settings.names, settings.root_path)
+        gateway = Gateway(node, settings.root_path, _looks(settings))
+        server = web_server(gateway, settings.names, settings.root_path)
         # uvicorn raises the signal again after it has shut down; the session must still be closed then.
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: None)

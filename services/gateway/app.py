@@ -5,7 +5,20 @@ from __future__ import annotations
 from fastapi import FastAPI
 
 from services.gateway import problem_answers, refusals
-from services.gateway.routes import cameras, documentation, events, maps, missions, objects, page, sources, system
+from services.gateway.routes import (
+    cameras,
+    documentation,
+    events,
+    live,
+    maps,
+    missions,
+    objects,
+    page,
+    pictures,
+    recordings,
+    sources,
+    system,
+)
 from services.gateway.service import Gateway
 from surveilnav import __version__
 
@@ -28,11 +41,14 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.add_middleware(refusals.Refusals, problem=refusals.check(allowed_hosts))
     problem_answers.answer_failures(app)
     app.include_router(missions.router(gateway.missions))
-    app.include_router(cameras.router(gateway.cameras))
+    app.include_router(cameras.router(gateway.cameras, gateway.looks))
+    app.include_router(pictures.router(gateway.pictures))
     app.include_router(sources.router(gateway.sources))
     app.include_router(maps.router(gateway.maps))
-    app.include_router(objects.router(gateway.objects))
+    app.include_router(objects.router(gateway.objects, gateway.looks))
+    app.include_router(recordings.router(gateway.recordings, gateway.looks))
     app.include_router(events.router(gateway.events))
+    app.include_router(live.router(gateway.live, gateway.tiles, gateway.looks))
     app.include_router(system.router(gateway))
     app.include_router(page.router())
     app.include_router(documentation.router())

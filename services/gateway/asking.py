@@ -42,5 +42,7 @@ def ask_known(node: Node, what: str, id: str, who: str, stream: Stream, **option
 
 def absent(who: str) -> Problem:
     """503: nobody is there to ask, and how to start one."""
-    hint = f"; start one with `python -m services.{who}`" if who in ("planner", "fusion", "perception") else ""
+    hint = (
+        f"; start one with `python -m services.{who}`" if who in ("planner", "fusion", "perception", "recorder") else ""
+    )
     return Problem(503, "absent", f"no {who} is there{hint}")

@@ -18,7 +18,7 @@ class Cameras:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
-        self._thumbnails = Thumbnails()
+        self.thumbnails = Thumbnails()
 
     def all(self) -> list[Camera]:
         """Every camera, with what the maps hold of it and what it last saw."""
@@ -42,23 +42,26 @@ class Cameras:
             404, "unknown_camera", f"no camera {id!r} has announced itself; {ROOT}/cameras lists those that have"
         )
 
-    def thumbnail(self, id: str, view: int) -> bytes:
-        """A JPEG that the camera makes for this viewer: counted as viewer traffic, no invocation."""
+    def thumbnail(self, id: str, view: int, width_px: int = 0) -> bytes:
+        """A JPEG that the camera makes for this viewer: counted as viewer traffic, no invocation. ``width_px`` 0: as wide
+        as the camera's settings say, which is the most."""
         camera = self.one(id)
         views = sorted(v.view for v in camera.views)
         if view not in views:
             raise Problem(404, "unknown_view", f"camera {id} has the views {', '.join(map(str, views))}, not {view}")
-        request = CameraRequest(stamp_ns=clock_ns(), action="thumbnail", views=[view])
+        request = CameraRequest(stamp_ns=clock_ns(), action="thumbnail", views=[view], width_px=width_px)
         row = ask(self._node, f"camera {id}", contract.CAMERA_REQUEST, request, floor=camera.floor, camera=id)
         if not row.payload.startswith(b"\xff\xd8"):
             raise Problem(502, "bad_picture", f"camera {id} answered with {len(row.payload)} bytes that are no JPEG")
         return row.payload
 
-    def latest(self, id: str, view: int | None) -> bytes:
-        """The same, of a view or the first, at most a second old: many viewers cost the camera one picture."""
-        camera = self.one(id)
-        chosen = min((v.view for v in camera.views), default=0) if view is None else view
-        return self._thumbnails.get((id, chosen), lambda: self.thumbnail(id, chosen))
+    def first_view(self, id: str) -> int:
+        """The number of a camera's first view; 404 if the camera has never announced itself."""
+        return min((v.view for v in self.one(id).views), default=0)
+
+    def latest(self, id: str, view: int) -> bytes:
+        """The same, at most a second old: many viewers cost the camera one picture."""
+        return self.thumbnails.get((id, view), lambda: self.thumbnail(id, view))
 
     def cones(self, id: str) -> list[CameraCone]:
         """What each view of a camera looks at on the floor."""

@@ -6,6 +6,7 @@ from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from services.gateway.core.hosts import allowed_names, listen_address, names_of_address
+from services.gateway.core.proxies import Networks, networks
 
 
 class GatewaySettings(BaseSettings):
@@ -26,6 +27,16 @@ class GatewaySettings(BaseSettings):
         pattern=r"^(/[A-Za-z0-9_.~-]+)*$",
         description="where a proxy has the gateway, such as /surveilnav; the proxy takes it off",
     )
+    trusted_proxies: str = Field(
+        default="",
+        description="proxies whose X-Forwarded-For the log of looks believes: addresses or networks with commas between",
+    )
+    access_log: str = Field(
+        default="",
+        description="the folder where it is written down who looked at which camera; empty: kept in memory alone",
+    )
+    access_log_days: int = Field(default=90, ge=1, le=3650, description="how long such a line is kept")
+    access_log_mb: int = Field(default=10, ge=2, le=1000, description="of such files in all; the oldest go first")
     node_id: str = Field(default="gateway", description="its name on the bus")
 
     @field_validator("host")
@@ -38,6 +49,17 @@ class GatewaySettings(BaseSettings):
     def _hosts(cls, value: str) -> str:
         allowed_names(value)
         return value
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _proxies(cls, value: str) -> str:
+        networks(value)
+        return value
+
+    @property
+    def proxies(self) -> Networks:
+        """The proxies that are believed."""
+        return networks(self.trusted_proxies)
 
     @property
     def names(self) -> frozenset[str] | None:

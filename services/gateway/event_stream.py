@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Collection
 
 import structlog
 from starlette.requests import Request
@@ -15,11 +16,9 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from services.gateway.core.problems import Problem
-from services.gateway.events import Events
+from services.gateway.feed import Feed
 from services.gateway.problem_answers import answer
 
-#: So often the present id is sent where nothing happens: who is gone, or what stands between, is noticed.
-_HEARTBEAT_S = 15.0
 #: So often a stream looks whether the gateway is about to stop.
 _LOOK_S = 0.5
 #: Bytes for a client that doesn't read wait so long; a client that comes back goes on from its last event.
@@ -28,14 +27,17 @@ _HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # nginx wou
 
 
 class EventStream(Response):
-    """Tells a client the events after ``last_id``, until it goes, stops reading, or the gateway ends."""
+    """Tells a client the events after ``last_id``, until it goes, stops reading, or the gateway ends. ``ids``: of these
+    things alone (on a board)."""
 
     media_type = "text/event-stream"
 
-    def __init__(self, events: Events, last_id: str | None, stalled_s: float = STALLED_S) -> None:
+    def __init__(
+        self, events: Feed, last_id: str | None, stalled_s: float = STALLED_S, ids: Collection[str] | None = None
+    ) -> None:
         super().__init__(headers=_HEADERS)
         del self.headers["content-length"]
-        self._events, self._last_id, self._stalled_s = events, last_id, stalled_s
+        self._events, self._last_id, self._stalled_s, self._ids = events, last_id, stalled_s, ids
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """The ASGI side: one task tells, another notices that the client is gone."""
@@ -57,11 +59,11 @@ class EventStream(Response):
         number, quiet_s = await self._begun(send), 0.0
         while not self._events.ended():
             news.clear()
-            position, found = self._events.after(number)
+            position, found = self._events.after(number, self._ids)
             told = self._reset(position.number, position.gap) if position.gap else ""
             told += "".join(_block(self._events.id_of(e.number), e.kind, e.data) for e in found)
-            if not told and quiet_s >= _HEARTBEAT_S:
-                told = f"id: {self._events.id_of(number)}\n\n"
+            if not told and quiet_s >= self._events.beat_s:
+                told = f"id: {self._events.id_of(number)}\n{self._events.beat}\n"
             number, quiet_s = found[-1].number if found else position.number, quiet_s + _LOOK_S
             if told:
                 quiet_s = 0.0
@@ -80,7 +82,7 @@ class EventStream(Response):
         return position.number
 
     def _reset(self, number: int, why: str) -> str:
-        data = {"why": why, "do": "read the state anew (missions, cameras, robots, objects), then go on from this id"}
+        data = {"why": why, "do": self._events.advice}
         return "retry: 1000\n" + _block(self._events.id_of(number), "reset", json.dumps(data))
 
     async def _sent(self, send: Send, text: str) -> bool:

@@ -10,17 +10,20 @@ from typing import Literal, NamedTuple
 from services.gateway.asking import ask_known
 from services.gateway.cameras import Cameras
 from services.gateway.core import layers
+from services.gateway.core.clouds import thinned
 from services.gateway.core.layers import Drawn
 from services.gateway.core.problems import Problem
 from services.gateway.core.resources import Floor, Layer
 from services.gateway.missions import Missions
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
+from services.gateway.thumbnails import Thumbnails
 from surveilnav import contract
 from surveilnav.errors import WireError
-from surveilnav.sensing.layers import unpack_layer
+from surveilnav.sensing.layers import unpack_cloud, unpack_layer
 
 _CACHED_PICTURES = 64
+_CLOUD_S = 10.0
 Form = Literal["png", "npy"]
 
 
@@ -42,6 +45,7 @@ class Maps:
         self._cameras, self._sources, self._missions = cameras, sources, missions
         self._pictures: OrderedDict[_Key, tuple[Drawn, int]] = OrderedDict()
         self._pictures_lock = threading.Lock()
+        self._clouds = Thumbnails(_CLOUD_S, most=4)
 
     def floors(self) -> list[Floor]:
         """Every floor that has a map, a camera or a robot."""
@@ -79,6 +83,18 @@ class Maps:
         if revision and drawn[1] == revision.message.revision:
             self._cache(key, drawn)
         return drawn
+
+    def cloud(self, floor: str, most: int) -> bytes:
+        """The joint cloud as numpy's .npy, float32 (N, 6), at most so many points, at most ten seconds old: fusion sends all
+        that it has, which is much, once for all who ask."""
+        return self._clouds.get((floor, most), lambda: self._thinned(floor, most))
+
+    def _thinned(self, floor: str, most: int) -> bytes:
+        row = ask_known(self._node, "floor", floor, "fusion", contract.MAP_LAYER, floor=floor, layer="cloud")
+        try:
+            return layers.npy(thinned(unpack_cloud(row.message, row.payload), most))
+        except WireError as error:
+            raise Problem(502, "bad_layer", f"fusion sent a cloud that can't be read: {error}") from error
 
     def _searched(self, floor: str) -> str:
         """The target of the newest mission, preferably one on this floor: whose values a person wants to see."""

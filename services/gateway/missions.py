@@ -79,6 +79,15 @@ class Missions:
             raise refusal(ack.error, ack.message)
         return self.get(id).model_copy(update={"state": ack.state})
 
+    def plans(self) -> list[MissionPlan]:
+        """The present plans of the missions under way."""
+        alive = self._state.alive("planner")
+        under_way = {
+            id for id, row in self._state.missions.newest("mission").items() if row.message.state not in FINISHED_STATES
+        }
+        rows = self._state.plans.newest("mission").items()
+        return [MissionPlan.from_plan(row.message, row.received_ns, alive) for id, row in rows if id in under_way]
+
     def plan(self, id: str) -> MissionPlan:
         """The planner's present plan for a mission."""
         row = ask_known(self._node, "plan of mission", id, "planner", contract.MISSION_PLAN, mission=id)

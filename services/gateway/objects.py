@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from services.gateway.asking import absent, ask_known
+from services.gateway.core.crops import crop
 from services.gateway.core.object_filter import ObjectFilter
 from services.gateway.core.problems import Problem
 from services.gateway.core.resources import Object
+from services.gateway.core.resources.object import ObjectEvent
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received
@@ -45,3 +47,21 @@ class Objects:
         if found is None:
             raise Problem(502, "bad_answer", f"fusion was asked for object {id} of floor {floor}, and told of others")
         return Object.from_record(found)
+
+    def picture(self, floor: str, id: int, number: int) -> tuple[ObjectEvent, bytes]:
+        """An event of an object's history, and what it saw: a JPEG around the box; 404 if it saw nothing, or nobody keeps
+        it."""
+        history = self.one(floor, id).history
+        if number >= len(history):
+            raise Problem(404, "not_found", f"object {id} has a history of {len(history)} events, from 0")
+        event = history[number]
+        if event.box_px is None:
+            raise Problem(404, "no_picture", f"event {number} of object {id} ({event.what}) saw nothing")
+        asked = {"source": event.source, "view": str(event.view), "seq": str(event.seq)}
+        row = ask_known(
+            self._node, "picture of object", str(id), "fusion", contract.VIEW_PICTURE, parameters=asked, floor=floor
+        )
+        try:
+            return event, crop(row.payload, event.box_px)
+        except ValueError as error:
+            raise Problem(502, "bad_picture", f"fusion sent a picture that can't be shown: {error}") from error

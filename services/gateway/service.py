@@ -7,35 +7,67 @@ Calls block for as long as the contract says that an answer may take: run them o
 from __future__ import annotations
 
 import threading
+from collections import ChainMap
+from collections.abc import Callable
 
 from services.gateway.cameras import Cameras
 from services.gateway.core.metrics import Heard
 from services.gateway.core.resources import NEEDED, Building, Readiness, RobotHalt, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
 from services.gateway.events import Events
+from services.gateway.live import Live, Things
+from services.gateway.looks import Looks
 from services.gateway.maps import Maps
 from services.gateway.missions import Missions
 from services.gateway.objects import Objects
+from services.gateway.pictures import Pictures
+from services.gateway.recordings import Recordings
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
+from services.gateway.tiles import Tiles
 from services.gateway.watch import Watch
 from surveilnav.bus import Node
+
+#: The newest; older ones are had by REST.
+_MISSIONS_SHOWN = 100
 
 
 class Gateway:
     """All that the web side may ask for, a part for each kind of resource, and the whole: building, traffic, readiness."""
 
-    def __init__(self, node: Node, root_path: str = "") -> None:
+    def __init__(self, node: Node, root_path: str = "", looks: Looks | None = None) -> None:
         """``root_path``: where a proxy has the gateway, such as /surveilnav; "": at the top."""
         self._node = node
+        self.looks = looks or Looks()
         self._state = BuildingState(node, root_path)
         self.missions = Missions(self._state)
         self.cameras = Cameras(self._state)
+        self.pictures = Pictures(node, self.cameras.thumbnails, self.looks)
         self.sources = Sources(self._state)
         self.maps = Maps(self._state, self.cameras, self.sources, self.missions)
         self.objects = Objects(self._state)
+        self.recordings = Recordings(self._state)
         self.events = Events()
         self._watch = Watch(self._state, self.cameras, self.sources, self.events)
+        self.live = Live(node, self._shown())
+        self.tiles = Tiles(node, self.cameras)
+
+    def _shown(self) -> dict[str, Callable[[], Things]]:
+        """What streams tell of, by kind, and where it comes from."""
+        return {
+            "building": lambda: {"": self.building()},
+            "readiness": lambda: {"": self.readiness()},
+            "floor": lambda: {f.id: f for f in self.maps.floors()},
+            "camera": lambda: {c.id: c for c in self.cameras.all()},
+            "robot": lambda: {r.id: r for r in self.sources.robots()},
+            "worker": lambda: {w.id: w for w in self.sources.workers()},
+            "recorder": lambda: {r.id: r for r in self.recordings.recorders()},
+            "service": lambda: {s.id: s for s in self.services()},
+            "mission": lambda: {m.id: m for m in self.missions.all()[:_MISSIONS_SHOWN]},
+            "plan": lambda: {p.mission: p for p in self.missions.plans()},
+            "object": lambda: dict(ChainMap(*self._watch.objects.values())),
+            "traffic": lambda: self.traffic().by_source(),
+        }
 
     def building(self) -> Building:
         """The building, with what is in it."""
@@ -70,7 +102,8 @@ class Gateway:
         return Heard(
             cameras=self.cameras.all(), floors=self.maps.floors(), robots=self.sources.robots(),
             missions=self.missions.all(), processes=self.services(), workers=workers, traffic=self.traffic(),
-            ready=self.readiness().ready, event_streams=self.events.streams, events=self.events.newest,
+            recorders=self.recordings.recorders(), ready=self.readiness().ready, event_streams=self.events.streams,
+            events=self.events.newest,
         )  # fmt: skip
 
     def readiness(self) -> Readiness:

@@ -6,11 +6,15 @@ from contextlib import suppress
 
 from services.gateway.asking import absent, ask
 from services.gateway.core.problems import Problem
-from services.gateway.core.resources import Robot, RobotHalt, Worker
+from services.gateway.core.resources import Robot, RobotHalt, Target, Worker
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import clock_ns
-from surveilnav.messages import FINISHED_STATES, Halt
+from surveilnav.messages import FINISHED_STATES, Halt, InferRequest
+
+#: Any word: the answer tells all that a worker has.
+_A_WORD = "chair"
+_MOST_VOCABULARIES = 100
 
 
 class Sources:
@@ -18,6 +22,7 @@ class Sources:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
+        self._vocabularies: dict[tuple[str, str], list[str]] = {}
 
     def robots(self) -> list[Robot]:
         """Every robot, with the mission under way that it belongs to."""
@@ -53,6 +58,29 @@ class Sources:
             detail = f"{', '.join(silent)} didn't say that it {'stopped' if halted else 'is released'}: go there, or try again"
             raise Problem(504, "robot_silent", detail, robots=[a.model_dump() for a in answers])
         return answers
+
+    def targets(self) -> list[Target]:
+        """The names of what can be searched for, of all workers that are ready; none of those that know any word."""
+        workers: dict[str, list[str]] = {}
+        for worker in self.workers():
+            for name in self._vocabulary(worker) if worker.ready and not worker.stale else ():
+                workers.setdefault(name, []).append(worker.id)
+        return [Target(name=name, workers=ids) for name, ids in sorted(workers.items())]
+
+    def _vocabulary(self, worker: Worker) -> list[str]:
+        """A worker's names, asked once for as long as it runs the same; none if it doesn't tell now."""
+        key = worker.id, worker.models["detector"]
+        if key not in self._vocabularies:
+            request = InferRequest(stamp_ns=clock_ns(), texts=[_A_WORD])
+            with suppress(Problem):
+                reply = ask(
+                    self._node, "perception", contract.PERCEPTION_TEXT, request, worker=worker.id, timeout_s=3.0
+                )
+                self._vocabularies = {
+                    **dict(list(self._vocabularies.items())[-_MOST_VOCABULARIES:]),
+                    key: reply.message.vocabulary,
+                }
+        return self._vocabularies.get(key, [])
 
     def workers(self) -> list[Worker]:
         """Every perception worker, with what it runs."""

@@ -14,7 +14,7 @@ from surveilnav.contract import Stream
 
 #: How long a list of what is put on change is believed before it is asked for again.
 REFRESH_S = 5.0
-_KINDS = ("camera", "robot", "perception", "fusion", "planner")
+_KINDS = ("camera", "robot", "perception", "fusion", "planner", "recorder")
 
 
 class LastKnown:
@@ -80,11 +80,13 @@ class BuildingState:
     def __init__(self, node: Node, root_path: str = "") -> None:
         self.node, self.root = node, root_path + ROOT
         self.missions = LastKnown(node, contract.MISSION_STATUS)
+        self.plans = LastKnown(node, contract.MISSION_PLAN)
         self.cameras = LastKnown(node, contract.CAMERA_INFO)
         self.summaries = LastKnown(node, contract.CAMERA_SUMMARY)
         self.robots = LastKnown(node, contract.ROBOT_STATUS)
         self.loads = LastKnown(node, contract.PERCEPTION_LOAD)
         self.revisions = LastKnown(node, contract.MAP_REVISION)
+        self.recorders = LastKnown(node, contract.RECORDER_STATUS)
         self.services = LastKnown(node, contract.SERVICES)
         self.traffic = LastKnown(node, contract.TRAFFIC)
         for kind in _KINDS:

@@ -19,10 +19,10 @@ class _Kept:
 
 
 class Thumbnails:
-    """The newest picture of each view, made anew when it is older than ``fresh_s``."""
+    """The newest picture of each view, made anew when it is older than ``fresh_s``; the ``most`` that were asked for last."""
 
-    def __init__(self, fresh_s: float = 1.0) -> None:
-        self._fresh_s = fresh_s
+    def __init__(self, fresh_s: float = 1.0, most: int = _MOST) -> None:
+        self._fresh_s, self._most = fresh_s, most
         self._kept: OrderedDict[Hashable, _Kept] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -31,9 +31,20 @@ class Thumbnails:
         with self._lock:
             kept = self._kept.setdefault(view, _Kept())
             self._kept.move_to_end(view)
-            if len(self._kept) > _MOST:
+            if len(self._kept) > self._most:
                 self._kept.popitem(last=False)
         with kept.lock:
             if time.monotonic() - kept.made_s > self._fresh_s:
                 kept.picture, kept.made_s = make(), time.monotonic()
             return kept.picture
+
+    def drop(self, older_s: float) -> int:
+        """Forgets pictures that were made longer ago; how many. One that is being made stays."""
+        now_s = time.monotonic()
+        with self._lock:
+            old = [
+                view for view, kept in self._kept.items() if not kept.lock.locked() and now_s - kept.made_s >= older_s
+            ]
+            for view in old:
+                del self._kept[view]
+        return len(old)

@@ -10,6 +10,7 @@ from typing import Any
 from services.gateway.cameras import Cameras
 from services.gateway.core import changes
 from services.gateway.core.changes import CameraState, Change, RobotSituation, Tracked
+from services.gateway.core.resources import Object
 from services.gateway.core.resources.event import Event
 from services.gateway.events import Events
 from services.gateway.sources import Sources
@@ -40,6 +41,8 @@ class Watch:
         self._presence: Tracked[bool] = Tracked(changes.of_presence)
         self._objects: dict[str, Tracked[ObjectRecord]] = {}
         self._objects_at: dict[str, tuple[float, int]] = {}
+        #: By floor and id, as fusion last told of them, without their histories.
+        self.objects: dict[str, dict[str, Object]] = {}
         state.missions.on_message = self._on_mission
         self._missions.update({id: row.message for id, row in state.missions.newest("mission").items()})
         self.look()
@@ -101,6 +104,7 @@ class Watch:
             self._node.warn_seldom("can't hear of objects", floor=floor, error=str(error))
             return
         self._objects_at[floor] = now_s, stamp_ns
+        self.objects[floor] = {f"{floor}/{o.id}": Object.from_record(o) for o in row.message.objects}
         tracked = self._objects.setdefault(floor, Tracked(changes.of_object))
         self._tell("object", tracked.update({str(o.id): o for o in row.message.objects}), Event.of_object)
 

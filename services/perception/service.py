@@ -81,6 +81,7 @@ class PerceptionService:
             TextReply(
                 stamp_ns=clock_ns(), worker=self._settings.worker, backend=self._backend.name, embeddings=embeddings,
                 words=[self._backend.understood(named(text)) for text in request.texts], models=self._backend.models,
+                vocabulary=list(self._backend.vocabulary or ()),
             )
         )  # fmt: skip
 

@@ -163,6 +163,22 @@ OBJECTS = Stream(
     "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; "
     "text=WORDS: with how well each fits; detail=brief: without points and events",
 )  # fmt: skip
+VIEW_PICTURE = Stream(
+    "view_picture", "{building}/view_picture/{floor}", m.ViewPicture, "fusion", "query", None, 5_000,
+    "maps", "a picture that the maps took (parameters source, view, seq), for as long as fusion keeps it; a JPEG", payload=True,
+)  # fmt: skip
+FORGET_PICTURES = Stream(
+    "forget_pictures", "{building}/forget_pictures/{keeper}", m.PicturesForgotten, "fusion", "query", None, 5_000,
+    "control", "forget past pictures: all who keep any", request=m.ForgetPictures, asked_of_all=True,
+)  # fmt: skip
+VIEW_LOG = Stream(
+    "view_log", "{building}/view_log", m.LoggedView, "fusion", "query", None, 5_000,
+    "maps", "the next view that went into the maps after one (after=NUMBER), with what perception said of it", payload=True,
+)  # fmt: skip
+MAP_SNAPSHOT = Stream(
+    "map_snapshot", "{building}/map_snapshot", m.MapSnapshot, "fusion", "query", None, 10_000,
+    "maps", "all maps after the newest view, in pieces (number=, offset=); only=digest: what they come to", payload=True,
+)  # fmt: skip
 MISSION_GOAL = Stream(
     "mission_goal", "{building}/mission/{mission}/goal", m.MissionAck, "planner", "query", None, 5_000,
     "control", "submit a mission", request=m.MissionGoal,
@@ -186,6 +202,22 @@ MISSION_PLAN = Stream(
 TRAFFIC = Stream(
     "traffic", "{building}/traffic/{node}", m.TrafficReport, "every node", "put+query", 1.0, 20_000,
     "data", "bytes offered and delivered per key, bytes on the wire; at most at this rate, seldom without news",
+)  # fmt: skip
+RECORDER_STATUS = Stream(
+    "recorder_status", "{building}/recorder/{recorder}/status", m.RecorderStatus, "recorder", "put+query", 1.0, 5_000,
+    "data", "which missions are being recorded, and what is wrong",
+)  # fmt: skip
+RECORDINGS = Stream(
+    "recordings", "{building}/recorder/{recorder}/recordings", m.RecordingList, "recorder", "query", None, 5_000,
+    "data", "the recordings that are kept",
+)  # fmt: skip
+RECORDING_READ = Stream(
+    "recording_read", "{building}/recorder/{recorder}/read", m.RecordingPart, "recorder", "query", None, 5_000,
+    "maps", "a stretch of a recording", request=m.RecordingPart, payload=True,
+)  # fmt: skip
+RECORDING_DELETE = Stream(
+    "recording_delete", "{building}/recorder/{recorder}/delete", m.Ack, "recorder", "query", None, 5_000,
+    "control", "delete a recording for good", request=m.RecordingRemoval,
 )  # fmt: skip
 SERVICES = Stream(
     "services", "{building}/services/{supervisor}", m.ServiceList, "surveilnav up", "put", 1.0, 3_000,

@@ -31,7 +31,6 @@ from simulator.truth.visible import (
     Place,
     VisibleThing,
     candidates,
-    mask_within,
     measured,
     visible_things,
 )
@@ -42,7 +41,7 @@ from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.perception.chances import table_of
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
-from surveilnav.perception.segmenters.depth_in_box import mask_of
+from surveilnav.perception.segmenters.depth_in_box import floor_of, mask_of
 from surveilnav.perception.sizes import WRONG_SIZE, extent_m, extents_of, plausible
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
@@ -90,6 +89,7 @@ class Oracle(Backend):
 class Simulated(Backend):
     """The renderer's instance ids through an error model: misses, confusions, loose boxes, false positives.
 
+    Its masks are what depth says in its boxes, as the masks of the detector that it imitates.
     What it errs depends on ``seed``, the view's ``key``, and where the view was taken from (``error_model``).
     ``harder``: a worse detector than the measured one (negative: a better one), in standard deviations of luck by which
     true things are harder to find and to name, and false alarms easier to give.
@@ -122,7 +122,7 @@ class Simulated(Backend):
         view = hashed(scene, key)
         detections, weak = [], []
         shown: dict[str, float] = {}
-        floor = cache(partial(_floor_of, told))  # few views have a false alarm that asks
+        floor = cache(partial(floor_of, depth_m, camera))  # views without detections don't ask
         for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
             shown |= showing(c.labels, c.x) if c.kind != "place" else {}
             for detected, scores in self._found(c, scene, view, depth_m, camera, floor):
@@ -169,7 +169,7 @@ class Simulated(Backend):
         view: int,
         depth_m: NDArray[np.float32],
         camera: Pinhole,
-        floor: Callable[[], NDArray[np.bool_]],
+        floor: Callable[[], NDArray[np.bool_] | None],
     ) -> Iterator[tuple[Detected | None, NDArray[np.float32]]]:
         """Detection (None: nothing is reported) and class scores of what is found among candidates of one kind."""
         kind = self._model.kinds[c.kind]
@@ -190,7 +190,7 @@ class Simulated(Backend):
                 said, of = label, "right"
                 if reported:
                     box = _box(c.shown[i], _one_of(kind.boxes[of], once[i, 1]), depth_m, camera)
-                    mask = _mask_within(c.shown[i], box, depth_m)
+                    mask = mask_of(depth_m, box, floor())
             else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
                 names, of = self._names(kind, c, i, sight, scene, view), "wrong"
                 said = names[0]
@@ -248,11 +248,6 @@ def _box(shown: VisibleThing | Place, loose: Sequence[float], depth_m: NDArray[n
     return x0, y0, x1, y1
 
 
-def _mask_within(shown: VisibleThing | Place, box: Box, depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
-    assert isinstance(shown, VisibleThing)  # a place has no right name
-    return mask_within(shown, box, depth_m.shape)
-
-
 def _size_of(
     box: Box, mask: NDArray[np.bool_] | None, depth_m: NDArray[np.float32], camera: Pinhole
 ) -> tuple[float | None, bool]:
@@ -265,11 +260,6 @@ def _size_of(
 def _fits(name: str, size_m: float | None, cut: bool) -> bool:
     """Whether something is as large as things of a class, as far as depth tells."""
     return size_m is None or plausible(_EXTENTS_M, name, size_m, cut)
-
-
-def _floor_of(told: TrueInstances) -> NDArray[np.bool_]:
-    """(H, W) pixels that show the floor."""
-    return np.isin(told.ids, [i for i, label in told.labels.items() if canonical(label) == "floor"])
 
 
 def _told(truth: TrueInstances | None, depth_m: NDArray[np.float32], name: str) -> TrueInstances:

@@ -20,7 +20,7 @@ _DOCKERFILE = (_ROOT / "Dockerfile").read_text(encoding="utf-8")
 
 def test_it_starts_the_whole_system() -> None:
     started = {name for name, service in _SERVICES.items() if not service.get("profiles")}
-    assert started == {"router", "prepare", "camera", "robot", "perception", "fusion", "planner", "gateway"}
+    assert started == {"router", "prepare", "camera", "robot", "perception", "fusion", "planner", "gateway", "recorder"}
     assert set(_SERVICES) - started == _ON_A_GPU
     assert "version" not in _COMPOSE
 

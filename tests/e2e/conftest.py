@@ -115,17 +115,20 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
 
         def start(
             building: str = "parametric_flat", cameras: int = 2, perception: str = "oracle", surveillance: bool = True,
-            robot_start: str = "", gateway_port: int = 0,
+            robot_start: str = "", gateway_port: int = 0, recorder: bool = False,
         ) -> System:  # fmt: skip
             home = SimulatedBuilding(SimulationSettings(building=building, cameras=cameras))
             home.prepare()
             variables = environment(
                 router=f"tcp/127.0.0.1:{free_port()}", building=building, seed=0, cameras=cameras, area_per_camera_m2=100,
                 perception=perception, surveillance=surveillance, robot_start=robot_start, state=folder / "state",
+                recordings=folder / "recordings",
             )  # fmt: skip
             names = [c.name for c in home.plan.cameras]
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
-            stack = exits.enter_context(Stack(variables, folder / "logs", names, gateway=bool(gateway_port)))
+            stack = exits.enter_context(
+                Stack(variables, folder / "logs", names, gateway=bool(gateway_port), recorder=recorder)
+            )
             node = exits.enter_context(Node("test", "e2e", stack.bus, alive=False))
             stack.wait_ready(node, 90)
             patient(node)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import msgspec
@@ -62,8 +63,16 @@ def thaw(frozen: dict[str, Any], config: FusionConfig) -> JointMap:
 
 def pack(value: Any) -> bytes:
     """Bytes of plain values, messages and arrays; a checksum is part of them."""
-    plain = msgspec.msgpack.encode(value, enc_hook=_array_out)
-    return zstandard.ZstdCompressor(level=1, write_checksum=True).compress(plain)
+    return zstandard.ZstdCompressor(level=1, write_checksum=True).compress(_plain(value))
+
+
+def digest(frozen: dict[str, Any]) -> str:
+    """What the copy of maps comes to (BLAKE2b, hex): the same for the same maps, to the bit."""
+    return hashlib.blake2b(_plain(frozen), digest_size=16).hexdigest()
+
+
+def _plain(value: Any) -> bytes:
+    return msgspec.msgpack.encode(value, enc_hook=_array_out)
 
 
 def unpack(data: bytes) -> Any:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import islice
 
@@ -32,8 +33,16 @@ class Position:
     gap: str = ""
 
 
+def number_in(id: str, epoch: str) -> int | None:
+    """The number in an id of that run; None if it is of another, or no id at all."""
+    match = _ID.fullmatch(id)
+    return int(match[2]) if match and match[1] == epoch else None
+
+
 class EventLog:
     """The newest ``capacity`` events of this run. Not safe for several threads: its owner locks it."""
+
+    advice = "read the state anew (missions, cameras, robots, objects), then go on from this id"
 
     def __init__(self, epoch: str, capacity: int = 10_000) -> None:
         self._epoch = epoch
@@ -71,8 +80,8 @@ class EventLog:
             return Position(self.newest, f"only the newest {len(self._events)} events are kept")
         return Position(number)
 
-    def after(self, number: int, limit: int = 100) -> list[Event]:
-        """At most ``limit`` events after ``number``, the oldest first."""
+    def after(self, number: int, ids: Collection[str] | None = None, limit: int = 100) -> list[Event]:
+        """At most ``limit`` events after ``number``, the oldest first. Who listens hears of all: ``ids`` choose nothing."""
         if not self._events or number >= self.newest:
             return []
         begin = max(0, number + 1 - self._events[0].number)

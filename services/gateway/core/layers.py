@@ -54,13 +54,18 @@ def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS)
     return Drawn(encode_png(rgba), grid, low, high)
 
 
+def npy(array: NDArray) -> bytes:
+    """An array in numpy's format (.npy)."""
+    file = io.BytesIO()
+    np.save(file, np.ascontiguousarray(array), allow_pickle=False)
+    return file.getvalue()
+
+
 def as_array(layer: str, grid: Grid, cells: NDArray) -> Drawn:
     """``cells`` as they are, in numpy's format (.npy); row 0 is the southernmost."""
-    file = io.BytesIO()
-    np.save(file, np.ascontiguousarray(cells), allow_pickle=False)
     known = cells[np.isfinite(cells)] if layer == "value" else cells[:0]
     low, high = (float(known.min()), float(known.max())) if known.size else (None, None)
-    return Drawn(file.getvalue(), grid, low, high)
+    return Drawn(npy(cells), grid, low, high)
 
 
 def transform(grid: Grid) -> list[list[float]]:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar, get_args
 from prometheus_client import Metric
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 
-from services.gateway.core.resources import Camera, Floor, Mission, Robot, Service, Traffic
+from services.gateway.core.resources import Camera, Floor, Mission, Recorder, Robot, Service, Traffic
 from surveilnav.histogram import EDGES_MS
 from surveilnav.messages import WorkerLoad
 from surveilnav.messages.mission import MissionState
@@ -40,6 +40,7 @@ class Heard:
     processes: Sequence[Service]
     workers: Mapping[str, tuple[WorkerLoad, bool]]
     traffic: Traffic
+    recorders: Sequence[Recorder]
     ready: bool
     event_streams: int
     events: int
@@ -51,6 +52,7 @@ class Heard:
         yield from _of_nodes(self)
         yield from _of_workers(self)
         yield from _of_robots_and_missions(self)
+        yield from _of_recorders(self)
         yield from _of_the_whole(self)
 
 
@@ -159,6 +161,24 @@ def _of_robots_and_missions(heard: Heard) -> Iterator[Metric]:
     yield _gauge("missions", what, known, lambda state: {"state": state}, lambda state: states[state])
     what = "Missions that ended at their target, of those that are known"
     yield _single("missions_found", what, sum(m.found for m in heard.missions))
+
+
+def _of_recorders(heard: Heard) -> Iterator[Metric]:
+    recorders = heard.recorders[:MOST]
+
+    def labels(recorder: Recorder) -> dict[str, str]:
+        return {"recorder": recorder.id}
+
+    yield _gauge("recorder_up", "1: the recorder was heard of", recorders, labels, lambda r: not r.stale)
+    what = "1: something isn't recorded that should be"
+    yield _gauge("recorder_problem", what, recorders, labels, lambda r: r.problem is not None)
+    yield _gauge(
+        "recorder_recording", "Recordings that are being written", recorders, labels, lambda r: len(r.recording)
+    )
+    yield _gauge("recorder_bytes", "Bytes of all recordings", recorders, labels, lambda r: r.n_bytes)
+    yield _gauge("recorder_free_bytes", "Bytes left on its disk", recorders, labels, lambda r: r.free_bytes)
+    what = "Messages that its disk was too slow for"
+    yield _counter("recorder_dropped", what, recorders, labels, lambda r: r.dropped)
 
 
 def _of_the_whole(heard: Heard) -> Iterator[Metric]:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Path, Query, Request, Response
 
 from services.gateway.cameras import Cameras
-from services.gateway.core.resources import ROOT, Camera, CameraCone, Items
+from services.gateway.core.resources import ROOT, Camera, CameraCone, CameraLook, Items
+from services.gateway.looks import Looks
 from services.gateway.routes.conditional import NOT_CHANGED, IfNoneMatch, answer
 from services.gateway.routes.paging import Id, Limit, Offset, page_of
 
 _JPEG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/jpeg": {}}, "description": "the picture"}}
 
 
-def router(found: Cameras) -> APIRouter:
-    """Cameras, their pictures and cones; paused, resumed, forgotten."""
+def router(found: Cameras, looks: Looks) -> APIRouter:
+    """Cameras, their pictures and cones, who looked; paused, resumed, forgotten."""
     router = APIRouter(prefix=ROOT, tags=["building"])
 
     @router.get("/cameras")
@@ -27,16 +28,29 @@ def router(found: Cameras) -> APIRouter:
         return found.one(id)
 
     @router.get("/cameras/{id}/views/{view}.jpg", response_class=Response, responses=_JPEG)
-    def picture(id: Id, view: Annotated[int, Path(ge=0, le=65535)]) -> Response:
+    def picture(request: Request, id: Id, view: Annotated[int, Path(ge=0, le=65535)]) -> Response:
         """A thumbnail that the camera makes for this request: viewer traffic, not an invocation."""
-        return Response(found.thumbnail(id, view), media_type="image/jpeg", headers={"Cache-Control": "no-store"})
+        jpeg = found.thumbnail(id, view)
+        looks.note(request, id, view, "thumbnail")
+        return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
     @router.get("/cameras/{id}/latest.jpg", response_class=Response, responses=_JPEG | NOT_CHANGED)
     def latest(
-        id: Id, view: Annotated[int | None, Query(ge=0, le=65535)] = None, if_none_match: IfNoneMatch = ""
+        request: Request,
+        id: Id,
+        view: Annotated[int | None, Query(ge=0, le=65535)] = None,
+        if_none_match: IfNoneMatch = "",
     ) -> Response:
         """A picture at most a second old, of the view named or the first: many viewers cost the camera one."""
-        return answer(found.latest(id, view), "image/jpeg", {}, if_none_match)
+        chosen = found.first_view(id) if view is None else view
+        jpeg = found.latest(id, chosen)
+        looks.note(request, id, chosen, "latest")
+        return answer(jpeg, "image/jpeg", {}, if_none_match)
+
+    @router.get("/cameras/{id}/looks")
+    def looked(id: Id, limit: Limit = 100, offset: Offset = 0) -> Items[CameraLook]:
+        """Who was shown pictures of a camera, and when, newest first; also of one that is forgotten."""
+        return page_of(looks.of(id), limit, offset)
 
     @router.get("/cameras/{id}/cones")
     def cones(id: Id) -> Items[CameraCone]:

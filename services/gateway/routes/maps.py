@@ -56,6 +56,14 @@ def router(found: Maps) -> APIRouter:
         """Where a map layer lies in the world, and where its picture and its array are."""
         return found.place(id, layer, target.strip())
 
+    @router.get("/floors/{id}/cloud.npy", response_class=Response, responses=_NPY)
+    def cloud(
+        id: Id, points: Annotated[int, Query(ge=1, le=200_000)] = 50_000, if_none_match: IfNoneMatch = ""
+    ) -> Response:
+        """The joint cloud, as numpy's .npy: float32 (N, 6), x, y, z [m, world] and red, green, blue [0-1]. At most ``points``
+        of its points, spread evenly, at most ten seconds old."""
+        return answer(found.cloud(id, points), "application/octet-stream", {}, if_none_match)
+
     return router
 
 

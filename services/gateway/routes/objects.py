@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path, Query, Request, Response
 
 from services.gateway.core.object_filter import ObjectFilter
 from services.gateway.core.resources import ROOT, Items, Object
+from services.gateway.looks import Looks
 from services.gateway.objects import Objects
 from services.gateway.routes.paging import Id, Limit, Offset, page_of
 from surveilnav.contract import ID_PATTERN
 
+_Number = Annotated[int, Path(ge=0, le=2**31 - 1)]
+_JPEG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/jpeg": {}}, "description": "the picture"}}
 
-def router(found: Objects) -> APIRouter:
+
+def router(found: Objects, looks: Looks) -> APIRouter:
     """Objects, and one with all that ever happened to it."""
     router = APIRouter(prefix=ROOT, tags=["building"])
 
@@ -34,8 +38,24 @@ def router(found: Objects) -> APIRouter:
         return page_of(found.all(wanted, text.strip()), limit, offset)
 
     @router.get("/floors/{id}/objects/{object}")
-    def one_object(id: Id, object: Annotated[int, Path(ge=0, le=2**31 - 1)]) -> Object:
+    def one_object(id: Id, object: _Number) -> Object:
         """One object with its whole history: who said what of it when, and what came of it."""
         return found.one(id, object)
+
+    @router.get("/floors/{id}/objects/{object}/history/{number}.jpg", response_class=Response, responses=_JPEG)
+    def picture(
+        request: Request,
+        id: Id,
+        object: Annotated[int, Path(ge=0, le=2**31 - 1)],
+        number: Annotated[int, Path(ge=0, le=2**31 - 1)],
+    ) -> Response:
+        """What an event of the history (by its place, from 0) saw: a small picture around the box. 404 where nothing was
+        seen, and where the picture isn't kept any more: fusion keeps those of its newest views."""
+        headers = {"Cache-Control": "private, max-age=600"}
+        event, picture = found.picture(id, object, number)
+        kind, _, source = event.source.partition("/")
+        if kind == "camera":
+            looks.note(request, source, event.view, "history")
+        return Response(picture, media_type="image/jpeg", headers=headers)
 
     return router

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from services.gateway.core.resources import ROOT, Items, Robot, RobotHalt, Worker
+from services.gateway.core.resources import ROOT, Items, Robot, RobotHalt, Target, Worker
 from services.gateway.routes.paging import Limit, Offset, page_of
 from services.gateway.sources import Sources
 
@@ -26,5 +26,10 @@ def router(found: Sources) -> APIRouter:
     def perception(limit: Limit = 100, offset: Offset = 0) -> Items[Worker]:
         """Perception workers, the backend that each runs, and why that one."""
         return page_of(found.workers(), limit, offset)
+
+    @router.get("/targets")
+    def targets(limit: Limit = 1000, offset: Offset = 0) -> Items[Target]:
+        """Names of what can be searched for. A worker with an open vocabulary has none here: it knows any word."""
+        return page_of(found.targets(), limit, offset)
 
     return router

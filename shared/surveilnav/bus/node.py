@@ -201,6 +201,10 @@ class Node:
         """Ids of the nodes of a kind that are here now. The first call starts watching."""
         return self._presence.alive(kind)
 
+    def announce(self, kind: str, id: str) -> None:
+        """Says that a node is there for which this process speaks, until it ends."""
+        self._presence.announce(kind, id)
+
     def routers(self) -> int:
         """How many routers this node is connected to now."""
         return self._presence.routers()

@@ -122,6 +122,10 @@ class Client:
         """What of its floor each view looks at."""
         return cast("list[r.CameraCone]", self._json("GET", f"cameras/{_id(id)}/cones")["items"])
 
+    def looks(self, id: str) -> list[r.CameraLook]:
+        """Who was shown its pictures, newest first."""
+        return self._items(f"cameras/{_id(id)}/looks")
+
     def pause_camera(self, id: str) -> r.Camera:
         """Has it show nothing."""
         return cast("r.Camera", self._json("POST", f"cameras/{_id(id)}/pause"))
@@ -133,6 +137,10 @@ class Client:
     def remove_camera(self, id: str) -> None:
         """Forgets one whose process has ended."""
         self._asked("DELETE", f"{_ROOT}/cameras/{_id(id)}")
+
+    def forget_pictures(self) -> list[r.PictureKeeper]:
+        """Has all services forget past pictures; what each says that it does."""
+        return cast("list[r.PictureKeeper]", self._json("DELETE", "pictures")["items"])
 
     # --- maps and objects -------------------------------------------------------------------------------------------
 
@@ -168,15 +176,28 @@ class Client:
         wanted = _given(text=text, floor=floor, label=label, status=status, min_confidence=min_confidence)
         return self._items("objects", **wanted)
 
+    def cloud(self, floor: str, points: int = 50_000) -> NDArray[np.float32]:
+        """(N, 6): x, y, z [m, world] and red, green, blue [0-1] of at most so many points of the joint cloud."""
+        answer = self._asked("GET", f"{_ROOT}/floors/{_id(floor)}/cloud.npy", params={"points": points})
+        return cast("NDArray[np.float32]", np.load(io.BytesIO(answer.content), allow_pickle=False))
+
     def object(self, floor: str, id: int) -> r.Object:
         """One object with its whole history."""
         return cast("r.Object", self._json("GET", f"floors/{_id(floor)}/objects/{id}"))
+
+    def object_picture(self, floor: str, id: int, number: int) -> bytes:
+        """A JPEG of what an event of its history (by its place, from 0) saw; GatewayError once it isn't kept."""
+        return self._asked("GET", f"{_ROOT}/floors/{_id(floor)}/objects/{id}/history/{number}.jpg").content
 
     # --- the whole --------------------------------------------------------------------------------------------------
 
     def perception(self) -> list[r.Worker]:
         """Perception workers."""
         return self._items("perception")
+
+    def targets(self) -> list[r.Target]:
+        """What can be searched for by name; workers that know any word have no names."""
+        return self._items("targets")
 
     def services(self) -> list[r.Service]:
         """Processes that are kept running."""

@@ -42,6 +42,13 @@ class CameraCone(TypedDict):
     outline_m: list[list[float]]
 
 
+class CameraLook(TypedDict):
+    time: str
+    client: str
+    view: int
+    what: str
+
+
 class CameraView(TypedDict):
     view: int
     yaw_rad: float | None
@@ -201,6 +208,11 @@ class ObjectEvent(TypedDict):
     box_px: list[float | None] | None
 
 
+class PictureKeeper(TypedDict):
+    keeper: str
+    message: str
+
+
 class Place(TypedDict):
     kind: str
     x_m: float | None
@@ -215,6 +227,30 @@ class Readiness(TypedDict):
     ready: bool
     missing: list[str]
     checks: dict[str, str]
+
+
+class Recorder(TypedDict):
+    last_seen: str | None
+    stale: bool
+    id: str
+    recording: list[str]
+    problem: str | None
+    dropped: int
+    n_bytes: int
+    free_bytes: int
+
+
+class Recording(TypedDict):
+    id: str
+    mission: str
+    target: str
+    state: str
+    n_bytes: int
+    started: str | None
+    changed: str | None
+    recorder: str
+    cameras: list[str] | None
+    file: str
 
 
 class Robot(TypedDict):
@@ -266,6 +302,11 @@ class StageTimes(TypedDict):
     views: int
     p50_ms: float | None
     p95_ms: float | None
+
+
+class Target(TypedDict):
+    name: str
+    workers: list[str]
 
 
 class Traffic(TypedDict):

@@ -13,6 +13,7 @@ from surveilnav.messages.maps import (
     ObjectList,
     ObjectRecord,
     Revision,
+    ViewPicture,
 )
 from surveilnav.messages.mission import (
     FINISHED_STATES,
@@ -26,15 +27,27 @@ from surveilnav.messages.mission import (
 )
 from surveilnav.messages.node import Ack, ErrorReply, ServiceList, ServiceState, TrafficReport, TrafficRow
 from surveilnav.messages.perception import Detection, InferReply, InferRequest, ModelIds, TextReply, WorkerLoad
+from surveilnav.messages.pictures import ForgetPictures, PicturesForgotten
+from surveilnav.messages.recording import (
+    LoggedView,
+    MapSnapshot,
+    RecorderStatus,
+    Recording,
+    RecordingList,
+    RecordingPart,
+    RecordingRemoval,
+)
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Halt, HaltReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Truth
 from surveilnav.messages.view import FrameHeader, Part
 
 __all__ = [
     "ACTIONS", "Ack", "CameraInfo", "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate",
-    "Command", "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FINISHED_STATES", "FrameHeader", "Halt", "HaltReply",
-    "InferReply", "InferRequest", "LayerHeader", "MissionAck", "MissionCancel", "MissionGoal", "MissionPause",
-    "MissionStatus",
-    "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part", "Plan", "Revision", "RobotStatus",
-    "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "WorkerLoad",
+    "Command", "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FINISHED_STATES", "ForgetPictures",
+    "FrameHeader", "Halt", "HaltReply", "InferReply", "InferRequest", "LayerHeader", "LoggedView", "MapSnapshot", "MissionAck",
+    "MissionCancel", "MissionGoal", "MissionPause", "MissionStatus", "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord",
+    "Observation", "Part", "PicturesForgotten", "Plan", "RecorderStatus", "Recording", "RecordingList", "RecordingPart",
+    "RecordingRemoval", "Revision", "RobotStatus",
+    "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "ViewPicture",
+    "WorkerLoad",
 ]  # fmt: skip

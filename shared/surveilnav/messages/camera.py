@@ -43,10 +43,12 @@ class CameraSummary(Message, frozen=True, kw_only=True):
 
 class CameraRequest(Message, frozen=True, kw_only=True):
     """Asks a camera to put views again (on their frame keys), to answer with a thumbnail (JPEG payload), or to pause or
-    resume (no views): while it is paused it refuses the others as "paused"."""
+    resume (no views): while it is paused it refuses the others as "paused". ``width_px``: of the thumbnail, at most what
+    the camera's settings say; 0: that."""
 
     action: Literal["resend", "thumbnail", "pause", "resume"]
     views: list[int] = []
+    width_px: int = 0
 
 
 class SlotClaim(Message, frozen=True, kw_only=True):

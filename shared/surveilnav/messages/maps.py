@@ -33,6 +33,14 @@ class LayerHeader(Message, frozen=True, kw_only=True):
     source_sets: list[list[str]] = []
 
 
+class ViewPicture(Message, frozen=True, kw_only=True):
+    """Names a picture that the maps took; the payload is its JPEG."""
+
+    source: str
+    view: int
+    seq: int
+
+
 class CameraUse(msgspec.Struct, frozen=True):
     """A camera that the floor rule activated: how many of its views fusion has processed, of how many.
 

@@ -84,7 +84,7 @@ class TextReply(Message, frozen=True, kw_only=True):
     """Embeddings of texts, one float16 vector each, in the order asked. ``models.embedder`` names their space.
 
     ``words``: what the worker's vocabulary calls the thing that each text names ("Fernseher": "tv"); empty: nothing, or
-    it knows any word.
+    it knows any word. ``vocabulary``: all names that it has; empty: it knows any word.
     """
 
     worker: str
@@ -92,6 +92,7 @@ class TextReply(Message, frozen=True, kw_only=True):
     embeddings: list[bytes]
     words: list[str] = []
     models: ModelIds = ModelIds()
+    vocabulary: list[str] = []
 
 
 class WorkerLoad(Message, frozen=True, kw_only=True):

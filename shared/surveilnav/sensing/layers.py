@@ -26,3 +26,14 @@ def unpack_layer(layer: str, header: LayerHeader, payload: bytes) -> NDArray:
             f"expected {layer} as {expected} of shape {header.grid.shape}, got {header.dtype} {header.shape}"
         )
     return unpack_array(payload, header.dtype, header.shape)
+
+
+def unpack_cloud(header: LayerHeader, payload: bytes) -> NDArray:
+    """(N, 6) float32: x, y, z [m, world] and r, g, b [0-1] of the cloud's points.
+
+    Raises:
+        WireError: it is another layer, or header and payload don't fit each other.
+    """
+    if header.layer != "cloud" or header.dtype != "float32" or len(header.shape) != 2 or header.shape[1] != 6:
+        raise WireError(f"expected the cloud as float32 (N, 6), got {header.layer!r} {header.dtype} {header.shape}")
+    return unpack_array(payload, header.dtype, header.shape)

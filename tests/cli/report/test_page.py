@@ -28,12 +28,14 @@ class Page(HTMLParser):
         self.text: list[str] = []
         self.tags: list[str] = []
         self.open: list[str] = []
+        self.handlers: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
-        if tag not in ("meta", "br", "img"):
+        if tag not in ("meta", "br", "img", "input"):
             self.open.append(tag)
         self.loads += [v or "" for k, v in attrs if k in ("src", "href")]
+        self.handlers += [k for k, _ in attrs if k.startswith("on")]
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
@@ -59,8 +61,9 @@ def written(record: RunRecord, folder: Path) -> tuple[Page, str]:
 def test_it_stands_alone(record, tmp_path):
     page, _ = written(record, tmp_path)
     assert page.loads
-    assert all(address.startswith(("data:image/png;base64,", "data:image/jpeg;base64,")) for address in page.loads)
-    assert "script" not in page.tags
+    kinds = tuple(f"data:image/{kind};base64," for kind in ("png", "jpeg", "webp"))
+    assert all(address.startswith(kinds) for address in page.loads)
+    assert (page.tags.count("script"), page.handlers) == (2, [])  # the film's data and the film
     for address in page.loads:
         assert (
             cv2.imdecode(np.frombuffer(base64.b64decode(address.split(",")[1]), np.uint8), cv2.IMREAD_UNCHANGED)
@@ -70,8 +73,10 @@ def test_it_stands_alone(record, tmp_path):
 
 def test_it_says_what_happened(record, tmp_path):
     _, text = written(record, tmp_path)
-    assert "Found the potted plant: the robot stopped where it should after 42 steps and 11.9 m" in text
-    assert "(the shortest way is 10.4 m)." in text
+    assert (
+        "The robot found the potted plant in the living room after 12 m and 34 s; camera c2 had seen it first." in text
+    )
+    assert "It stopped where it should after 42 steps: the simulator agrees. The shortest way is 10.4 m." in text
     for words in (
         "onnx-coco",
         "weights found",
@@ -138,7 +143,7 @@ def _status(**changes: object) -> MissionStatus:
             "check says no.",
         ),
         (_status(error="out_of_steps"), {}, "bad", "ran out of steps"),
-        (_status(error="not_found"), {}, "bad", "everything reachable was searched"),
+        (_status(error="not_found"), {}, "bad", "everything that it could reach was searched"),
         (_status(error="martians_came"), {}, "bad", "martians came"),
         (_status(), {}, "bad", "no reason was given"),
         (_status(state="cancelled"), {}, "bad", "cancelled"),
@@ -200,7 +205,7 @@ def test_odd_data_is_left_out_or_escaped(record, tmp_path):
         verdict={evil: evil},
     )
     page, text = written(odd, tmp_path)
-    assert "script" not in page.tags
+    assert (page.tags.count("script"), page.handlers) == (2, [])
     assert "doesn't decode" in text
 
 

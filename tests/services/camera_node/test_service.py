@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import cv2
 import numpy as np
 import pytest
 
@@ -76,6 +77,10 @@ def test_a_view_without_a_picture_yet_waits(camera_node, client, make_camera):
     assert service.step()
     assert until(slot.poll).message.seq == 1
     assert client.ask(CAMERA_REQUEST, thumbnail, **PLACE).payload.startswith(b"\xff\xd8")
+    for asked_px, given_px in ((0, 480), (240, 240), (1, 64), (100_000, 480), (-5, 64)):
+        request = CameraRequest(stamp_ns=1, action="thumbnail", views=[2], width_px=asked_px)
+        picture = client.ask(CAMERA_REQUEST, request, **PLACE).payload
+        assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape[1] == given_px
 
 
 def test_a_simulator_tells_what_each_pixel_shows_before_the_frame_to_who_listens(camera_node, client, make_camera):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import structlog
 
+from services.fusion import journal
 from services.fusion.config import FusionSettings
 from services.fusion.core.snapshot import dump
 from services.fusion.durable_map import DurableMap
@@ -422,7 +423,7 @@ def test_a_snapshot_that_is_being_written_ends_in_the_file_it_was_begun_for(run)
 
 def test_a_snapshot_that_cannot_be_made_is_said(run):
     r = run()
-    r.maps._journal._save({"what": 2**70}, 1)
+    r.maps._journal._save({"what": 2**70}, 1, wipes=False)
     assert r.node.said == ["a snapshot can't be written"]
 
 
@@ -495,3 +496,102 @@ def test_only_what_the_maps_took_need_not_be_looked_at_again(run, tmp_path):
     assert r.maps.holds(camera_view, digest)
     assert not r.maps.holds(camera_view, bytes([1]) * 16)
     assert not r.maps.holds(camera_view, b"")
+
+
+def bytes_on_disk(run) -> bytes:
+    """All that lies in the store's folder."""
+    return b"".join(path.read_bytes() for path in sorted(run.path.parent.glob("fusion.sqlite*")))
+
+
+def has_picture_of(run, seq: int) -> bool:
+    """Whether a stretch of a view's payload lies anywhere in the store's folder."""
+    return bytes(run.view(seq).payload[200:264]) in bytes_on_disk(run)
+
+
+def settle(run) -> None:
+    """Turns of the loop without news, until no snapshot is being written."""
+    for _ in range(4):
+        run.maps.take([])
+        run.maps._journal._end_saving()
+
+
+@pytest.mark.parametrize("keeps", [None, 3600.0])
+def test_pictures_that_shall_be_forgotten_are_nowhere_in_the_file(run, tools, tmp_path, keeps):
+    r = run(snapshot_views=1000)
+    r.maps = DurableMap(r.node, r.maps._journal._settings, keeps)
+    r.take(*range(1, 9))
+    aside = r.path.with_name("fusion.sqlite.corrupt")
+    aside.write_bytes(bytes(r.view(3).payload))
+    settle(r)
+    assert all(has_picture_of(r, seq) for seq in range(1, 9))
+    assert aside.exists()
+    maps, objects = dump(r.maps.joint), r.maps.joint.objects("0")
+    assert r.maps.forget_pictures()
+    settle(r)
+    assert not any(has_picture_of(r, seq) for seq in range(1, 9))
+    assert not aside.exists()
+    assert "pictures_forgotten" in r.node.said
+    r.take(9)
+    r.close()
+    r.start()
+    assert dump(r.maps.joint) == steady(tools, tmp_path, range(1, 10)), "the maps stay, and go on"
+    assert maps != dump(r.maps.joint)
+    assert r.maps.history("0", objects[0].id)
+
+
+def test_pictures_go_when_they_are_old(run, monkeypatch):
+    """With an age of 100 s: nothing is younger than it must be, nothing stays longer, also where no view comes any more."""
+    now_s = 1000.0
+    monkeypatch.setattr(journal.time, "monotonic", lambda: now_s)
+    r = run(snapshot_views=1000)
+    r.maps = DurableMap(r.node, r.maps._journal._settings, 100.0)
+    r.take(1, 2)
+    now_s = 1049.0
+    settle(r)
+    assert log_size(r.maps._journal._store)[0] == 2
+    now_s = 1051.0
+    r.take(3)
+    settle(r)
+    assert has_picture_of(r, 1), "the log is needed until there are two snapshots"
+    now_s = 1099.0
+    settle(r)
+    assert has_picture_of(r, 1)
+    now_s = 1102.0
+    settle(r)
+    assert not any(has_picture_of(r, seq) for seq in (1, 2, 3))
+    count = r.maps._journal._store._connection.execute("SELECT MAX(id) FROM snapshot").fetchone()[0]
+    now_s = 9999.0
+    settle(r)
+    assert r.maps._journal._store._connection.execute("SELECT MAX(id) FROM snapshot").fetchone()[0] == count, (
+        "an empty log is left alone"
+    )
+
+
+def test_after_a_restart_with_an_age_the_log_is_emptied(run):
+    """Nobody knows how long its pictures have lain there."""
+    r = run(snapshot_views=1000)
+    r.take(1, 2, 3)
+    r.close()
+    r.maps = DurableMap(r.node, r.maps._journal._settings, 3600.0)
+    settle(r)
+    assert not has_picture_of(r, 2)
+
+
+def test_pictures_that_cant_be_forgotten_now_are_later(run, monkeypatch):
+    now_s = 1000.0
+    monkeypatch.setattr(journal.time, "monotonic", lambda: now_s)
+    r = run(snapshot_views=1000)
+    r.take(1, 2)
+    save = r.maps._journal._store.save
+    monkeypatch.setattr(
+        r.maps._journal._store, "save", lambda *_: (_ for _ in ()).throw(StoreError("unwritable", "full"))
+    )
+    r.maps.forget_pictures()
+    settle(r)
+    assert "a snapshot can't be written" in r.node.said
+    monkeypatch.setattr(r.maps._journal._store, "save", save)
+    settle(r)
+    assert has_picture_of(r, 1), "it rests for a while"
+    now_s = 1040.0
+    settle(r)
+    assert not has_picture_of(r, 1)

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -574,6 +575,15 @@ def test_an_objects_whole_history_is_kept_and_served(scene, tmp_path):
     assert [e.what for e in whole.history].count("created") == 1
     assert [e.seq for e in whole.history if e.what in ("created", "matched")] == [1, 2, 3, 4, 5, 6]
     assert ask(history="all") == [whole]
+    seen = whole.history[-1]
+    where = {"source": seen.source, "view": str(seen.view), "seq": str(seen.seq)}
+    got = scene.client.ask(contract.VIEW_PICTURE, floor="0", parameters=where)
+    assert (got.message.source, got.message.seq) == (seen.source, seen.seq)
+    assert cv2.imdecode(np.frombuffer(got.payload, np.uint8), cv2.IMREAD_COLOR) is not None, "the JPEG and no more"
+    for changed in ({"seq": "99"}, {"view": "x"}, {"seq": "-1"}, {"source": "robot/nobody"}, {"seq": "9" * 30}):
+        with pytest.raises(Refused) as refused:
+            scene.client.ask(contract.VIEW_PICTURE, floor="0", parameters=where | changed)
+        assert refused.value.name == "unknown_picture"
     for wrong in ("99", "x", "-1"):
         with pytest.raises(Refused) as refused:
             ask(object=wrong)

@@ -39,6 +39,7 @@ class FakeBuilding:
         self.layers_asked: list[tuple[str, dict[str, str]]] = []
         self.grid = GRID
         self.thumbnails = 0
+        self.widths_px: list[int] = []
         self.broken_layer = False
         self.revision = 1
         self.object_status = "confirmed"
@@ -174,7 +175,9 @@ class FakeBuilding:
     def _fusion(self) -> None:
         self._revision = self.fusion.publisher(contract.MAP_REVISION, floor="0")
         self.fusion.serve(contract.MAP_LAYER, self._layer)
+        self.fusion.serve(contract.FORGET_PICTURES, self._forget, keeper="f1")
         self.fusion.serve(contract.OBJECTS, self._objects)
+        self.fusion.serve(contract.VIEW_PICTURE, self._picture)
         self.fusion.serve(contract.MAP_REVISION, lambda _: Answer(self._held(), ids={"floor": "0"}))
 
     def _held(self) -> m.Revision:
@@ -192,11 +195,26 @@ class FakeBuilding:
         self.revision += 1
         self._revision.put(self._held())
 
+    def _picture(self, request: Request) -> Answer:
+        asked = request.parameters
+        if asked["seq"] != "1":
+            raise Refused("unknown_picture", "it isn't kept (any more)")
+        _, jpeg = cv2.imencode(".jpg", np.full((60, 80, 3), 90, np.uint8))
+        named = m.ViewPicture(stamp_ns=clock_ns(), source=asked["source"], view=int(asked["view"]), seq=1)
+        return Answer(named, b"no picture" if asked["view"] == "9" else jpeg.tobytes())
+
     def _layer(self, request: Request) -> Answer:
         floor, layer = request.ids["floor"], request.ids["layer"]
         self.layers_asked.append((layer, request.parameters))
         if floor != "0":
             raise Refused("unknown_floor", f"no floor {floor!r}; floors: 0")
+        if layer == "cloud":
+            cloud = np.random.default_rng(0).random((1000, 6), np.float32)
+            header = m.LayerHeader(
+                stamp_ns=clock_ns(), floor=floor, layer="cloud", revision=self.revision, grid=self.grid, dtype="float32",
+                shape=cloud.shape,
+            )  # fmt: skip
+            return Answer(header, pack_array(cloud))
         cells = np.zeros(self.grid.shape, np.float32 if layer == "value" else np.uint8)
         cells[0, :4] = 1
         if layer == "value":
@@ -273,7 +291,13 @@ class FakeBuilding:
         self._info = self.camera.publisher(contract.CAMERA_INFO, floor="0", camera="c1")
         self._summary = self.camera.publisher(contract.CAMERA_SUMMARY, floor="0", camera="c1")
         self._robot_status = self.robot.publisher(contract.ROBOT_STATUS, robot="r1")
+        self.worker.serve(contract.PERCEPTION_TEXT, self._text, worker="w1")
         self._load = self.worker.publisher(contract.PERCEPTION_LOAD, worker="w1")
+
+    def _text(self, request: Request) -> Answer:
+        words = ["couch", "tv"]
+        reply = m.TextReply(stamp_ns=clock_ns(), worker="w1", backend="simulated", embeddings=[b""], vocabulary=words)
+        return Answer(reply)
 
     def _halt(self, request: Request) -> Answer:
         self.halted = request.message.halted
@@ -300,6 +324,9 @@ class FakeBuilding:
             )
         )
 
+    def _forget(self, request: Request) -> Answer:
+        return Answer(m.PicturesForgotten(stamp_ns=clock_ns(), keeper="f1", message="gone within seconds"))
+
     def _thumbnail(self, request: Request) -> Answer:
         if (action := request.message.action) != "thumbnail":
             assert action in ("pause", "resume")
@@ -309,6 +336,7 @@ class FakeBuilding:
         if self.info.paused:
             raise Refused("paused", "camera/c1 is paused")
         self.thumbnails += 1
+        self.widths_px.append(request.message.width_px)
         _, jpeg = cv2.imencode(".jpg", np.full((48, 64, 3), 10 * request.message.views[0], np.uint8))
         return Answer(m.Ack(stamp_ns=clock_ns()), b"no picture" if request.message.views[0] == 11 else jpeg.tobytes())
 

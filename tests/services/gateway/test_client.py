@@ -46,6 +46,8 @@ def test_maps_and_pictures_by_the_client(gateway):
     assert gateway.picture("c1", 0).startswith(b"\xff\xd8")
     assert [o["label"] for o in gateway.objects(label="TV", min_confidence=0.5)] == ["tv"]
     assert gateway.object("0", 1)["label"] == "tv"
+    assert 0 < len(gateway.cloud("0", 100)) <= 100
+    assert gateway.object_picture("0", 1, 0).startswith(b"\xff\xd8")
 
 
 def test_events_by_the_client(gateway):

@@ -16,6 +16,7 @@ import msgspec
 import pytest
 
 from services.gateway.event_stream import EventStream
+from services.gateway.feed import Feed
 from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Node, clock_ns
@@ -241,7 +242,7 @@ _init = EventStream.__init__
 
 def test_a_quiet_stream_says_where_it_is(client, monkeypatch):
     """What an id alone on a line does: the client comes back with it, and proxies see that the stream lives."""
-    monkeypatch.setattr("services.gateway.event_stream._HEARTBEAT_S", 0.0)
+    monkeypatch.setattr(Feed, "beat_s", 0.0)
     with client.stream("GET", URL) as answer:
         lines = answer.iter_lines()
         until(lambda: next(lines) == "", "no first event")
@@ -259,7 +260,7 @@ def test_any_last_event_id_is_answered(client, last_id):
 
 
 def test_more_streams_than_fit_are_refused(client, monkeypatch):
-    monkeypatch.setattr("services.gateway.events._MAX_STREAMS", 0)
+    monkeypatch.setattr("services.gateway.feed._MAX_STREAMS", 0)
     answer = client.get(URL)
     assert (answer.status_code, answer.headers["retry-after"]) == (503, "10")
     assert answer.json()["type"].endswith(":too_many_streams")

@@ -45,7 +45,9 @@ def test_the_pages_find_what_they_need(proxied):
     assert len(links) == 3
     assert all(proxied.get(behind(link)).status_code == 200 for link in links)
     page = proxied.get("/").text
-    assert not re.findall(r"""["'`]/(?:api|readyz)""", page), "the page's own addresses are relative"
+    assert not re.findall(r'(?:src|href)="/', page), "the page's own addresses are relative"
+    for name in re.findall(r'"(static/[^"]+\.js)"', page):
+        assert not re.findall(r"""["'`]/(?:api|readyz|static)""", proxied.get(f"/{name}").text), name
 
 
 def test_what_a_proxy_says_of_others_isnt_believed(proxied):

@@ -45,3 +45,24 @@ def test_not_more_than_so_many_are_kept():
     for i in range(3 * _MOST):
         kept.get(i, lambda: b"")
     assert len(kept._kept) == _MOST
+
+
+def test_old_ones_are_dropped_and_one_that_is_being_made_stays():
+    kept = Thumbnails(fresh_s=60.0)
+    made, go, began = [], threading.Event(), threading.Event()
+
+    def slowly():
+        began.set()
+        assert go.wait(10)
+        return b"slow"
+
+    kept.get("c1", lambda: b"one")
+    viewer = threading.Thread(target=lambda: made.append(kept.get("c2", slowly)))
+    viewer.start()
+    assert began.wait(10)
+    assert kept.drop(3600.0) == 0
+    assert kept.drop(0.0) == 1
+    assert kept.get("c1", lambda: b"another") == b"another"
+    go.set()
+    viewer.join(10)
+    assert (made, kept.get("c2", lambda: b"anew")) == ([b"slow"], b"slow")

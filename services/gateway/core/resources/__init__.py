@@ -7,17 +7,19 @@ angles radians, positions in the world frame. Numbers that aren't finite become 
 
 from services.gateway.core.resources.base import ROOT, GrowingItems, Items
 from services.gateway.core.resources.building import Building
-from services.gateway.core.resources.camera import Camera, CameraCone
+from services.gateway.core.resources.camera import Camera, CameraCone, CameraLook, PictureKeeper
 from services.gateway.core.resources.floor import Floor
 from services.gateway.core.resources.layer import Layer
 from services.gateway.core.resources.mission import Mission, MissionPlan, NewMission
 from services.gateway.core.resources.object import Object
 from services.gateway.core.resources.readiness import NEEDED, Readiness
-from services.gateway.core.resources.robot import Robot, RobotHalt, Worker
+from services.gateway.core.resources.recording import Recorder, Recording
+from services.gateway.core.resources.robot import Robot, RobotHalt, Target, Worker
 from services.gateway.core.resources.service import Service
 from services.gateway.core.resources.traffic import Traffic
 
 __all__ = [
-    "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "Floor", "GrowingItems", "Items", "Layer", "Mission", "MissionPlan",
-    "NewMission", "Object", "Readiness", "Robot", "RobotHalt", "Service", "Traffic", "Worker",
+    "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "CameraLook", "Floor", "GrowingItems", "Items", "Layer", "Mission",
+    "MissionPlan", "NewMission", "Object", "PictureKeeper", "Readiness", "Recorder", "Recording", "Robot", "RobotHalt",
+    "Service", "Target", "Traffic", "Worker",
 ]  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import datetime
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -39,6 +40,22 @@ class CameraCone(BaseModel):
     outline_m: list[tuple[float, float]] = Field(
         description="(x, y) of the corners of the stretch of floor in the picture, at most 5 m off; walls aren't known here"
     )
+
+
+class CameraLook(BaseModel):
+    """Somebody was shown a view. Who goes on looking is noted once a minute."""
+
+    time: datetime
+    client: str = Field(description="the address of who looked")
+    view: int = Field(description="-1: all of them")
+    what: str = Field(description="thumbnail, latest, tile, history (of an object) or recording")
+
+
+class PictureKeeper(BaseModel):
+    """Who kept past pictures, and what it does to forget them."""
+
+    keeper: str
+    message: str
 
 
 class Camera(Resource):

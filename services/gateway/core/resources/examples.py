@@ -95,6 +95,27 @@ OBJECT: dict[str, Any] = {
         }
     ],
 }
+RECORDING: dict[str, Any] = {
+    "id": "20260131T100000250Z_m-0123456789ab",
+    "mission": "m-0123456789ab",
+    "target": "potted plant",
+    "state": "complete",
+    "n_bytes": 41_231_870,
+    "started": "2026-01-31T10:00:00.250000Z",
+    "changed": "2026-01-31T10:01:12Z",
+    "recorder": "recorder",
+    "cameras": ["c0-1"],
+    "file": "/api/v1/recordings/20260131T100000250Z_m-0123456789ab/file",
+}
+RECORDER: dict[str, Any] = {
+    **_TIMES,
+    "id": "recorder",
+    "recording": [],
+    "problem": None,
+    "dropped": 0,
+    "n_bytes": 1_231_870_000,
+    "free_bytes": 81_000_000_000,
+}
 ROBOT: dict[str, Any] = {
     **_TIMES,
     "id": "r1",

@@ -47,6 +47,15 @@ class StageTimes(BaseModel):
     p95_ms: Number
 
 
+class Target(BaseModel):
+    """Something that can be searched for by this name. Words that mean it are understood, too."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"name": "tv", "workers": ["perception-1"]}})
+
+    name: str
+    workers: list[str] = Field(description="the perception workers that have this name")
+
+
 class Worker(Resource):
     id: str = Field(validation_alias="worker")
     backend: str

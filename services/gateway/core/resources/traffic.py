@@ -47,6 +47,12 @@ class Traffic(BaseModel):
     cameras: list[SourceTraffic]
     robots: list[SourceTraffic]
 
+    def by_source(self) -> dict[str, BaseModel]:
+        """The sums apart: "total", "camera/..." and "robot/..."."""
+        total = self.model_copy(update={"nodes": [], "cameras": [], "robots": []})
+        cameras = {f"camera/{s.id}": s for s in self.cameras}
+        return {"total": total, **cameras, **{f"robot/{s.id}": s for s in self.robots}}
+
     @classmethod
     def from_sums(cls, total: sums.Traffic, heard: dict[str, tuple[int, bool]]) -> Traffic:
         """``heard``: by "kind/node", when a report last came (ns) and whether that is too long ago."""

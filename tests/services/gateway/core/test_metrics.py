@@ -32,7 +32,7 @@ def source(id: str, wire: int | None = 6) -> SourceTraffic:
 
 def heard(**facts) -> Heard:
     known = {
-        "cameras": [], "floors": [], "robots": [], "missions": [], "processes": [], "workers": {}, "ready": True,
+        "cameras": [], "floors": [], "robots": [], "missions": [], "processes": [], "recorders": [], "workers": {}, "ready": True,
         "event_streams": 2, "events": 3,
     }  # fmt: skip
     cameras = facts.pop("sources", [])

@@ -1,0 +1,186 @@
+"""The running system, with cameras against without: each search is played by ``surveilnav demo``, both ways from one start.
+
+    python -m benchmark.studies.live --buildings office_200 flats_201 ... [--targets tv bed] [--seeds 0] [--perception compact]
+
+Services, bus, pixels and the clock are those that users have. Every search begins with empty maps and warm caches: the first
+search in a building isn't counted where it had to render light first, since ``demo`` prepares the building before it starts
+the clock. Rows go to ``--data`` as they come, so that a second start plays only what is missing; the page to ``--page``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from benchmark.runner.summary import Interval, interval
+from benchmark.studies.rows import Rows
+from simulator.furniture.labels import TARGETS
+
+ARMS = ("on", "off")
+KEY = ("building", "seed", "target", "surveillance")
+_KEPT = (
+    "success", "found", "error", "message", "steps", "spl", "path_m", "shortest_path_m", "search_s", "first_action_s",
+    "perception", "cameras", "actions",
+)  # fmt: skip
+_LONGEST_S = 1200.0
+
+
+class Search(NamedTuple):
+    """One search to be played; the fields of ``KEY``."""
+
+    building: str
+    seed: int
+    target: str
+    surveillance: str
+
+
+def play(search: Search, perception: str, runs: Path) -> dict[str, Any]:
+    """What came of a search, or in "skipped" why it can't be."""
+    command = [
+        str(Path(sys.executable).parent / "surveilnav"), "demo", "--json", "--building", search.building, "--seed",
+        str(search.seed), "--target", search.target, "--surveillance", search.surveillance, "--perception", perception,
+        "--runs", str(runs),
+    ]  # fmt: skip
+    try:
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S, check=False)
+        told = json.loads(ended.stdout.strip().splitlines()[-1])
+    except (subprocess.TimeoutExpired, json.JSONDecodeError, IndexError) as error:
+        return search._asdict() | {"skipped": f"{type(error).__name__}: see {runs}"}
+    if "success" not in told:
+        return search._asdict() | {"skipped": told.get("error", {}).get("message", "demo said nothing of a search")}
+    return search._asdict() | {name: told.get(name) for name in _KEPT}
+
+
+# --- the page -----------------------------------------------------------------------------------------------------
+
+
+Pair = tuple[dict[str, Any], dict[str, Any]]
+
+
+def pairs_of(rows: Sequence[dict[str, Any]]) -> list[Pair]:
+    """(with cameras, without) of every start that was played both ways."""
+    played = {Search(*(r[k] for k in KEY)): r for r in rows if "skipped" not in r}
+    both = [
+        (row, played[other])
+        for search, row in sorted(played.items())
+        if search.surveillance == "on" and (other := search._replace(surveillance="off")) in played
+    ]
+    return both
+
+
+def page(rows: Sequence[dict[str, Any]], command: str) -> str:
+    """What it says, in Markdown."""
+    pairs = pairs_of(rows)
+    lines = ["# The running system, with cameras and without", ""]
+    if not pairs:
+        return "\n".join([*lines, "No start was played both ways yet.", ""])
+    lines += [*_in_words(pairs), "", f"Made by `{command}`.", "", *_table(pairs), "", *_every(pairs)]
+    skipped = sorted({(r["building"], r["seed"], r["target"], r["skipped"]) for r in rows if "skipped" in r})
+    if skipped:
+        lines += ["", "## Not played", ""] + [f"- {b}, seed {s}, {t}: {why}" for b, s, t, why in skipped]
+    return "\n".join([*lines, ""])
+
+
+def _in_words(pairs: Sequence[Pair]) -> list[str]:
+    scenes = [on["building"] for on, _ in pairs]
+    spl = interval([100.0 * (on["spl"] - off["spl"]) for on, off in pairs], scenes)
+    right = interval([100.0 * (on["success"] - off["success"]) for on, off in pairs], scenes)
+    lines = [
+        f"**{len(pairs)} starts in {len(set(scenes))} buildings, each played both ways.** Cameras change SPL by {_points(spl)}, "
+        f"success by {_points(right)}."
+    ]
+    timed = [(on["search_s"], off["search_s"]) for on, off in pairs if on["search_s"] and off["search_s"]]
+    if timed:
+        ratio = statistics.median(on_s / off_s for on_s, off_s in timed)
+        lines.append(
+            f"By the clock a search with cameras takes {ratio:.2f} times as long as without (median of the ratios)."
+        )
+    first = [on["first_action_s"] for on, _ in pairs if on["first_action_s"] is not None]
+    if first:
+        lines.append(
+            f"With cameras the first action comes {statistics.median(first):.1f} s after the mission was accepted, "
+            f"{max(first):.1f} s at most."
+        )
+    return lines
+
+
+def _points(value: Interval) -> str:
+    return f"{value.mean:+.1f} [{value.low:+.1f}, {value.high:+.1f}]"
+
+
+def _table(pairs: Sequence[Pair]) -> list[str]:
+    lines = ["| cameras | success | SPL | way, median | time, median | steps, median |", "|---|---|---|---|---|---|"]
+    for name, rows in zip(ARMS, zip(*pairs, strict=True), strict=True):
+        times_s = [r["search_s"] for r in rows if r["search_s"]]
+        lines.append(
+            f"| {name} | {100 * statistics.mean(r['success'] for r in rows):.1f} % | "
+            f"{100 * statistics.mean(r['spl'] for r in rows):.1f} | {statistics.median(r['path_m'] for r in rows):.1f} m | "
+            f"{statistics.median(times_s) if times_s else float('nan'):.1f} s | "
+            f"{statistics.median(r['steps'] for r in rows):.0f} |"
+        )
+    return lines
+
+
+def _every(pairs: Sequence[Pair]) -> Iterator[str]:
+    yield "| building | seed | target | success on / off | way [m] | shortest [m] | time [s] | first action [s] |"
+    yield "|---|---|---|---|---|---|---|---|"
+    for on, off in pairs:
+        right = " / ".join("yes" if r["success"] else "no" for r in (on, off))
+        yield (
+            f"| {on['building']} | {on['seed']} | {on['target']} | {right} | {_both(on, off, 'path_m')} | "
+            f"{on['shortest_path_m']:.1f} | {_both(on, off, 'search_s')} | {_both(on, off, 'first_action_s')} |"
+        )
+
+
+def _both(on: dict[str, Any], off: dict[str, Any], name: str) -> str:
+    return " / ".join("–" if r[name] is None else f"{r[name]:.1f}" for r in (on, off))
+
+
+# --- running ------------------------------------------------------------------------------------------------------
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Plays what is missing, one search after the other, and writes the page after each."""
+    parser = argparse.ArgumentParser(prog="python -m benchmark.studies.live", description=__doc__.partition("\n")[0])
+    parser.add_argument("--buildings", nargs="+", required=True)
+    parser.add_argument("--targets", nargs="+", default=list(TARGETS))
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--perception", default="auto")
+    parser.add_argument("--data", type=Path, default=Path("runs/live"))
+    parser.add_argument("--page", type=Path, default=Path("docs/results/live.md"))
+    parser.add_argument("--table", action="store_true", help="only write the page of what there is")
+    args = parser.parse_args(argv)
+    args.data.mkdir(parents=True, exist_ok=True)
+    rows = Rows(args.data / f"{args.perception}.jsonl", KEY)
+    command = f"python -m benchmark.studies.live --buildings {' '.join(args.buildings)} --perception {args.perception}"
+    done = rows.done()
+    missing = [
+        search
+        for building in args.buildings for seed in args.seeds for target in args.targets for arm in ARMS
+        if (search := Search(building, seed, target, arm)) not in done
+    ]  # fmt: skip
+    began_s = time.monotonic()
+    for number, search in enumerate([] if args.table else missing, start=1):
+        row = play(search, args.perception, args.data / "runs")
+        rows.append(row)
+        args.page.write_text(page(rows.load(), command), encoding="utf-8")
+        left_s = (time.monotonic() - began_s) / number * (len(missing) - number)
+        said = row.get("skipped") or f"{'right' if row['success'] else 'wrong'} in {row['search_s']:.0f} s"
+        print(
+            f"{number} of {len(missing)} {' '.join(map(str, search))}: {said}; {left_s / 60:.0f} min left", flush=True
+        )
+    args.page.write_text(page(rows.load(), command), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("NO_COLOR", "1")
+    sys.exit(main())

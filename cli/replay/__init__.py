@@ -1,0 +1,1 @@
+"""``surveilnav replay``: a recording shown again, or checked."""

@@ -1,0 +1,105 @@
+"""Whether a recording makes the same maps again, to the bit."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from pydantic import ValidationError
+from zstandard import ZstdError, frame_content_size
+
+from cli.replay.recorded import End, Heard, Maps, told
+from services.fusion.core import FusionConfig, JointMap
+from services.fusion.core.guard import ViewError
+from services.fusion.core.snapshot import SnapshotError, digest, freeze, thaw, unpack
+from services.fusion.journal import perceived_of
+from services.fusion.store import Entry
+from services.recorder.reading import RecordingError
+from surveilnav.contract import VIEW_LOG
+from surveilnav.errors import WireError
+from surveilnav.messages import LoggedView
+
+_MOST_MAPS_BYTES = 2 << 30
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """``recorded``: what the maps came to when the mission ended ("" where the recording doesn't tell); ``replayed``: what
+    they come to now. ``views``: so many were integrated, after a snapshot of maps of ``began_with`` views."""
+
+    recorded: str
+    replayed: str
+    views: int
+    began_with: int
+
+    @property
+    def same(self) -> bool:
+        """Whether both are the same."""
+        return self.recorded == self.replayed
+
+    def in_words(self) -> str:
+        """What was found, with both digests."""
+        recorded = self.recorded or "unknown: the recording was cut off before the mission's end"
+        verdict = "the same maps, bit for bit" if self.same else "NOT the same maps"
+        return f"recorded: {recorded}\nreplayed: {self.replayed}\n{verdict}: {self.views} views after maps of {self.began_with}"
+
+    def as_dict(self) -> dict[str, Any]:
+        return {**asdict(self), "same": self.same}
+
+
+def check(path: Path) -> Outcome:
+    """Makes the maps of a recording again, from the snapshot and the views in it.
+
+    Raises:
+        RecordingError: it can't be read, or holds no maps.
+    """
+    joint, began_with, views, recorded = None, 0, 0, ""
+    for found in told(path):
+        match found:
+            case Maps():
+                joint = maps_of(found)
+                began_with, views = joint.revision, 0
+            case Heard(stream=stream, message=message, payload=payload) if stream is VIEW_LOG and joint is not None:
+                views += _take(joint, message, payload)
+            case End():
+                recorded = found.facts.get("digest", "")
+    if joint is None:
+        raise RecordingError(f"{path} holds no maps: fusion kept no log (SURVEILNAV_FUSION__STORE), or wasn't there")
+    return Outcome(recorded, digest(freeze(joint)), views, began_with)
+
+
+def maps_of(maps: Maps) -> JointMap:
+    """The maps that a recording begins with. RecordingError: they can't be read."""
+    try:
+        if (size := frame_content_size(maps.snapshot)) > _MOST_MAPS_BYTES:
+            raise RecordingError(f"the recording's maps say that they have {size >> 20} MB: no building's have")
+        state = unpack(maps.snapshot)
+        return thaw(state["maps"], config_of(maps))
+    except (SnapshotError, ZstdError, KeyError, TypeError) as error:
+        raise RecordingError(f"the recording's maps can't be read: {error}") from error
+
+
+def config_of(maps: Maps) -> FusionConfig:
+    """What the maps were made with. RecordingError: this program knows no such settings."""
+    try:
+        return FusionConfig.model_validate_json(maps.config)
+    except ValidationError as error:
+        raise RecordingError(f"the recording's settings of fusion can't be read: {error.errors()[0]['msg']}") from error
+
+
+def entry_of(view: LoggedView, payload: bytes) -> Entry:
+    """A view as it stood in fusion's log."""
+    return Entry(view.source, view.view, view.header, payload, view.reply, view.digest, view.fault)
+
+
+def _take(joint: JointMap, view: LoggedView, payload: bytes) -> bool:
+    """Has the maps take a view as fusion did; False: they refuse it, as they did then."""
+    try:
+        perceived = perceived_of(entry_of(view, payload))
+        return perceived.view is not None and joint.accept(perceived.view, perceived.perception) is not None
+    except ViewError:
+        return False
+    except (WireError, msgspec.DecodeError) as error:
+        raise RecordingError(f"view {view.number} can't be read: {error}") from error

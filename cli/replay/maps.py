@@ -1,0 +1,67 @@
+"""Fusion's maps made again, view by view, for who asks for layers and objects meanwhile."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cli.replay.check import config_of, entry_of, maps_of
+from cli.replay.recorded import Maps
+from services.fusion.config import FusionSettings
+from services.fusion.core import FusionConfig
+from services.fusion.durable_map import DurableMap
+from services.fusion.journal import perceived_of
+from services.fusion.perception_client import PerceptionClient
+from services.fusion.replies import Replies
+from services.fusion.robot_places import RobotPlaces
+from services.fusion.store import Store
+from surveilnav.bus import Node, Refused
+from surveilnav.contract import MAP_LAYER, OBJECTS
+from surveilnav.messages import LoggedView
+
+
+class MapsAgain:
+    """Answers with fusion's own parts; ``folder``: where their log goes."""
+
+    def __init__(self, node: Node, folder: Path) -> None:
+        self._node, self._folder = node, folder
+        self._maps: DurableMap | None = None
+        self._replies: Replies | None = None
+        self._places = RobotPlaces()
+        node.serve(MAP_LAYER, lambda request: self._ready().layer(request), workers=3)
+        node.serve(OBJECTS, lambda request: self._ready().objects(request))
+
+    def begin(self, maps: Maps) -> None:
+        """Goes on from a snapshot."""
+        maps_of(maps)  # what can't be read is said, and nothing is begun anew in its place
+        self.close()
+        store = self._folder / f"maps-{maps.number}.sqlite"
+        file = Store(store)
+        file.save(maps.snapshot, maps.number)
+        file.close()
+        settings = _settings(config_of(maps), store)
+        self._maps = DurableMap(self._node, settings)
+        known = PerceptionClient(self._node, settings, self._maps.holds, tuple, lambda waiting: next(iter(waiting)))
+        self._replies = Replies(self._node, settings.core(), self._maps, known, self._places)
+
+    def take(self, view: LoggedView, payload: bytes) -> None:
+        """Has the maps take a view."""
+        if self._maps is not None:
+            perceived = perceived_of(entry_of(view, payload))
+            self._places.note(perceived.header)
+            self._maps.take([perceived])
+
+    def close(self) -> None:
+        """Closes the log."""
+        if self._maps is not None:
+            self._maps.close()
+
+    def _ready(self) -> Replies:
+        if self._replies is None:
+            raise Refused("not_recorded", "the recording tells nothing of the maps (yet)")
+        return self._replies
+
+
+def _settings(config: FusionConfig, store: Path) -> FusionSettings:
+    """Fusion's settings with which it has that configuration."""
+    parts = {name: getattr(config, name).model_dump() for name in type(config).model_fields}
+    return FusionSettings(store=str(store), **parts)

@@ -1,0 +1,54 @@
+"""Recordings, and who makes them."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from services.gateway.core.resources import examples
+from services.gateway.core.resources.base import ROOT, Resource, Text, Time
+from surveilnav.messages import RecorderStatus
+from surveilnav.messages import Recording as Kept
+
+
+class Recording(BaseModel):
+    """A mission's file."""
+
+    model_config = ConfigDict(json_schema_extra={"example": examples.RECORDING})
+
+    id: str
+    mission: str
+    target: str
+    state: str = Field(description="recording, complete, or interrupted: its end is missing, it can be read so far")
+    n_bytes: int
+    started: Time
+    changed: Time = Field(description="when something was last written to it")
+    recorder: str
+    cameras: list[str] | None = Field(description="whose pictures it shows; null: not known, as it isn't complete")
+    file: str = Field(description="address of the file itself, MCAP; ranges of it can be had")
+
+    @classmethod
+    def of(cls, kept: Kept, recorder: str, root: str = ROOT) -> Recording:
+        """A file that a recorder tells of."""
+        return cls(
+            id=kept.id, mission=kept.mission, target=kept.target, state=kept.state, n_bytes=kept.n_bytes,
+            started=kept.started_ns, changed=kept.changed_ns, recorder=recorder, cameras=kept.cameras,
+            file=f"{root}/recordings/{kept.id}/file",
+        )  # type: ignore[arg-type]  # fmt: skip
+
+
+class Recorder(Resource):
+    """Who makes recordings."""
+
+    model_config = ConfigDict(json_schema_extra={"example": examples.RECORDER})
+
+    id: str = Field(validation_alias="recorder")
+    recording: list[str] = Field(description="ids of the recordings that are being written")
+    problem: Text = Field(description="why something isn't recorded now; null while all is")
+    dropped: int = Field(description="messages that its disk was too slow for")
+    n_bytes: int = Field(description="of all its recordings")
+    free_bytes: int = Field(description="left on its disk")
+
+    @classmethod
+    def from_status(cls, status: RecorderStatus, seen_ns: int, stale: bool) -> Recorder:
+        """A recorder as it tells of itself."""
+        return cls.made_of(status, last_seen=seen_ns, stale=stale)

@@ -1,0 +1,28 @@
+// REST, at addresses relative to the page: a proxy may have the gateway below a path.
+
+const ROOT = "api/v1";
+export const address = path => `${ROOT}/${path}`;
+export const part = encodeURIComponent;
+
+/** The answer; an Error whose message says what to do (RFC 9457) if it is no success. */
+export async function ask(path, options) {
+  let answer;
+  try { answer = await fetch(address(path), options); }
+  catch { throw new Error("The gateway doesn't answer. Is it running?"); }
+  if (answer.ok) return answer;
+  const problem = await answer.json().catch(() => ({}));
+  throw Object.assign(new Error(problem.detail || problem.title || `HTTP ${answer.status}`), {
+    status: answer.status, name: (problem.type || "").split(":").pop() || "http",
+  });
+}
+
+export const get = async path => (await ask(path)).json();
+
+export async function post(path, body, headers = {}) {
+  const answer = await ask(path, {
+    method: "POST", headers: { "content-type": "application/json", ...headers }, body: body === undefined ? undefined : JSON.stringify(body),
+  });
+  return answer.json();
+}
+
+export const remove = path => ask(path, { method: "DELETE" });

@@ -1,0 +1,31 @@
+// The bar at the top: which building, whether a mission could run, the emergency stop.
+import { post } from "./api.js";
+import { useNow } from "./clock.js";
+import { connectionState } from "./connection.js";
+import { all, one, useStore } from "./store.js";
+import { ThemeButton } from "./theme.js";
+import { attempt } from "./toasts.js";
+import { html } from "./ui.js";
+
+const stop = () => attempt(() => post("robots/stop", { reason: "by hand, on the page" }), answer => `Stopped: ${answer.items.map(r => r.robot).join(", ")}. Missions are paused.`);
+
+function readiness(now) {
+  const state = connectionState(now), told = one("readiness", "");
+  if (state === "loading" || (!told && state === "live")) return ["soft", "connecting …"];
+  if (state === "lost") return ["bad", "no connection"];
+  return told.ready ? ["good", "ready"] : ["warn", `not ready: ${told.missing.join(", ")}`];
+}
+
+export function Header() {
+  useStore();
+  const [kind, text] = readiness(useNow()), building = one("building", "");
+  return html`<header class="bar">
+    <h1><img src=${new URL("../icon.svg", import.meta.url)} alt="" width="24" height="24" /><span>SurveilNav</span></h1>
+    ${building && html`<span class="building" title="the building">${building.id}</span>`}
+    <span class="pill ${kind}" id="readiness"><i aria-hidden="true"></i>${text}</span>
+    <span class="grow"></span>
+    <a class="quiet" href="docs">REST</a>
+    <${ThemeButton} />
+    <button class="stop" onClick=${stop} disabled=${!all("robot").length}>Emergency stop</button>
+  </header>`;
+}

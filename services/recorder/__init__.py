@@ -1,0 +1,1 @@
+"""The recorder: every mission as one MCAP file."""

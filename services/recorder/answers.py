@@ -1,0 +1,48 @@
+"""Answers about the recordings that there are, and their bytes."""
+
+from __future__ import annotations
+
+from services.recorder.config import RecorderSettings
+from services.recorder.folder import Folder
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
+from surveilnav.contract import RECORDING_DELETE, RECORDING_READ, RECORDINGS
+from surveilnav.messages import Ack, RecordingList, RecordingPart
+
+
+class Answers:
+    """Called from the threads that serve queries."""
+
+    def __init__(self, node: Node, settings: RecorderSettings, folder: Folder) -> None:
+        self._node, self._id, self._folder = node, settings.id, folder
+        node.serve(RECORDINGS, self.recordings, recorder=settings.id)
+        node.serve(RECORDING_READ, self.read, recorder=settings.id)
+        node.serve(RECORDING_DELETE, self.delete, recorder=settings.id)
+
+    def recordings(self, _: Request) -> Answer:
+        """All of them, newest first."""
+        try:
+            found = self._folder.recordings()
+        except OSError as error:
+            raise Refused("disk_down", f"the recordings can't be read: {error}") from error
+        return Answer(RecordingList(stamp_ns=clock_ns(), recorder=self._id, recordings=found))
+
+    def read(self, request: Request) -> Answer:
+        """A stretch of one."""
+        wanted: RecordingPart = request.message
+        try:
+            data, size = self._folder.read(wanted.id, wanted.offset, wanted.n_bytes)
+        except OSError as error:
+            raise Refused("disk_down", f"the recording can't be read: {error}") from error
+        part = RecordingPart(
+            stamp_ns=clock_ns(), id=wanted.id, offset=wanted.offset, n_bytes=len(data), total_bytes=size
+        )
+        return Answer(part, data)
+
+    def delete(self, request: Request) -> Answer:
+        """Deletes one for good."""
+        try:
+            self._folder.delete(request.message.id)
+        except OSError as error:
+            raise Refused("disk_down", f"the recording can't be deleted: {error}") from error
+        self._node.log.warning("deleted a recording, as asked", id=request.message.id)
+        return Answer(Ack(stamp_ns=clock_ns(), message=f"{request.message.id} is deleted"))

@@ -1,0 +1,1 @@
+"""The recorder's pure parts: what goes into a file, and which files are kept."""

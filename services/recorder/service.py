@@ -1,0 +1,113 @@
+"""The recorder: every mission as one file, from its start to its end."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from services.recorder.answers import Answers
+from services.recorder.config import RecorderSettings
+from services.recorder.core.drawer import Heard
+from services.recorder.core.names import recording_id
+from services.recorder.drawings import Drawings
+from services.recorder.folder import Folder
+from services.recorder.fusion import Fusion
+from services.recorder.meaning import Meanings
+from services.recorder.missions import Recorded, is_under_way
+from services.recorder.scribe import Scribe
+from services.recorder.views import Views
+from surveilnav import contract
+from surveilnav.bus import Answer, Node, Received, clock_ns
+from surveilnav.contract import RECORDER_STATUS, Stream
+from surveilnav.messages import RecorderStatus
+from surveilnav.perception.prompts import value_prompt
+
+#: What is put, small, and replayed. No frames: a camera sends them to whoever listens, and would have one listener more.
+_HEARD = (
+    contract.CAMERA_INFO, contract.CAMERA_SUMMARY, contract.ROBOT_STATUS, contract.PERCEPTION_LOAD, contract.MAP_REVISION,
+    contract.MISSION_STATUS, contract.MISSION_PLAN, contract.TRAFFIC, contract.SERVICES,
+)  # fmt: skip
+_STATUS_S = 1.0
+
+
+class RecorderService:
+    """Follows missions, and has what is heard of them written."""
+
+    def __init__(self, node: Node, settings: RecorderSettings, keep_pictures_s: float | None = None) -> None:
+        self._node, self._settings = node, settings
+        self._folder = Folder(settings.folder)
+        self._scribe = Scribe(node, settings, self._folder, keep_pictures_s)
+        fusion = Fusion(node)
+        self._views = Views(node, fusion, self._scribe)
+        self._meanings = Meanings(node, self._scribe)
+        self._drawings = Drawings(node, settings, fusion, self._scribe)
+        self._recorded: dict[str, Recorded] = {}  # by mission
+        self._status = node.publisher(RECORDER_STATUS, recorder=settings.id)
+        self._told_s = 0.0
+        Answers(node, settings, self._folder)
+        node.serve(RECORDER_STATUS, lambda _: Answer(self.status()), recorder=settings.id)
+        self._tables = {stream: self._table(stream) for stream in _HEARD}
+
+    def step(self) -> bool:
+        """One turn of the loop; True if there is more to do."""
+        for row in self._tables[contract.MISSION_STATUS].rows():
+            self._on_mission(row)
+        more = self._views.follow(self._recorded.values())
+        self._meanings.follow(self._recorded.values())
+        revisions = [row.message for row in self._tables[contract.MAP_REVISION].rows()]
+        self._drawings.draw(list(self._recorded.values()), revisions)
+        for mission, one in list(self._recorded.items()):
+            if one.until_ns is not None and clock_ns() >= one.until_ns:
+                self._drawings.draw([one], revisions, last=True)
+                self._end(mission, one)
+        if time.monotonic() - self._told_s >= _STATUS_S:
+            self._told_s = time.monotonic()
+            self._status.put(self.status())
+        return more
+
+    def status(self) -> RecorderStatus:
+        """How it is. It touches no disk, which may hang."""
+        scribe = self._scribe
+        return RecorderStatus(
+            stamp_ns=clock_ns(), recorder=self._settings.id, recording=scribe.open, dropped=scribe.dropped,
+            problem=scribe.full or self._views.problem, n_bytes=scribe.n_bytes, free_bytes=scribe.free_bytes,
+        )  # fmt: skip
+
+    def close(self) -> None:
+        """Closes the files; who reads them finds that their missions weren't over."""
+        self._scribe.close()
+
+    def _table(self, stream: Stream) -> Any:
+        return self._node.table(stream, on_message=lambda row: self._hear(stream, row))
+
+    def _hear(self, stream: Stream, row: Received[Any]) -> None:
+        """On the bus's thread: what belongs to one mission goes into its file alone."""
+        mission = row.ids.get("mission")
+        ids = [one.id for name, one in list(self._recorded.items()) if mission in (None, name)]
+        if ids:
+            self._scribe.hear(ids, Heard(stream, row.key, row.message, row.payload, clock_ns()))
+
+    def _on_mission(self, row: Received[Any]) -> None:
+        mission, status = row.ids["mission"], row.message
+        if mission in self._recorded:
+            self._recorded[mission].hear(status, clock_ns())
+        elif is_under_way(status):
+            self._begin(mission, Recorded(recording_id(clock_ns(), mission), status))
+
+    def _begin(self, mission: str, one: Recorded) -> None:
+        facts = {
+            "mission": mission, "target": one.status.target, "robot": one.status.robot, "building": self._node.building,
+            "started_ns": str(one.status.started_ns), "prompt": value_prompt(one.status.target),
+        }  # fmt: skip
+        self._scribe.begin(one.id, facts)
+        self._recorded[mission] = one
+        for stream, table in self._tables.items():  # what was put before
+            for row in table.rows():
+                if row.ids.get("mission") in (None, mission):
+                    self._scribe.hear([one.id], Heard(stream, row.key, row.message, row.payload, clock_ns()))
+
+    def _end(self, mission: str, one: Recorded) -> None:
+        maps = self._views.end(one)
+        del self._recorded[mission]
+        self._drawings.forget(one)
+        self._scribe.end(one.id, {"state": one.status.state, "found": str(one.status.found).lower(), **maps})

@@ -1,0 +1,22 @@
+"""How long past pictures may be kept: one setting for every process that keeps any."""
+
+from __future__ import annotations
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class PictureSettings(BaseSettings):
+    """Past pictures, wherever they are kept."""
+
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PICTURES__", extra="ignore")
+
+    keep_h: float | None = Field(
+        None, ge=0.01, le=100_000, description="hours after which past pictures go from fusion's store, recordings are deleted, "
+        "and runs with reports go at the next demo; not set: the first two have limits of their own alone, and runs stay",
+    )  # fmt: skip
+
+    @property
+    def keep_s(self) -> float | None:
+        """The same in seconds."""
+        return None if self.keep_h is None else self.keep_h * 3600.0

@@ -1,0 +1,76 @@
+"""The study of the running system: what it makes of rows, and of what ``demo`` says."""
+
+from __future__ import annotations
+
+import stat
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmark.studies import live
+from benchmark.studies.live import Search, page, pairs_of, play
+
+
+def row(building: str, arm: str, *, seed: int = 0, **facts: object) -> dict:
+    known = {
+        "building": building, "seed": seed, "target": "tv", "surveillance": arm, "success": True, "spl": 0.5, "path_m": 10.0,
+        "shortest_path_m": 5.0, "search_s": 20.0, "first_action_s": 1.0, "steps": 90,
+    }  # fmt: skip
+    return known | facts
+
+
+def test_only_starts_that_were_played_both_ways_are_compared():
+    rows = [row("a", "on"), row("a", "off"), row("b", "on"), row("c", "on", skipped="no tv"), row("c", "off")]
+    assert [(on["building"], off["building"]) for on, off in pairs_of(rows)] == [("a", "a")]
+
+
+def test_the_page_says_what_cameras_change():
+    rows = [
+        row("a", "on", spl=0.9, search_s=10.0), row("a", "off", spl=0.4),
+        row("b", "on", spl=0.7, search_s=30.0, first_action_s=2.5), row("b", "off", spl=0.6, success=False),
+    ]  # fmt: skip
+    said = page(rows, "the command")
+    assert "2 starts in 2 buildings" in said
+    assert "Cameras change SPL by +30.0 [+10.0, +50.0]" in said
+    assert "success by +50.0" in said
+    assert "takes 1.00 times as long" in said  # half as long, and one and a half times
+    assert "2.5 s at most" in said
+    assert "| b | 0 | tv | yes / no | 10.0 / 10.0 | 5.0 | 30.0 / 20.0 | 2.5 / 1.0 |" in said
+
+
+def test_without_a_pair_the_page_says_so():
+    assert "No start was played both ways yet." in page([row("a", "on")], "c")
+
+
+@pytest.fixture
+def demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """``surveilnav`` is a script that prints what it is told to."""
+    script, python = tmp_path / "surveilnav", sys.executable
+
+    def prints(text: str) -> None:
+        script.write_text(f"#!{python}\nprint({text!r})\n")
+        script.chmod(script.stat().st_mode | stat.S_IXUSR)
+
+    monkeypatch.setattr(live.sys, "executable", str(tmp_path / "python"))
+    return prints
+
+
+@pytest.mark.parametrize(
+    ("said", "skipped"),
+    [
+        ('{"error": {"message": "there is no tv"}}', "there is no tv"),
+        ("Traceback", "JSONDecodeError: see runs"),
+        ("", "IndexError: see runs"),
+    ],
+)
+def test_what_cant_be_played_says_why(demo, said: str, skipped: str):
+    demo(said)
+    assert play(Search("a", 0, "tv", "on"), "oracle", Path("runs"))["skipped"] == skipped
+
+
+def test_what_was_played_is_kept(demo):
+    demo('{"success": true, "spl": 0.5, "report": "no number", "actions": ["stop"]}')
+    found = play(Search("a", 3, "tv", "off"), "oracle", Path("runs"))
+    assert (found["seed"], found["surveillance"], found["spl"], found["actions"]) == (3, "off", 0.5, ["stop"])
+    assert "report" not in found

@@ -1,0 +1,136 @@
+"""The film strip: what each frame tells, and that five hundred steps stay small."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import replace
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from cli.report import RunRecord, Step, write_report
+from cli.report.film import film_of
+from cli.report.key_moments import key_moments
+from cli.report.small_pictures import small_pictures
+from cli.report.why import reasons
+from surveilnav.messages import Candidate
+
+
+def data_of(html: str) -> dict:
+    return json.loads(re.search(r'<script type="application/json" id="film-data">(.*?)</script>', html, re.S)[1])
+
+
+def test_frames_tell_what_was_seen_weighed_and_believed(record, tmp_path):
+    write_report(record, tmp_path / "r.html")
+    data = data_of((tmp_path / "r.html").read_text(encoding="utf-8"))
+    frames = data["frames"]
+    assert len(frames) == len(record.trajectory)
+    assert [f["n"] for f in frames] == list(range(len(frames)))
+    assert all(f["v"] for f in frames)
+    assert [i for i, f in enumerate(frames) if "m" in f] == list(range(0, len(frames), 3))
+    assert frames[0]["p"]["c"][0][0] == "frontier"
+    assert frames[-1]["p"]["w"][:3] == ["target", 9.8, 6.2]
+    first, *_ = [b for b in data["beliefs"] if b[1] == 4]
+    assert first == [10, 4, "potted plant", 0.72, "candidate", "camera c2"]
+    last = [b for b in data["beliefs"] if b[1] == 4][-1]
+    assert last[3:] == [0.82, "confirmed", "camera c2, the robot"]
+
+
+def test_key_moments_are_few_and_tell_the_search(record):
+    film = film_of(record, record.objects[:2])
+    moments = key_moments(film, "potted plant")
+    assert 4 <= len(moments) <= 6
+    assert moments[0].title == "Step 0: start"
+    assert moments[-1].title == "Step 42: end"
+    assert any("goes to the confirmed target" in m.title for m in moments)
+    assert any("taken for a potted plant by camera c2" in m.title for m in moments)
+    assert all(m.view and m.map for m in moments)
+
+
+def noisy_run(record: RunRecord, n_steps: int) -> RunRecord:
+    """Steps with pictures that hardly compress, plans that weigh much."""
+    rng = np.random.default_rng(0)
+    pictures = [
+        cv2.imencode(".jpg", rng.integers(0, 255, (480, 640, 3), np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 60])[1].tobytes()
+        for _ in range(4)
+    ]
+    walked = [
+        Step(0.01 * i, 1.0 + math.sin(i), "0", i, i, 0.5 * i, 0.1 * i, 0.2 * i, jpeg=pictures[i % 4])
+        for i in range(n_steps + 1)
+    ]
+    weighed = [Candidate("frontier", x, 1.0, 0.1 * x, False, "a note " * 40) for x in range(40)]
+    plans = [
+        msgspec.structs.replace(
+            record.plans[0],
+            seq=i,
+            step=i,
+            candidates=weighed,
+            why="why " * 90,
+            path_m=[tuple(p) for p in rng.random((400, 2))],
+        )
+        for i in range(n_steps + 1)
+    ]
+    seen = [e for e in record.objects[0].history for _ in range(500)]
+    objects = [msgspec.structs.replace(record.objects[0], id=i, history=seen) for i in range(40)]
+    return replace(record, trajectory=walked, plans=plans, objects=objects)
+
+
+@pytest.mark.parametrize("n_steps", [500, 1300])
+def test_a_long_search_stays_small(record, tmp_path, n_steps):
+    write_report(noisy_run(record, n_steps), tmp_path / "r.html")
+    assert (tmp_path / "r.html").stat().st_size <= 3_000_000
+    frames = data_of((tmp_path / "r.html").read_text(encoding="utf-8"))["frames"]
+    assert 400 <= len(frames) <= 501
+    assert (frames[0]["n"], frames[-1]["n"]) == (0, n_steps)
+
+
+def test_pictures_as_good_as_the_budget_allows(record):
+    jpeg = record.trajectory[0].jpeg
+    widths = []
+    for budget in (10**6, 60_000, 20_000, 3_000):
+        small = small_pictures([jpeg] * 20 + [b"", b"no jpeg"], budget)
+        assert sum(map(len, small)) <= budget
+        assert small[20:] == [b"", b""]
+        widths.append(cv2.imdecode(np.frombuffer(small[0], np.uint8), cv2.IMREAD_COLOR).shape[1])
+    assert widths == sorted(widths, reverse=True)
+    assert widths[0] > widths[-1]
+    assert small_pictures([], 10) == []
+
+
+def test_places_that_are_none_are_left_out(record):
+    nan = math.nan
+    plan = msgspec.structs.replace(
+        record.plans[0],
+        seq=0,
+        waypoint=Candidate("frontier", nan, 0.0, 1.0, True),
+        candidates=[Candidate("frontier", nan, 0.0, 1.0), Candidate("frontier", 1.0, 0.0, 0.5)],
+        path_m=[(nan, 1.0), (0.0, 0.0), (1.0, 1.0)],
+    )
+    odd = replace(record, plans=[plan], trajectory=[Step(nan, 0.0, "0"), *record.trajectory])
+    frame = film_of(odd, []).data(odd)["frames"][0]
+    assert "w" not in frame["p"]
+    assert [c[1] for c in frame["p"]["c"]] == [1.0]
+    assert frame["p"]["p"] == [0.0, 0.0, 1.0, 1.0]
+    assert film_of(replace(record, trajectory=[]), []) is None
+
+
+def test_a_failure_says_what_is_known_of_why(record):
+    status = msgspec.structs.replace(record.status, state="failed", found=False, error="out_of_steps", object_id=None)
+    failed = replace(record, status=status, verdict={"success": False, "distance_to_viewpoint_m": 3.21})
+    text = " ".join(reasons(failed, record.objects[1:2]))
+    for words in (
+        "Of 43 planned steps these led: 22 to what was confirmed as the target, 21 to edges of what was known.",
+        "The likeliest was object 7, called potted plant, with a confidence of 0.55; it was rejected: class flipped to vase.",
+        "At the end, 2 edges of what was known waited to be explored.",
+        "3 of 4 cameras were asked for pictures.",
+        "At the end the robot was 3.2 m from",
+    ):
+        assert words in text, words
+    nobody = " ".join(reasons(replace(failed, plans=[], surveillance=False), []))
+    assert "Neither the robot nor a camera ever took anything for a potted plant." in nobody
+    assert "No surveillance camera took part." in nobody
+    assert reasons(record, []) == []

@@ -1,0 +1,169 @@
+"""The page as people use it: in a browser, on real processes, a robot that really searches."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+
+from tests.page.conftest import PHONE
+from tests.waiting import until
+
+pytestmark = pytest.mark.slow
+
+
+def submit(page: Any, target: str) -> str:
+    """Sends a mission by the form; its id."""
+    known = ids(page)
+    page.fill("#target", target)
+    page.get_by_role("button", name="Search", exact=True).click()
+    return until(lambda: next(iter(ids(page) - known), None), lambda: page.inner_text("#missions"), timeout_s=60)
+
+
+def ids(page: Any) -> set[str]:
+    return set(page.locator("tr[data-mission]").evaluate_all("rows => rows.map(r => r.dataset.mission)"))
+
+
+def row(page: Any, id: str) -> Any:
+    return page.locator(f"tr[data-mission='{id}']")
+
+
+def where(page: Any) -> str:
+    """The robot's place as the page has it in words."""
+    return str(page.locator("[data-robot]").inner_text())
+
+
+def pixels(page: Any) -> int:
+    """How many pixels of the map are drawn."""
+    drawn = """c => {
+        const { data } = c.getContext("2d").getImageData(0, 0, c.width, c.height);
+        return new Uint32Array(data.buffer).filter(p => p >>> 24).length;
+    }"""
+    return int(page.locator("canvas").evaluate(drawn))
+
+
+def test_a_search_from_the_form_to_the_confirmed_object(open_page):
+    page = open_page()
+    until(lambda: pixels(page) > 10_000, "the map stays empty", timeout_s=60)
+    before = where(page)
+    id = submit(page, "couch")
+    page.locator(".tile.invoked").first.wait_for()
+    card = page.locator(f"article[data-mission='{id}']")
+    if card.count():  # a search may be over before one looks
+        assert card.get_by_role("button", name="Cancel").is_visible()
+    until(lambda: row(page, id).locator(".badge").inner_text() not in ("active", "queued", "confirming"), timeout_s=150)
+    assert row(page, id).locator(".badge").inner_text() == "found by its belief"
+    assert where(page) != before, "the robot didn't move"
+    page.locator("button.object", has_text="couch").first.click()
+    page.locator("dialog .history li").first.wait_for()
+    assert "confirmed" in page.locator("dialog").inner_text()
+    page.keyboard.press("Escape")
+    assert page.locator("dialog").count() == 0
+
+
+def test_suggestions_are_what_is_there_and_what_perception_knows(open_page):
+    page = open_page()
+    options = page.locator("#targets option")
+    until(lambda: options.count() > 70)
+    page.locator(".chip").first.click()
+    assert page.input_value("#target") == page.locator(".chip").first.inner_text()
+
+
+def test_a_mission_is_paused_goes_on_and_is_cancelled(open_page):
+    page = open_page()
+    id = submit(page, "airplane")  # nobody has one: it goes on and on
+    card = page.locator(f"article[data-mission='{id}']")
+    card.get_by_role("button", name="Pause").click()
+    card.locator(".badge", has_text="paused").wait_for()
+    page.fill("#target", "couch")
+    page.get_by_role("button", name="Search", exact=True).click()
+    page.locator(".toast.bad", has_text="robot").wait_for()  # the one robot has a mission
+    assert page.input_value("#target") == "couch", "who is refused mustn't type it all again"
+    card.get_by_role("button", name="Resume").click()
+    card.locator(".badge", has_text="active").wait_for()
+    card.get_by_text(re.compile("place.* weighed")).click()
+    assert card.locator(".candidates li .note").first.inner_text()
+    card.get_by_role("button", name="Cancel").click()
+    row(page, id).locator(".badge", has_text="cancelled").wait_for()
+    assert card.count() == 0
+
+
+def test_everything_stops_and_is_released(open_page):
+    page = open_page()
+    page.get_by_role("button", name="Emergency stop").click()
+    page.locator("[data-alert=halted]").wait_for()
+    page.get_by_role("button", name="Release robots").click()
+    until(lambda: page.locator("[data-alert=halted]").count() == 0, timeout_s=30)
+
+
+def test_a_camera_that_dies_is_stale_then_offline_then_back(open_page, home):
+    page = open_page()
+    name = next(n for n in home.stack.processes if n.startswith("camera-"))
+    tile = page.locator(f"[data-camera='{name.removeprefix('camera-')}']")
+    until(lambda: tile.get_attribute("data-state") == "live", timeout_s=30)
+    tile.locator("img").wait_for()
+    home.kill(name)
+    try:
+        until(lambda: tile.get_attribute("data-state") == "stale", timeout_s=30)
+        until(lambda: tile.get_attribute("data-state") == "offline", timeout_s=30)
+        alert = page.locator(f"[data-alert='camera {name.removeprefix('camera-')}']")
+        assert re.search(r"is offline\s+since \d\d:\d\d:\d\d, \d+ s ago", alert.inner_text())
+    finally:
+        home.stack.start(name)
+    until(lambda: tile.get_attribute("data-state") == "live", timeout_s=60)
+    assert alert.count() == 0
+
+
+def test_a_gateway_that_is_gone_is_said_and_comes_back(open_page, home):
+    page = open_page()
+    home.kill("gateway")
+    try:
+        page.locator("[role=alert]", has_text="doesn't answer").wait_for()
+        assert re.search(r"What you see is \d+ s old", page.locator("[role=alert]").inner_text())
+        assert page.locator(".tile").count() > 0, "what was known stays"
+    finally:
+        home.stack.start("gateway")
+    until(lambda: page.locator("[role=alert]").count() == 0, timeout_s=60)
+    page.locator("#readiness.good").wait_for()
+
+
+def test_the_map_is_moved_by_keys(open_page):
+    page = open_page()
+    until(lambda: pixels(page) > 10_000, timeout_s=60)
+    canvas = page.locator("canvas")
+    canvas.focus()
+    before = canvas.screenshot()
+    for key in ("+", "ArrowLeft", "ArrowUp"):
+        page.keyboard.press(key)
+    until(lambda: canvas.screenshot() != before)
+
+
+def test_layers_are_switched(open_page):
+    page = open_page()
+    until(lambda: pixels(page) > 10_000, timeout_s=60)
+    drawn = pixels(page)
+    for name in ("explored", "obstacles", "frontiers", "value", "camera views"):
+        page.get_by_role("button", name=name, exact=True).click()
+    until(lambda: pixels(page) < drawn / 2)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("phone", [False, True])
+def test_nothing_serious_for_who_sees_or_hears_otherwise(open_page, scheme, phone):
+    """axe, the checker of WCAG: contrast, names, roles, order."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    page = open_page(PHONE if phone else None, scheme)
+    page.locator("button.object").first.wait_for()
+    until(lambda: page.locator("tr").count() > 3, timeout_s=30)
+    faults = [v for v in axe.run(page).response["violations"] if v["impact"] in ("serious", "critical")]
+    assert not faults, [(v["id"], [n["html"] for n in v["nodes"]][:3]) for v in faults]
+
+
+def test_a_phone_shows_all_without_scrolling_sideways(open_page):
+    page = open_page(PHONE)
+    until(lambda: pixels(page) > 5_000, timeout_s=60)
+    assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    for section in ("Map", "Missions", "Cameras", "Objects", "Traffic"):
+        page.get_by_role("link", name=section).click()
+    assert page.get_by_role("button", name="Emergency stop").is_visible()

@@ -1,0 +1,53 @@
+"""The dashboard and the alerts name metrics that exist."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from prometheus_client import generate_latest
+
+from services.gateway.core.metrics import Heard
+from services.gateway.core.resources.traffic import Traffic
+
+ROOT = Path(__file__).parents[4]
+DASHBOARD = json.loads((ROOT / "docs/operate/grafana/surveilnav.json").read_text(encoding="utf-8"))
+EXPRESSIONS = [(p["title"], t["expr"], t["legendFormat"]) for p in DASHBOARD["panels"] for t in p["targets"]]
+ALERTS = re.findall(r"\| `(.*surveilnav_.*)` \|", (ROOT / "docs/operate/prometheus.md").read_text(encoding="utf-8"))
+
+
+NOTHING = Heard(
+    cameras=[], floors=[], robots=[], missions=[], processes=[], workers={}, recorders=[], ready=False, event_streams=0, events=0,
+    traffic=Traffic(offered_bytes=0, delivered_bytes=0, wire_sent_bytes=None, nodes=[], cameras=[], robots=[]),
+)  # fmt: skip
+#: Type by name; a building without anything tells of all families.
+KNOWN = dict(re.findall(r"^# TYPE (\S+) (\w+)$", generate_latest(NOTHING).decode(), re.MULTILINE))
+
+
+def names(expression: str) -> set[str]:
+    return {n.removesuffix("_bucket") for n in re.findall(r"surveilnav_[a-z_]+", expression)}
+
+
+def test_there_are_metrics_to_compare_with():
+    assert len(KNOWN) > 30
+    assert {
+        "surveilnav_camera_offered_bytes_total",
+        "surveilnav_ready",
+        "surveilnav_node_wire_sent_bytes_total",
+    } <= set(KNOWN)
+    assert len(EXPRESSIONS) > 25
+    assert len(ALERTS) == 6
+
+
+@pytest.mark.parametrize(
+    "expression", [e for _, e, _ in EXPRESSIONS] + ALERTS, ids=[t for t, _, _ in EXPRESSIONS] + ALERTS
+)
+def test_every_metric_that_is_named_exists(expression):
+    assert names(expression)
+    assert names(expression) <= set(KNOWN)
+    counted = {n for n in names(expression) if KNOWN[n] in ("counter", "histogram")}
+    assert all(re.search(rf"(rate|increase)\({n}(_bucket)?\[", expression) for n in counted), (
+        "a counter is shown by its rate"
+    )

@@ -1,0 +1,106 @@
+"""The log of looks: what it holds, that it outlives the process, and that it stays within its bounds."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from services.gateway import access_log
+from services.gateway.access_log import AccessLog
+
+NOON = datetime(2026, 1, 31, 12, tzinfo=UTC)
+
+
+def lines(folder):
+    return [json.loads(line) for file in sorted(folder.glob("*.jsonl")) for line in file.read_text().splitlines()]
+
+
+def test_a_look_is_a_line_and_outlives_the_process(tmp_path):
+    log = AccessLog(tmp_path / "looks")
+    log.note("10.0.0.1", "c1", 3, "latest", NOON)
+    log.note("10.0.0.2", "c2", 0, "tile", NOON + timedelta(seconds=1))
+    assert lines(tmp_path / "looks")[0] == {
+        "time": "2026-01-31T12:00:00Z", "client": "10.0.0.1", "camera": "c1", "view": 3, "what": "latest",
+    }  # fmt: skip
+    again = AccessLog(tmp_path / "looks")
+    assert [(k.client, k.view, k.what) for k in again.of("c1", NOON)] == [("10.0.0.1", 3, "latest")]
+    again.note("10.0.0.1", "c1", 4, "latest", NOON + timedelta(minutes=1))
+    assert [k.view for k in again.of("c1", NOON)] == [4, 3], "newest first"
+    assert len(lines(tmp_path / "looks")) == 3
+
+
+def test_who_goes_on_looking_is_noted_once_a_minute(monkeypatch):
+    times_s = [100.0, 101.0, 159.0, 161.0, 162.0, 163.0, 163.0, 163.0]
+    monkeypatch.setattr(access_log.time, "monotonic", lambda: times_s.pop(0))
+    log = AccessLog()
+    for _ in range(5):
+        log.note("10.0.0.1", "c1", 3, "latest", NOON)
+    assert len(log.of("c1", NOON)) == 2
+    log.note("10.0.0.2", "c1", 3, "latest", NOON)
+    log.note("10.0.0.1", "c1", 4, "latest", NOON)
+    log.note("10.0.0.1", "c1", 3, "tile", NOON)
+    assert len(log.of("c1", NOON)) == 5, "another client, view or way of looking is another look"
+
+
+def test_files_are_begun_daily_and_go_when_they_are_too_old(tmp_path):
+    log = AccessLog(tmp_path, keep=timedelta(days=3))
+    for day in range(8):
+        log.note("10.0.0.1", "c1", day, "latest", NOON + timedelta(days=day))
+    assert [k["view"] for k in lines(tmp_path)] == [3, 4, 5, 6, 7]
+    assert [k.view for k in log.of("c1", NOON + timedelta(days=7))] == [7, 6, 5, 4]
+    assert [k.view for k in AccessLog(tmp_path, keep=timedelta(days=1)).of("c1", NOON + timedelta(days=7))] == [7, 6]
+
+
+def test_old_lines_go_also_where_nobody_looks(tmp_path):
+    log = AccessLog(tmp_path, keep=timedelta(days=3))
+    log.note("10.0.0.1", "c1", 0, "latest", NOON)
+    log.tidy(NOON + timedelta(days=4))
+    assert len(lines(tmp_path)) == 1
+    log.tidy(NOON + timedelta(days=4, seconds=1))
+    assert lines(tmp_path) == []
+    assert log.of("c1", NOON + timedelta(days=4)) == []
+    log.note("10.0.0.1", "c1", 1, "latest", NOON + timedelta(days=5))
+    assert [k["view"] for k in lines(tmp_path)] == [1]
+
+
+def test_all_files_together_stay_below_their_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr(access_log, "_FILE_BYTES", 1000)
+    log = AccessLog(tmp_path, max_bytes=5000)
+    for i in range(400):
+        log.note("10.0.0.1", "c1", i, "latest", NOON + timedelta(seconds=i))
+    sizes = [f.stat().st_size for f in tmp_path.iterdir()]
+    assert 3000 < sum(sizes) <= 5000
+    assert max(sizes) < 1200
+    assert lines(tmp_path)[-1]["view"] == 399
+
+
+def test_memory_is_bounded(monkeypatch):
+    monkeypatch.setattr(access_log, "_MOST_WATCHERS", 50)
+    log = AccessLog()
+    for i in range(11_000):
+        log.note("10.0.0.1", "c1", i, "latest", NOON)
+    assert len(log.of("c1", NOON)) == 10_000
+    assert len(log._watched_s) == 50
+
+
+def test_broken_lines_and_foreign_files_are_left_out(tmp_path):
+    AccessLog(tmp_path).note("10.0.0.1", "c1", 3, "latest", NOON)
+    (file,) = tmp_path.iterdir()
+    with file.open("ab") as f:
+        f.write(b'{"time":"2026-01-31T12:00:00","client":"","camera":"c1","view":0,"what":""}\n\xff\n{"time":"2026-01')
+    (tmp_path / "looks-of-somebody.jsonl").write_text("what is this")
+    log = AccessLog(tmp_path)
+    assert len(log.of("c1", NOON)) == 1
+    log.note("10.0.0.1", "c1", 3, "latest", NOON + timedelta(days=1))
+    assert (tmp_path / "looks-of-somebody.jsonl").exists()
+
+
+@pytest.mark.parametrize("place", ["a file is there", "nothing may be written"])
+def test_a_disk_that_cant_be_written_stops_nobody_from_looking(tmp_path, place, capsys):
+    (tmp_path / "looks").write_text("")
+    log = AccessLog(tmp_path / "looks" if place == "a file is there" else tmp_path / "looks" / "deeper")
+    log.note("10.0.0.1", "c1", 3, "latest", NOON)
+    assert len(log.of("c1", NOON)) == 1
+    assert "can't be written down" in capsys.readouterr().out

@@ -1,0 +1,224 @@
+"""The scribe: nobody waits for the disk, a full one ends a recording and nothing else, old files make room."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+import time
+
+import pytest
+from mcap.records import Message
+
+from services.recorder import scribe as scribe_module
+from services.recorder.core.names import recording_id
+from services.recorder.file import RecordingFile
+from services.recorder.folder import Folder
+from services.recorder.reading import records
+from services.recorder.scribe import Scribe
+from surveilnav.bus import Refused
+
+ID, OTHER = recording_id(10**18, "m1"), recording_id(10**18 + 10**9, "m2")
+
+
+@pytest.fixture
+def scribes():
+    started = []
+
+    def start(tools, folder, keep_s=None, **more):
+        node = tools.node()
+        more = {"max_days": 0} | more  # the tests' recordings are of 2001
+        started.append(Scribe(node, tools.settings(folder, **more), Folder(folder), keep_s))
+        return node, started[-1]
+
+    yield start
+    for scribe in started:
+        scribe.close()
+
+
+def count(folder, id):
+    return sum(isinstance(r, Message) for r in records(Folder(folder).file_of(id)))
+
+
+def states(folder):
+    return {r.mission: r.state for r in Folder(folder).recordings()}
+
+
+def test_what_is_heard_is_in_the_file_soon_and_after_the_end(tmp_path, tools, scribes):
+    node, scribe = scribes(tools, tmp_path, flush_s=0.05)
+    scribe.begin(ID, {"mission": "m1", "target": "tv"})
+    assert scribe.hear([ID], tools.heard_view(1))
+    tools.until(lambda: Folder(tmp_path).kept() and count(tmp_path, ID) == 5)
+    assert states(tmp_path) == {"m1": "recording"}
+    scribe.end(ID, {"number": "1"})
+    tools.until(lambda: states(tmp_path) == {"m1": "complete"})
+    assert Folder(tmp_path).recordings()[0].target == "tv"
+    assert node.said == ["recording", "recorded"]
+
+
+def test_a_recorder_that_ends_leaves_files_that_say_so(tmp_path, tools, scribes):
+    _, scribe = scribes(tools, tmp_path)
+    scribe.begin(ID, {"mission": "m1"})
+    scribe.hear([ID], tools.heard_view(1))
+    scribe.close()
+    assert states(tmp_path) == {"m1": "interrupted"}
+    assert count(tmp_path, ID) == 5
+
+
+def test_a_message_goes_into_the_files_that_it_is_for(tmp_path, tools, scribes):
+    _, scribe = scribes(tools, tmp_path)
+    for id in (ID, OTHER):
+        scribe.begin(id, {})
+    scribe.hear([ID, OTHER], tools.heard_status(1))
+    scribe.hear([OTHER], tools.heard_status(2))
+    scribe.close()
+    assert [count(tmp_path, id) for id in (ID, OTHER)] == [1, 2]
+
+
+def test_a_slow_disk_drops_and_counts_and_nobody_waits(tmp_path, tools, scribes, monkeypatch):
+    go_on, stuck = threading.Event(), threading.Event()
+    real = RecordingFile.write
+
+    def slow(self, line):
+        stuck.set()
+        go_on.wait(30)
+        real(self, line)
+
+    monkeypatch.setattr(RecordingFile, "write", slow)
+    node, scribe = scribes(tools, tmp_path, queue_mb=1)
+    scribe.begin(ID, {})
+    scribe.hear([ID], tools.heard_status(0))
+    assert stuck.wait(20)
+    heard = [scribe.hear([ID], tools.heard_status(i, "x" * 10_000)) for i in range(1, 201)]
+    taken = sum(heard)
+    assert 90 < taken < 110, "a megabyte of messages of ten thousand bytes"
+    assert heard == [True] * taken + [False] * (200 - taken)
+    assert scribe.dropped == 200 - taken
+    assert not scribe.has_room
+    assert "the disk is too slow" in node.said
+    go_on.set()
+    tools.until(lambda: scribe.has_room)
+    assert scribe.hear([ID], tools.heard_status(999))
+    scribe.close()
+    assert count(tmp_path, ID) == taken + 2
+
+
+def test_a_disk_that_fills_ends_the_recording_says_it_once_and_the_next_one_works(
+    tmp_path, tools, scribes, monkeypatch
+):
+    full = threading.Event()
+
+    def refuse(fd, data, real=os.write):
+        if full.is_set():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return real(fd, data)
+
+    monkeypatch.setattr("services.recorder.file.os.write", refuse)
+    node, scribe = scribes(tools, tmp_path, flush_s=0.02)
+    scribe.begin(ID, {})
+    for i in range(1, 4):
+        scribe.hear([ID], tools.heard_view(i))
+    tools.until(lambda: Folder(tmp_path).kept() and count(tmp_path, ID) == 15)
+    full.set()
+    for i in range(4, 50):
+        scribe.hear([ID], tools.heard_view(i))
+    tools.until(lambda: ID in scribe.failed)
+    assert "No space left" in scribe.full
+    assert "SURVEILNAV_RECORDER__FOLDER" in scribe.full
+    assert scribe.open == []
+    full.clear()
+    scribe.hear([ID], tools.heard_view(50))  # its mission goes on
+    assert scribe.full
+    scribe.end(ID, {"number": "50"})
+    tools.until(lambda: not scribe.full and not scribe.failed)
+    scribe.begin(OTHER, {})
+    scribe.hear([OTHER], tools.heard_view(1))
+    scribe.end(OTHER, {"number": "1"})
+    tools.until(lambda: states(tmp_path).get("m2") == "complete")
+    assert states(tmp_path) == {"m1": "interrupted", "m2": "complete"}
+    assert count(tmp_path, ID) >= 15
+    assert (scribe.full, node.said.count("recording stopped")) == ("", 1)
+
+
+def test_others_need_what_is_left_of_the_disk(tmp_path, tools, scribes, monkeypatch):
+    free = 10 << 30
+    monkeypatch.setattr(Folder, "free_bytes", lambda self: free)
+    _, scribe = scribes(tools, tmp_path, flush_s=0.02)
+    scribe._settings.min_free_mb = 1000
+    scribe.begin(ID, {})
+    scribe.hear([ID], tools.heard_view(1))
+    tools.until(lambda: scribe.open == [ID])
+    free = 999 << 20
+    tools.until(lambda: ID in scribe.failed)
+    assert "999 MB are left" in scribe.full
+    scribe.begin(OTHER, {})
+    tools.until(lambda: OTHER in scribe.failed)
+    assert states(tmp_path) == {"m1": "interrupted"}
+
+
+def test_files_of_earlier_runs_make_room_first(tmp_path, tools, scribes):
+    (tmp_path / f"{ID}.mcap").touch()  # of 2001
+    _, scribe = scribes(tools, tmp_path, max_mb=3, max_days=30)
+    tools.until(lambda: not (tmp_path / f"{ID}.mcap").exists())  # it tidied at its start
+    now_ns = time.time_ns()
+    ids = [recording_id(now_ns - (10 - i) * 10**9, "old") for i in range(4)]
+    for id in ids:
+        (tmp_path / f"{id}.mcap").write_bytes(bytes(1 << 20))
+    (tmp_path / "notes.mcap").write_bytes(bytes(9 << 20))
+    (tmp_path / "precious.txt").write_bytes(bytes(9 << 20))
+    new = recording_id(now_ns, "m1")
+    scribe.begin(new, {})
+    tools.until(lambda: scribe.open)
+    assert len(Folder(tmp_path).kept()) == 4, "one went before, though the new file has next to nothing yet"
+    scribe.end(new, {"number": "0"})
+    tools.until(lambda: states(tmp_path).get("m1") == "complete")
+    assert [f.id for f in Folder(tmp_path).kept()] == [new, *reversed(ids[2:])]
+    assert {p.name for p in tmp_path.glob("*")} >= {"notes.mcap", "precious.txt"}
+
+
+@pytest.mark.parametrize(("max_days", "keep_s"), [(2.9, None), (30, 2.9 * 86_400), (2.9, 1e9), (0, 2.9 * 86_400)])
+def test_old_files_go_though_there_is_room(tmp_path, tools, scribes, max_days, keep_s):
+    now_ns, day_ns = time.time_ns(), 86_400 * 10**9
+    young, old = (tmp_path / f"{recording_id(now_ns - k * day_ns, 'm')}.mcap" for k in (2, 3))
+    for path in (young, old):
+        path.write_bytes(b"x")
+    scribes(tools, tmp_path, max_days=max_days, keep_s=keep_s)
+    tools.until(lambda: not old.exists())
+    assert young.exists()
+
+
+def test_a_bug_costs_one_message(tmp_path, tools, scribes, monkeypatch):
+    node, scribe = scribes(tools, tmp_path)
+    scribe.begin(ID, {})
+    real = scribe_module.Drawer.lines
+    monkeypatch.setattr(scribe_module.Drawer, "lines", lambda self, heard: 1 / 0)
+    scribe.hear([ID], tools.heard_status(1))
+    tools.until(lambda: "a message can't be recorded" in node.said)
+    monkeypatch.setattr(scribe_module.Drawer, "lines", real)
+    scribe.hear([ID], tools.heard_status(2))
+    scribe.close()
+    assert count(tmp_path, ID) == 1
+
+
+def test_the_folder_reads_and_deletes_recordings_and_nothing_else(tmp_path, tools, scribes):
+    _, scribe = scribes(tools, tmp_path)
+    folder = Folder(tmp_path)
+    scribe.begin(ID, {"mission": "m1"})
+    tools.until(lambda: scribe.open)
+    with pytest.raises(Refused, match="being written"):
+        folder.delete(ID)
+    scribe.end(ID, {"number": "0"})
+    tools.until(lambda: states(tmp_path) == {"m1": "complete"})
+    content = (tmp_path / f"{ID}.mcap").read_bytes()
+    assert folder.read(ID, 0, 10) == (content[:10], len(content))
+    assert folder.read(ID, 5, 10**9) == (content[5:], len(content))
+    assert folder.read(ID, len(content), 10) == (b"", len(content))
+    assert folder.read(ID, -3, -1) == (b"", len(content))
+    (tmp_path / "secret.mcap").write_bytes(b"s")
+    for bad in ("secret", "../x", "", "x" * 500, OTHER):
+        with pytest.raises(Refused, match="recording"):
+            folder.read(bad, 0, 10)
+        with pytest.raises(Refused, match="recording"):
+            folder.delete(bad)
+    folder.delete(ID)
+    assert {p.name for p in tmp_path.iterdir()} == {"secret.mcap"}
