@@ -1,5 +1,6 @@
 // All missions, newest first.
-import { clock, metres, timer } from "../format.js";
+import { bytes, clock, metres, timer } from "../format.js";
+import { one } from "../store.js";
 import { html, useState } from "../ui.js";
 import { MissionId, StateBadge } from "./mission-parts.js";
 
@@ -9,7 +10,7 @@ function Row({ mission: m }) {
   return html`<tr class=${m.stale ? "stale" : ""} data-mission=${m.id}>
     <td><b>${m.target}</b><div class="soft">${clock(m.started)} <${MissionId} id=${m.id} /></div></td>
     <td><${StateBadge} mission=${m} />${m.message && html`<div class="soft clamp" title=${m.message}>${m.message}</div>`}</td>
-    <td class="n">${metres(m.path_m)}<div class="soft">${timer(m.elapsed_s)}</div></td></tr>`;
+    <td class="n">${metres(m.path_m)}<div class="soft">${timer(m.elapsed_s)}</div>${one("cost", m.id) && html`<div class="soft" title="sent by cameras and robots while it ran">${bytes(one("cost", m.id).offered_bytes)}</div>`}</td></tr>`;
 }
 
 export function MissionTable({ missions }) {
