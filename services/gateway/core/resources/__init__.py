@@ -20,7 +20,7 @@ from services.gateway.core.resources.traffic import MissionTraffic, Traffic
 
 __all__ = [
     "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "CameraLook", "Floor", "GrowingItems", "Items", "Layer",
-    "Mission",
-    "MissionPlan", "MissionTraffic", "NewMission", "Object", "PictureKeeper", "Readiness", "Recorder", "Recording", "Robot", "RobotHalt",
+    "Mission", "MissionPlan", "MissionTraffic", "NewMission", "Object", "PictureKeeper", "Readiness", "Recorder", "Recording",
+    "Robot", "RobotHalt",
     "Service", "Target", "Traffic", "Worker",
 ]  # fmt: skip
