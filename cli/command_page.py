@@ -30,6 +30,7 @@ SHAPES: dict[str, str] = {
     "cameras pause": "`Camera`",
     "cameras resume": "`Camera`",
     "cameras forget": "`id`, `forgotten`",
+    "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `same`",
     "status": "`services`, `robots`, `cameras`, `perception`, `missions`: items each",
     "watch": "an object a line: `id`, `event`, `data` (`Event`)",
     "objects": "items: `Object`",
@@ -57,8 +58,13 @@ _HEAD = """# The command line
 surveilnav prepare --building studio            # once, with a network: afterwards none is needed
 surveilnav up --building studio                 # keeps running; go on in another terminal
 surveilnav watch                                # what is going on, until Ctrl-C
-surveilnav find tv                              # send a robot
+```
+
+```bash
+surveilnav find tv                              # send a robot, and follow it
 surveilnav missions                             # which searches there are
+surveilnav cameras                              # what cameras saw
+surveilnav traffic                              # what that cost
 surveilnav map                                  # what is mapped, drawn with characters
 surveilnav map value --target tv --out tv.png   # or as a picture; .npy is an array
 ```

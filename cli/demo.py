@@ -18,6 +18,7 @@ from rich.markup import escape
 
 from cli.evidence import actions, deciding_views, layers, objects, trajectory
 from cli.map_watch import MapWatch
+from cli.old_runs import drop_old_runs
 from cli.progress import bar
 from cli.recorder import Recorder
 from cli.report import Moment, RunRecord, run_json, traffic_lines, write_report
@@ -32,6 +33,7 @@ from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, RECORDINGS
 from surveilnav.errors import BusError, MissionError, SurveilNavError
 from surveilnav.messages import MissionCancel, MissionGoal, MissionStatus
+from surveilnav.pictures import PictureSettings
 
 ROBOT = "r1"
 _READY_S = 180.0
@@ -65,6 +67,8 @@ def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
         SurveilNavError: a user's mistake, or a service that ended; its text says what to do.
     """
     began_s, started = time.monotonic(), datetime.now(UTC)
+    if removed := drop_old_runs(options.runs, PictureSettings().keep_s):
+        console.print(f"removed {removed} old runs from {options.runs} (SURVEILNAV_PICTURES__KEEP_H)", markup=False)
     prepared = _prepare(options, console)
     run_dir = options.runs / f"{started:%Y%m%d-%H%M%S}-{uuid.uuid4().hex[:4]}"
     try:

@@ -17,8 +17,10 @@ class Exit(IntEnum):
         return member
 
     DONE = 0, "it is done: found and right, all read, all played"
-    FAILED = 1, "it isn't, or a setting, a file or the system is wrong; one line says what"
+    FAILED = (
+        1,
+        "it isn't; or a setting, a file or the system is wrong, as one line says; or nobody reads its output",
+    )
     MISTYPED = 2, "the command can't be as it was typed"
     INTERRUPTED = 130, "interrupted by Ctrl-C; `up` and `watch` end by it, and with 0"
-    UNREAD = 141, "whoever read its output went away, as `head` does"
     TERMINATED = 143, "ended by SIGTERM"

@@ -54,13 +54,15 @@ def main() -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(Exit.TERMINATED))  # so that whatever was started is stopped
     as_json = "--json" in sys.argv[1:]
     try:
-        sys.exit(app(prog_name="surveilnav", standalone_mode=False) or Exit.DONE)
+        code = app(prog_name="surveilnav", standalone_mode=False) or Exit.DONE
+        sys.stdout.flush()
+        sys.exit(code)
     except (KeyboardInterrupt, typer.Abort):
         print("interrupted", file=sys.stderr)
         sys.exit(Exit.INTERRUPTED)
-    except BrokenPipeError:  # `surveilnav objects | head`: what is still in the buffer has nowhere to go
+    except BrokenPipeError:  # `surveilnav objects | head -1`: what is still in the buffer has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(Exit.UNREAD)
+        sys.exit(Exit.FAILED)
     except Exception as error:
         sys.exit(_explained(error, as_json))
 

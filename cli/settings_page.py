@@ -73,7 +73,7 @@ class Section:
 
 SECTIONS = (
     Section("The bus: every process", "shared/surveilnav/bus/settings.py", BusSettings),
-    Section("Past pictures: fusion", "shared/surveilnav/pictures.py", PictureSettings),
+    Section("Past pictures: fusion and demo", "shared/surveilnav/pictures.py", PictureSettings),
     Section("The simulated building", "simulator/simulation.py", SimulationSettings),
     Section("Camera", "services/camera_node/config.py", CameraSettings),
     Section("Robot", "services/robot_node/config.py", RobotSettings),

@@ -83,7 +83,7 @@ def up(
 def prepare(
     building: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help=f"Which building: {BUILDING_KINDS}; SURVEILNAV_SIM__BUILDING if not said."),
+        typer.Option(metavar="NAME", help=f"Which building: {BUILDING_KINDS}; the environment's if not said."),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, metavar="N", help="Draws furniture models, textures and sensor noise.")
@@ -92,28 +92,29 @@ def prepare(
     cameras: Cameras = None,
     area_per_camera: Area = None,
     cameras_everywhere: Everywhere = False,
-    models: Annotated[
-        bool, typer.Option("--models/--no-models", help="Whether to fetch what looks at pictures.")
-    ] = True,
-    loops: Annotated[
-        bool, typer.Option("--loops/--no-loops", help="Whether to compile all loops by playing a small search.")
-    ] = True,
+    no_models: Annotated[bool, typer.Option("--no-models", help="Fetch nothing that looks at pictures.")] = False,
+    no_loops: Annotated[
+        bool, typer.Option("--no-loops", help="Don't compile the loops, which plays a small search.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Make ahead all that a first search needs: furniture, light, camera views, navigation, models, compiled loops.
 
-    After it no network is needed. What isn't said comes from the environment (SURVEILNAV_SIM__BUILDING, ...), as in
-    `docker compose up`. With the options of `demo` or `up`, those find everything ready.
+    After it no network is needed, and `demo` and `up` with the same options find everything ready. Without --building all
+    comes from the environment (SURVEILNAV_SIM__BUILDING, ...), as in `docker compose up`.
     """
     from cli.preparing import run_prepare
     from simulator.simulation import SimulationSettings
 
-    said: dict[str, Any] = {
-        "building": building, "seed": seed, "cameras": cameras, "area_per_camera_m2": area_per_camera,
-        "cameras_everywhere": cameras_everywhere or None,
-    }  # fmt: skip
-    settings = SimulationSettings(**{name: value for name, value in said.items() if value is not None})
-    ready = run_prepare(settings, perception.value if models else "", console, loops=loops)
+    if building is not None:  # as `demo` and `up` have it, so that they find the same plan
+        said: dict[str, Any] = {"building": building, "seed": seed or 0}
+        said |= density(cameras, area_per_camera, cameras_everywhere)
+    else:
+        named = {"seed": seed, "cameras": cameras, "area_per_camera_m2": area_per_camera}
+        said = {name: value for name, value in named.items() if value is not None}
+        said |= {"cameras_everywhere": True} if cameras_everywhere else {}
+    settings = SimulationSettings(**said)
+    ready = run_prepare(settings, "" if no_models else perception.value, console, loops=not no_loops)
     if as_json:
         print_json(ready.as_dict())
         return

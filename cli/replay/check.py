@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 from pydantic import ValidationError
+from zstandard import ZstdError, frame_content_size
 
 from cli.replay.recorded import End, Heard, Maps, told
 from services.fusion.core import FusionConfig, JointMap
@@ -19,6 +20,8 @@ from services.recorder.reading import RecordingError
 from surveilnav.contract import VIEW_LOG
 from surveilnav.errors import WireError
 from surveilnav.messages import LoggedView
+
+_MOST_MAPS_BYTES = 2 << 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +73,11 @@ def check(path: Path) -> Outcome:
 def maps_of(maps: Maps) -> JointMap:
     """The maps that a recording begins with. RecordingError: they can't be read."""
     try:
+        if (size := frame_content_size(maps.snapshot)) > _MOST_MAPS_BYTES:
+            raise RecordingError(f"the recording's maps say that they have {size >> 20} MB: no building's have")
         state = unpack(maps.snapshot)
         return thaw(state["maps"], config_of(maps))
-    except (SnapshotError, KeyError, TypeError) as error:
+    except (SnapshotError, ZstdError, KeyError, TypeError) as error:
         raise RecordingError(f"the recording's maps can't be read: {error}") from error
 
 

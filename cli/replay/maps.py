@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cli.replay.check import config_of, entry_of
+from cli.replay.check import config_of, entry_of, maps_of
 from cli.replay.recorded import Maps
 from services.fusion.config import FusionSettings
 from services.fusion.core import FusionConfig
@@ -32,6 +32,7 @@ class MapsAgain:
 
     def begin(self, maps: Maps) -> None:
         """Goes on from a snapshot."""
+        maps_of(maps)  # what can't be read is said, and nothing is begun anew in its place
         self.close()
         store = self._folder / f"maps-{maps.number}.sqlite"
         file = Store(store)

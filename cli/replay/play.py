@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import tempfile
 import threading
@@ -19,7 +20,7 @@ from services.recorder.core.pictures import header_of
 from services.recorder.reading import RecordingError
 from surveilnav.bus import Node, Publisher
 from surveilnav.bus.router import free_port
-from surveilnav.contract import CAMERA_FRAME, PERCEPTION_TEXT, ROBOT_OBSERVATION, VIEW_LOG, Stream
+from surveilnav.contract import CAMERA_FRAME, ID_PATTERN, ROBOT_OBSERVATION, VIEW_LOG, Stream
 from surveilnav.errors import WireError
 from surveilnav.messages import LoggedView
 
@@ -47,7 +48,7 @@ class Player:
                 self._view(found.message, found.payload)
             case Heard():
                 self._memory.note(found)
-                if found.stream is not PERCEPTION_TEXT:
+                if "put" in found.stream.kind:
                     self._put(found.stream, found.ids, found.message)
             case _:
                 pass
@@ -145,4 +146,6 @@ def _facts(path: Path) -> dict[str, str]:
     first = next(told(path))
     if not isinstance(first, Begin) or not {"building", "mission"} <= set(first.facts):
         raise RecordingError(f"{path} doesn't begin with the facts of a mission")
+    if not re.fullmatch(ID_PATTERN, first.facts["building"]):
+        raise RecordingError(f"expected the name of a building, got {first.facts['building']!r:.80}")
     return first.facts

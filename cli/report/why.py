@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from cli.report.record import RunRecord
 from cli.report.words import with_article
 from surveilnav.messages import ObjectRecord
 
+_EDGE_CELLS = 4
+_STANDING = {"candidate": "nobody was sure of it", "confirmed": "it was confirmed", "rejected": "it was rejected"}
 _LED = {
     "frontier": "to edges of what was known",
     "candidate": "to what might be the target",
@@ -42,17 +48,25 @@ def _likeliest(record: RunRecord, candidates: Sequence[ObjectRecord]) -> str:
     best = max(candidates, key=lambda o: o.confidence if o.confidence == o.confidence else 0.0)
     return (
         f"The likeliest was object {best.id}, called {best.label or 'nothing'}, with a confidence of "
-        f"{best.confidence:.2f}; it is {best.status}{f': {best.reason}' if best.reason else ''}."
+        f"{best.confidence:.2f}; {_STANDING[best.status]}{f': {best.reason}' if best.reason else ''}."
     )
 
 
 def _edges(record: RunRecord) -> str:
-    if not record.plans:
+    """How much was left to explore, by the maps at the end."""
+    if not any("frontier" in layers for layers in record.layers.values()):
         return ""
-    n = sum(c.kind == "frontier" for c in record.plans[-1].candidates)
+    cells = [layers["frontier"][1] for layers in record.layers.values() if "frontier" in layers]
+    n = sum(_stretches(np.asarray(c != 0, np.uint8)) for c in cells)
     if not n:
-        return "When it last chose a way, no edge of what was known was left to weigh."
-    return f"When it last chose a way, {n} edge{'s' if n > 1 else ''} of what was known waited to be explored."
+        return "At the end, no edge of what was known was left to explore."
+    return f"At the end, {n} edge{'s' if n > 1 else ''} of what was known waited to be explored."
+
+
+def _stretches(cells: NDArray[np.uint8]) -> int:
+    """How many connected stretches of cells there are; crumbs don't count."""
+    _, _, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=8)
+    return int((stats[1:, cv2.CC_STAT_AREA] >= _EDGE_CELLS).sum())
 
 
 def _cameras(record: RunRecord) -> str:

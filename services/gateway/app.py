@@ -46,7 +46,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(sources.router(gateway.sources))
     app.include_router(maps.router(gateway.maps))
     app.include_router(objects.router(gateway.objects, gateway.looks))
-    app.include_router(recordings.router(gateway.recordings))
+    app.include_router(recordings.router(gateway.recordings, gateway.looks))
     app.include_router(events.router(gateway.events))
     app.include_router(live.router(gateway.live, gateway.tiles, gateway.looks))
     app.include_router(system.router(gateway))

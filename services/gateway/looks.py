@@ -8,6 +8,9 @@ from services.gateway.access_log import AccessLog
 from services.gateway.core.proxies import Networks, client_address
 from services.gateway.core.resources import CameraLook
 
+#: Instead of a view: somebody was shown all of them.
+ALL_VIEWS = -1
+
 
 class Looks:
     """Whatever shows a camera's picture to somebody calls ``note``, each time that it does."""
@@ -17,7 +20,7 @@ class Looks:
         self._log, self._trusted = log or AccessLog(), trusted
 
     def note(self, request: HTTPConnection, camera: str, view: int, what: str) -> None:
-        """Notes that whoever sent ``request`` is shown a view now, as "thumbnail", "latest", "tile" or "history"."""
+        """Notes that whoever sent ``request`` is shown a view now, as "thumbnail", "latest", "tile", "history" or "recording"."""
         peer = request.client.host if request.client else ""
         client = client_address(peer, request.headers.getlist("x-forwarded-for"), self._trusted)
         self._log.note(client, camera, view, what)

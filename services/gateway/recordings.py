@@ -45,6 +45,11 @@ class Recordings:
             404, "unknown_recording", f"no recording {id!r}: it may have been the oldest when room was needed"
         )
 
+    def shown_by(self, recording: Recording) -> list[str]:
+        """The cameras whose pictures it may show: all that were heard of, where it doesn't tell."""
+        known = self._state.cameras.newest("camera")
+        return sorted(known) if recording.cameras is None else recording.cameras
+
     def delete(self, id: str) -> None:
         """Has it deleted for good; one that is being written isn't (409)."""
         recorder = self.one(id).recorder

@@ -63,6 +63,7 @@ class Gateway:
             "camera": lambda: {c.id: c for c in self.cameras.all()},
             "robot": lambda: {r.id: r for r in self.sources.robots()},
             "worker": lambda: {w.id: w for w in self.sources.workers()},
+            "recorder": lambda: {r.id: r for r in self.recordings.recorders()},
             "service": lambda: {s.id: s for s in self.services()},
             "mission": lambda: {m.id: m for m in self.missions.all()[:_MISSIONS_SHOWN]},
             "plan": lambda: {p.mission: p for p in self.missions.plans()},

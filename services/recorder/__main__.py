@@ -8,13 +8,14 @@ from services.recorder.config import RecorderSettings
 from services.recorder.service import RecorderService
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
+from surveilnav.pictures import PictureSettings
 
 
 def main() -> None:
     """Records until SIGTERM."""
     settings = RecorderSettings()
     with Node("recorder", settings.id, BusSettings()) as node:
-        service = RecorderService(node, settings)
+        service = RecorderService(node, settings, PictureSettings().keep_s)
         try:
             node.run(service.step, idle_s=0.1)
         finally:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 from services.recorder.core.limits import Kept, Limits, to_delete
 from services.recorder.core.names import ENDING, parts_of
-from services.recorder.reading import is_whole, target_of
+from services.recorder.reading import cameras_in_whole, target_of
 from surveilnav.bus import Refused
 from surveilnav.messages import Recording
 
@@ -20,12 +21,21 @@ except ImportError:  # not a POSIX system: nothing there says that a file is bei
 _MOST_PART_BYTES = 4 << 20
 
 
+@dataclass(frozen=True, slots=True)
+class _Facts:
+    """What a file of that size says. ``cameras``: those that it shows; None: it isn't whole, and nobody looked."""
+
+    n_bytes: int
+    target: str
+    cameras: list[str] | None
+
+
 class Folder:
     """May be used from any thread. OSError: the disk can't be read or written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._facts: dict[str, tuple[int, str, bool]] = {}  # by id: size then, target, whether it is whole
+        self._facts: dict[str, _Facts] = {}  # by id
 
     def file_of(self, id: str) -> Path:
         """Where a recording lies. Refused: it is no id of one."""
@@ -39,11 +49,11 @@ class Folder:
         """All recordings, newest first."""
         found = []
         for path in self.path.glob(f"*{ENDING}"):
-            if parts_of(path.stem) is None:
+            if (parts := parts_of(path.stem)) is None:
                 continue
             try:
                 at = path.stat()
-                found.append(Kept(path.stem, at.st_size, at.st_mtime_ns, is_open(path)))
+                found.append(Kept(path.stem, at.st_size, parts[0], is_open(path), at.st_mtime_ns))
             except FileNotFoundError:  # deleted meanwhile
                 continue
         return sorted(found, key=lambda f: f.id, reverse=True)
@@ -87,14 +97,17 @@ class Folder:
 
     def _recording(self, file: Kept) -> Recording:
         started_ns, mission = parts_of(file.id) or (0, "")
-        size, target, whole = self._facts.get(file.id, (-1, "", False))
-        if size != file.n_bytes:
+        facts = self._facts.get(file.id)
+        if facts is None or facts.n_bytes != file.n_bytes:
             path = self.file_of(file.id)
-            target, whole = target or target_of(path), not file.open and is_whole(path)
-            self._facts[file.id] = file.n_bytes, target, whole
+            cameras = None if file.open else cameras_in_whole(path)
+            target = facts.target if facts and facts.target else target_of(path)
+            facts = self._facts[file.id] = _Facts(file.n_bytes, target, cameras)
+        whole = facts.cameras is not None
         return Recording(
             id=file.id, mission=mission, state="recording" if file.open else "complete" if whole else "interrupted",
-            n_bytes=file.n_bytes, started_ns=started_ns, changed_ns=file.ended_ns, target=target,
+            n_bytes=file.n_bytes, started_ns=started_ns, changed_ns=file.changed_ns, target=facts.target,
+            cameras=facts.cameras,
         )  # fmt: skip
 
 

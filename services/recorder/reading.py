@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,12 +13,15 @@ from mcap.reader import SeekingReader
 from mcap.records import Chunk, McapRecord, Metadata
 from mcap.stream_reader import StreamReader, breakup_chunk
 
+from surveilnav.contract import ID
 from surveilnav.errors import SurveilNavError
 
 #: Facts about a recording: what it is of, written first; how it ended, written last.
 BEGIN, END = "mission", "end"
 #: What is larger was written by nobody here: a snapshot of a large building's maps has some hundred megabytes.
 _MOST_RECORD_BYTES, _MOST_CHUNK_BYTES, _MOST_HEAD_BYTES = 1 << 30, 256 << 20, 1 << 20
+#: Topics that a view of a camera is drawn on.
+_PICTURE = re.compile(rf"/camera/({ID})/.*")
 #: What the reader raises where bytes are missing or damaged.
 _BROKEN = (McapError, OSError, ValueError, EOFError, struct.error, zstandard.ZstdError, OverflowError, MemoryError)
 
@@ -74,11 +78,14 @@ def target_of(path: Path) -> str:
     return ""
 
 
-def is_whole(path: Path) -> bool:
-    """Whether a recording was written to the end of its mission."""
+def cameras_in_whole(path: Path) -> list[str] | None:
+    """The cameras that a recording shows; None for one that wasn't written to the end of its mission."""
     try:
         with path.open("rb") as file:
             summary = SeekingReader(file, record_size_limit=_MOST_RECORD_BYTES).get_summary()
-            return summary is not None and any(index.name == END for index in summary.metadata_indexes)
     except _BROKEN:
-        return False
+        return None
+    if summary is None or not any(index.name == END for index in summary.metadata_indexes):
+        return None
+    shown = (_PICTURE.fullmatch(channel.topic) for channel in summary.channels.values())
+    return sorted({match[1] for match in shown if match})

@@ -38,17 +38,22 @@ class Scribe:
         failed: why a recording ended before its mission, by id.
         dropped: messages that there was no room for.
         full: why nothing can be recorded; empty while the disk takes what comes.
+        n_bytes, free_bytes: of all files, and left on their disk.
     """
 
-    def __init__(self, node: Node, settings: RecorderSettings, folder: Folder) -> None:
+    def __init__(
+        self, node: Node, settings: RecorderSettings, folder: Folder, keep_pictures_s: float | None = None
+    ) -> None:
+        """``keep_pictures_s``: recordings hold pictures, and may be no older; None: no such limit."""
         self._node, self._settings, self._folder = node, settings, folder
-        self._limits = Limits(settings.max_mb << 20, int(settings.max_days * 86_400e9))
+        ages_s = [s for s in (settings.max_days * 86_400, keep_pictures_s) if s]
+        self._limits = Limits(settings.max_mb << 20, int(min(ages_s, default=0) * 1e9))
         self._room = threading.Condition()
         self._waiting: deque[tuple[int, Callable[[], None]]] = deque()
         self._waiting_bytes, self._ended = 0, False
         self._files: dict[str, _Open] = {}
         self.failed: dict[str, str] = {}
-        self.dropped, self.full = 0, ""
+        self.dropped, self.full, self.n_bytes, self.free_bytes = 0, "", 0, 0
         self._thread = threading.Thread(target=self._run, name="scribe", daemon=True)
         self._thread.start()
 
@@ -87,7 +92,7 @@ class Scribe:
 
     def end(self, id: str, facts: Mapping[str, str]) -> None:
         """Closes a file with its last facts; none: its mission goes on without it."""
-        self._put(0, lambda: self._in_file(id, lambda opened: self._end(id, opened, facts)))
+        self._put(0, lambda: self._end_or_forget(id, facts))
 
     def close(self) -> None:
         """Writes what waits and closes all files."""
@@ -105,7 +110,8 @@ class Scribe:
             self._room.notify_all()
 
     def _run(self) -> None:
-        flush_at_s = tidy_at_s = 0.0
+        self._guarded(self._tidy)
+        flush_at_s, tidy_at_s = 0.0, time.monotonic() + _TIDY_S
         while True:
             with self._room:
                 if not self._waiting and not self._ended:
@@ -173,9 +179,20 @@ class Scribe:
         self._node.log.info("recorded", id=id, mb=round(opened.file.n_bytes / 2**20, 1), complete=bool(facts))
         self._tidy()
 
+    def _end_or_forget(self, id: str, facts: Mapping[str, str]) -> None:
+        """Ends a file; one that failed is history, if there is room again."""
+        self._in_file(id, lambda opened: self._end(id, opened, facts))
+        if self.failed.pop(id, None) is not None and not self.failed:
+            self._check_room()
+            self.full = ""
+
     def _flush(self) -> None:
         for id in list(self._files):
             self._in_file(id, self._flush_one)
+        self._guarded(self._measure)
+
+    def _measure(self) -> None:
+        self.n_bytes, self.free_bytes = sum(f.n_bytes for f in self._folder.kept()), self._folder.free_bytes()
 
     def _flush_one(self, opened: _Open) -> None:
         opened.file.flush()

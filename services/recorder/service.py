@@ -33,10 +33,10 @@ _STATUS_S = 1.0
 class RecorderService:
     """Follows missions, and has what is heard of them written."""
 
-    def __init__(self, node: Node, settings: RecorderSettings) -> None:
+    def __init__(self, node: Node, settings: RecorderSettings, keep_pictures_s: float | None = None) -> None:
         self._node, self._settings = node, settings
         self._folder = Folder(settings.folder)
-        self._scribe = Scribe(node, settings, self._folder)
+        self._scribe = Scribe(node, settings, self._folder, keep_pictures_s)
         fusion = Fusion(node)
         self._views = Views(node, fusion, self._scribe)
         self._meanings = Meanings(node, self._scribe)
@@ -66,14 +66,11 @@ class RecorderService:
         return more
 
     def status(self) -> RecorderStatus:
-        """How it is."""
-        try:
-            n_bytes, free_bytes, problem = sum(f.n_bytes for f in self._folder.kept()), self._folder.free_bytes(), ""
-        except OSError as error:
-            n_bytes, free_bytes, problem = 0, 0, f"the recordings can't be read: {error}"
+        """How it is. It touches no disk, which may hang."""
+        scribe = self._scribe
         return RecorderStatus(
-            stamp_ns=clock_ns(), recorder=self._settings.id, recording=self._scribe.open, dropped=self._scribe.dropped,
-            problem=self._scribe.full or self._views.problem or problem, n_bytes=n_bytes, free_bytes=free_bytes,
+            stamp_ns=clock_ns(), recorder=self._settings.id, recording=scribe.open, dropped=scribe.dropped,
+            problem=scribe.full or self._views.problem, n_bytes=scribe.n_bytes, free_bytes=scribe.free_bytes,
         )  # fmt: skip
 
     def close(self) -> None:

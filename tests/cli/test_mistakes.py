@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 
 import pytest
 
@@ -104,3 +107,14 @@ def test_foreign_names_are_shown_and_not_obeyed(typed, tmp_path):
     assert "owned" in out
     assert "0 of 1 files could be read" in out
     assert not set("\x1b\x07\u202e") & set(out + err)
+
+
+@pytest.mark.parametrize("arguments", [("bench", "policies"), ("--help",)])
+def test_whoever_reads_may_go_away(arguments):
+    read, write = os.pipe()
+    os.close(read)
+    run = subprocess.run(
+        [sys.executable, "-m", "cli.main", *arguments], stdout=write, stderr=subprocess.PIPE, text=True, check=False
+    )
+    os.close(write)
+    assert (run.returncode, run.stderr) == (1, "")

@@ -47,6 +47,28 @@ def test_all_is_ready_and_said_as_json(home_cache, monkeypatch):
     assert list(told["seconds"]) == ["furniture", "building", "models", "loops"]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "cameras", "area_m2"),
+    [
+        ([], 7, 50.0),
+        (["--building", "studio"], 4, 100.0),
+        (["--building", "studio", "--area-per-camera", "80"], None, 80.0),
+    ],
+)
+def test_it_makes_the_plan_that_up_asks_for(monkeypatch, arguments, cameras, area_m2):
+    monkeypatch.setenv("SURVEILNAV_SIM__CAMERAS", "7")
+    monkeypatch.setenv("SURVEILNAV_SIM__AREA_PER_CAMERA_M2", "50")
+    asked = []
+
+    def run_prepare(settings, *_, **__):
+        asked.append(settings)
+        return preparing.Prepared("b", [], [])
+
+    monkeypatch.setattr(preparing, "run_prepare", run_prepare)
+    assert CliRunner().invoke(app, ["prepare", *arguments]).exit_code == 0
+    assert (asked[0].cameras, asked[0].area_per_camera_m2) == (cameras, area_m2)
+
+
 def test_without_models_auto_takes_another_and_a_name_is_a_mistake(asked):
     backend, why = preparing._fetch_models(BackendName.AUTO, 0, CONSOLE)
     assert (backend, "stand in" in why) == ("simulated", True)

@@ -6,8 +6,9 @@ gamma, blur, noise, JPEG. Boxes are taken from the varied ids, so that they are 
 
 from __future__ import annotations
 
+import math
 import multiprocessing
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -33,6 +34,8 @@ _GREY = 114
 #: Chances of each way of varying.
 _CLUTTER, _BLUR, _NOISE, _JPEG = 0.3, 0.15, 0.3, 0.3
 _AHEAD = 3
+#: A class that more of the views show isn't drawn more often.
+_COMMON, _MOST_REPEATS = 0.5, 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +52,11 @@ class Example:
 
 
 class Views:
-    """All views of some packs, drawn by seed and step. Those of the first ``small_steps`` steps come on small canvases."""
+    """All views of some packs, drawn by seed and step. Those of the first ``small_steps`` steps come on small canvases.
+
+    A view with a rare class is drawn more often (repeat factors, Gupta et al. 2019): chairs show in half of the views,
+    toilets in one of twenty, and a network calls everything a chair before it has seen enough of others.
+    """
 
     def __init__(self, packs: Sequence[Pack], seed: int = 0, small_steps: int = 0) -> None:
         self._packs, self._seed, self._small_steps = packs, seed, small_steps
@@ -57,6 +64,12 @@ class Views:
         for p, pack in enumerate(packs):
             for i, view in enumerate(pack.views):
                 self._rows["robot" if view.kind == "robot" else "camera"].append((p, i))
+        repeats = repeat_factors([pack.views[i].labels for pack in packs for i in range(len(pack.views))])
+        of_label = np.array([repeats.get(label, 1.0) for label in range(1 + max(repeats, default=0))])
+        self._weights: dict[Kind, NDArray[np.float64]] = {
+            kind: np.cumsum([of_label[packs[p].views[i].labels].max(initial=1.0) for p, i in rows])
+            for kind, rows in self._rows.items()
+        }
 
     def __len__(self) -> int:
         return sum(map(len, self._rows.values()))
@@ -66,8 +79,8 @@ class Views:
         rng = np.random.default_rng([self._seed, step])
         kinds: list[Kind] = [kind for kind in ("robot", "camera") if self._rows[kind]]
         kind = kinds[0] if len(kinds) == 1 or rng.random() < _ROBOT_SHARE else kinds[1]
-        rows = self._rows[kind]
-        chosen = [rows[i] for i in rng.integers(len(rows), size=size)]
+        rows, weights = self._rows[kind], self._weights[kind]
+        chosen = [rows[i] for i in np.searchsorted(weights, rng.random(size) * weights[-1], side="right")]
         canvas = (SMALL_CANVAS if step < self._small_steps else CANVAS)[kind]
         return collate([varied(self._packs[p].view(i), canvas, rng) for p, i in chosen])
 
@@ -80,6 +93,13 @@ class Views:
                 while len(waiting) < _AHEAD * workers and step + len(waiting) < last:
                     waiting.append(pool.submit(make, step + len(waiting), size))
                 yield waiting.popleft().result()
+
+
+def repeat_factors(labels: Sequence[Sequence[int]]) -> dict[int, float]:
+    """By class, how often a view that shows it is drawn for one that shows none rarer: sqrt(t / share of views with it), 1
+    where the share is above ``_COMMON``. ``labels``: of each view's objects."""
+    often = Counter(label for shown in labels for label in set(shown))
+    return {label: min(_MOST_REPEATS, max(1.0, math.sqrt(_COMMON * len(labels) / n))) for label, n in often.items()}
 
 
 def _pool(views: Views, workers: int) -> Executor:

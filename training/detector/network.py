@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -132,6 +133,33 @@ class Pyramid(nn.Module):
         return [p3, p4, p5]
 
 
+class Branch(nn.Module):
+    """A branch of the head: separable convolutions that all strides share, with batch norms of their own for each stride.
+
+    One norm for all would learn by each stride's statistics, and be used with their mean: that costs most of what was learnt
+    (RTMDet, Lyu et al. 2022, separates them likewise).
+    """
+
+    def __init__(self, n: int, depth: int) -> None:
+        super().__init__()
+        self.convolutions = nn.ModuleList(
+            nn.Conv2d(n, n, kernel, padding=kernel // 2, groups=groups, bias=False)
+            for _ in range(depth) for kernel, groups in ((3, n), (1, 1))
+        )  # fmt: skip
+        self.norms = nn.ModuleList(
+            nn.ModuleList(nn.BatchNorm2d(n) for _ in self.convolutions) for _ in range(len(STRIDES))
+        )
+
+    def forward(self, x: Tensor, level: int) -> Tensor:
+        """``level``: the number of the stride."""
+        norms = cast(nn.ModuleList, self.norms[level])
+        for i, (convolution, norm) in enumerate(zip(self.convolutions, norms, strict=True)):
+            x = norm(convolution(x))
+            if i % 2:  # after the pointwise one
+                x = nn.functional.relu(x)
+        return x
+
+
 class CosineTable(nn.Module):
     """Logits of N rows: the cosine of a vector with each row's, scaled, and a bias a row."""
 
@@ -156,8 +184,7 @@ class Compact(nn.Module):
         shape = shape or Shape()
         n, K, D = shape.neck, shape.prototypes, shape.embedding
         self.backbone, self.pyramid = Backbone(shape), Pyramid(shape)
-        self.what = nn.Sequential(*(_separable(n, n) for _ in range(shape.head)))
-        self.where = nn.Sequential(*(_separable(n, n) for _ in range(shape.head)))
+        self.what, self.where = Branch(n, shape.head), Branch(n, shape.head)
         self.embed = nn.Conv2d(n, D, 1)
         self.sides_and_mask = nn.Conv2d(n, 4 + K, 1)
         self.level_scale = nn.Parameter(torch.zeros(len(STRIDES)))
@@ -175,8 +202,8 @@ class Compact(nn.Module):
         levels = self.pyramid(features[1:])
         embeddings, ltrb, coefficients = [], [], []
         for level, (x, stride) in enumerate(zip(levels, STRIDES, strict=True)):
-            embeddings.append(_rows(self.embed(self.what(x))))
-            rows = _rows(self.sides_and_mask(self.where(x))).float()
+            embeddings.append(_rows(self.embed(self.what(x, level))))
+            rows = _rows(self.sides_and_mask(self.where(x, level))).float()
             size = (rows[..., :4] + self.level_scale[level]).clamp(max=5.0).exp()
             ltrb.append(size * (_FIRST_SIZE * stride))
             coefficients.append(torch.tanh(rows[..., 4:]))

@@ -73,13 +73,19 @@ class Plan:
 class Training:
     """A run in progress. ``network`` learns, ``mean`` is the mean of its weights, which is what is used."""
 
-    def __init__(self, plan: Plan, views: Views, out: Path, shape: Shape | None = None, device: str = "cpu") -> None:
+    def __init__(
+        self, plan: Plan, views: Views, out: Path, shape: Shape | None = None, device: str = "cpu",
+        start: Path | None = None,
+    ) -> None:  # fmt: skip
+        """``start``: a checkpoint of another run, whose mean of weights this one begins with, if it hasn't begun yet."""
         torch.manual_seed(plan.seed)
         names = classes.load()
         self.plan, self.views, self.out, self.step = plan, views, out, 0
         self.device = torch.device(device)
         self.shape = shape or Shape()
         network = Compact(len(names.names), len(names.rooms), self.shape)
+        if start is not None:
+            network.load_state_dict(torch.load(start, map_location="cpu", weights_only=True)["mean"])
         self.network = network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.mean = copy.deepcopy(self.network).eval().requires_grad_(False)
         self.optimiser = torch.optim.AdamW(_groups(self.network, plan.decay), lr=plan.rate)
@@ -220,13 +226,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--workers", type=int, default=1, help="processes that make batches; 1: a thread")
     parser.add_argument("--bf16", action="store_true", help="convolutions in bfloat16")
+    parser.add_argument("--start", type=Path, help="a checkpoint of another run, whose weights this one begins with")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     args = parser.parse_args(argv)
     torch.set_num_threads(args.threads)
     packs = [pack for folder in args.views for pack in read_packs(folder, classes.load().names)]
     views = Views(packs, args.seed, round(args.small_share * args.steps))
     plan = Plan(args.steps, args.batch, args.rate, seed=args.seed, bf16=args.bf16, workers=args.workers)
-    training = Training(plan, views, args.out, device=args.device)
+    training = Training(plan, views, args.out, device=args.device, start=args.start)
     print(
         f"{n_parameters(training.network)} parameters, {len(views)} views, from step {training.step} of {plan.steps}",
         flush=True,

@@ -5,11 +5,12 @@ from __future__ import annotations
 from itertools import chain, islice
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Path, Query, Response
+from fastapi import APIRouter, Header, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from services.gateway.core.ranges import part_of
 from services.gateway.core.resources import ROOT, GrowingItems, Items, Recorder, Recording
+from services.gateway.looks import ALL_VIEWS, Looks
 from services.gateway.recordings import Recordings
 from services.gateway.routes.paging import Limit, Offset, page_of
 
@@ -21,7 +22,7 @@ _MCAP: dict[int | str, dict[str, Any]] = {
 }
 
 
-def router(found: Recordings) -> APIRouter:
+def router(found: Recordings, looks: Looks) -> APIRouter:
     """Recordings, their files, and who makes them."""
     router = APIRouter(prefix=ROOT, tags=["recordings"])
 
@@ -46,12 +47,13 @@ def router(found: Recordings) -> APIRouter:
 
     @router.get("/recordings/{id}/file", response_class=Response, responses=_MCAP)
     def file(
+        request: Request,
         id: RecordingId,
         range: Annotated[str, Header(max_length=100)] = "",
         if_range: Annotated[str, Header(max_length=200)] = "",
     ) -> Response:
         """The recording itself, MCAP; with ``Range`` a part of it: a download can go on where it broke off. Of one that is being
-        written: what there is now."""
+        written: what there is now. A look at each camera that it shows."""
         asked = found.one(id)
         total, tag = asked.n_bytes, f'"{id}-{asked.n_bytes}"'
         part = part_of(range, total) if range and if_range in ("", tag) else None
@@ -64,6 +66,8 @@ def router(found: Recordings) -> APIRouter:
             headers["Content-Range"] = f"bytes {first}-{after - 1}/{total}"
         parts = found.parts(asked, first, after)
         begin = list(islice(parts, 1))  # what is wrong is said before anything is sent
+        for camera in found.shown_by(asked):
+            looks.note(request, camera, ALL_VIEWS, "recording")
         return StreamingResponse(
             chain(begin, parts), 206 if part else 200, headers, media_type="application/octet-stream"
         )

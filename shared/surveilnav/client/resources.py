@@ -262,6 +262,7 @@ class Recording(TypedDict):
     started: str | None
     changed: str | None
     recorder: str
+    cameras: list[str] | None
     file: str
 
 

@@ -58,7 +58,8 @@ class RecorderStatus(Message, frozen=True, kw_only=True):
 
 
 class Recording(msgspec.Struct, frozen=True, kw_only=True):
-    """One file. ``state``: "recording" while it is written; "interrupted": its end is missing, it can be read so far."""
+    """One file. ``state``: "recording" while it is written; "interrupted": its end is missing, it can be read so far.
+    ``cameras``: those whose pictures it shows; None: nobody knows, as it isn't complete."""
 
     id: str
     mission: str
@@ -67,6 +68,7 @@ class Recording(msgspec.Struct, frozen=True, kw_only=True):
     started_ns: int
     changed_ns: int
     target: str = ""
+    cameras: list[str] | None = None
 
 
 class RecordingList(Message, frozen=True, kw_only=True):

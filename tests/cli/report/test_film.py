@@ -124,8 +124,8 @@ def test_a_failure_says_what_is_known_of_why(record):
     text = " ".join(reasons(failed, record.objects[1:2]))
     for words in (
         "Of 43 planned steps these led: 22 to what was confirmed as the target, 21 to edges of what was known.",
-        "The likeliest was object 7, called potted plant, with a confidence of 0.55; it is rejected: class flipped to vase.",
-        "1 edge of what was known waited",
+        "The likeliest was object 7, called potted plant, with a confidence of 0.55; it was rejected: class flipped to vase.",
+        "At the end, 2 edges of what was known waited to be explored.",
         "3 of 4 cameras were asked for pictures.",
         "At the end the robot was 3.2 m from",
     ):

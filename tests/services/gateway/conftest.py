@@ -175,6 +175,7 @@ class FakeBuilding:
     def _fusion(self) -> None:
         self._revision = self.fusion.publisher(contract.MAP_REVISION, floor="0")
         self.fusion.serve(contract.MAP_LAYER, self._layer)
+        self.fusion.serve(contract.FORGET_PICTURES, self._forget, keeper="f1")
         self.fusion.serve(contract.OBJECTS, self._objects)
         self.fusion.serve(contract.VIEW_PICTURE, self._picture)
         self.fusion.serve(contract.MAP_REVISION, lambda _: Answer(self._held(), ids={"floor": "0"}))
@@ -322,6 +323,9 @@ class FakeBuilding:
                 times={"queue": [0] * 20 + [3] + [0] * 53, "odd": [1]},
             )
         )
+
+    def _forget(self, request: Request) -> Answer:
+        return Answer(m.PicturesForgotten(stamp_ns=clock_ns(), keeper="f1", message="gone within seconds"))
 
     def _thumbnail(self, request: Request) -> Answer:
         if (action := request.message.action) != "thumbnail":

@@ -7,11 +7,9 @@ from contextlib import ExitStack
 import httpx
 import pytest
 
-from surveilnav.bus import Answer, clock_ns
+from surveilnav.bus import Node
 from surveilnav.client import Client
-from surveilnav.contract import FORGET_PICTURES
 from surveilnav.errors import GatewayError
-from surveilnav.messages import PicturesForgotten
 from tests.waiting import until
 
 
@@ -70,24 +68,10 @@ def test_no_picture_is_in_the_log_and_lists_have_pages(client):
 
 def test_past_pictures_are_forgotten_by_all_who_keep_any(client, building):
     client.get("/api/v1/cameras/c1/latest.jpg")
-    silent = client.delete("/api/v1/pictures")
-    assert (silent.status_code, silent.json()["type"].rpartition(":")[2]) == (504, "keeper_silent")
-    assert silent.json()["keepers"] == [{"keeper": "gateway", "message": "1 thumbnails are gone"}]
-    asked = []
-
-    def forget(request):
-        asked.append(request.message.reason)
-        return Answer(PicturesForgotten(stamp_ns=clock_ns(), keeper="f1", message="gone within seconds"))
-
-    building.fusion.serve(FORGET_PICTURES, forget, keeper="f1")
     with Client(str(client.base_url)) as program:
-        said = until(lambda: _forgotten(program))
-    assert said == [("gateway", "0 thumbnails are gone"), ("f1", "gone within seconds")]
-    assert asked
-
-
-def _forgotten(program):
-    try:
-        return [(k["keeper"], k["message"]) for k in program.forget_pictures()]
-    except GatewayError:
-        return None
+        said = [(k["keeper"], k["message"]) for k in program.forget_pictures()]
+        assert said == [("gateway", "1 thumbnails are gone"), ("f1", "gone within seconds")]
+        with Node("fusion", "f2", building.settings), pytest.raises(GatewayError) as refused:
+            until(lambda: program.forget_pictures() and None)
+    assert refused.value.name == "keeper_silent"
+    assert "f2" in str(refused.value)

@@ -42,6 +42,7 @@ class FakeRecorder:
             m.Recording(
                 id=id, mission=id[-2:], state="recording" if id == IDS[0] else "complete", n_bytes=len(content),
                 started_ns=10**18 + int(id[-1]) * 10**9, changed_ns=2 * 10**18, target="tv",
+                cameras=None if id == IDS[0] else ["c-shown"],
             )
             for id, content in self.files.items()
         ]  # fmt: skip
@@ -135,6 +136,20 @@ def test_a_recorder_that_answers_wrongly_is_named_before_anything_is_sent(client
     files.broken = True
     answer = client.get(f"/api/v1/recordings/{IDS[1]}/file")
     assert (answer.status_code, answer.json()["type"].rpartition(":")[2]) == (502, "bad_part")
+
+
+@pytest.mark.parametrize(("id", "camera"), [(IDS[1], "c-shown"), (IDS[0], "c1")])
+def test_who_downloads_a_recording_has_looked_at_its_cameras(client, files, id, camera):
+    """One that isn't complete doesn't say whom it shows: then it may be any."""
+
+    def looks():
+        told = client.get(f"/api/v1/cameras/{camera}/looks", params={"limit": 1000}).json()["items"]
+        return [(look["view"], look["what"]) for look in told if look["what"] == "recording"]
+
+    before = looks()
+    client.get(f"/api/v1/recordings/{id}/file", headers={"range": "bytes=0-9"})
+    assert looks() in (before, [*before, (-1, "recording")])  # the same again within a minute is one look
+    assert looks()
 
 
 def test_a_recording_is_deleted(client, files):

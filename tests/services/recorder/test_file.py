@@ -18,7 +18,7 @@ from services.recorder import file as file_module
 from services.recorder.core.drawer import Drawer
 from services.recorder.file import RecordingFile
 from services.recorder.folder import is_open
-from services.recorder.reading import RecordingError, is_whole, records, target_of
+from services.recorder.reading import RecordingError, cameras_in_whole, records, target_of
 
 MAPS = os.urandom(50_000)
 
@@ -63,7 +63,15 @@ def test_an_mcap_reader_has_all_of_it(tmp_path, tools):
             "mission",
             {"mission": "m1", "target": "tv"},
         )
-    assert is_whole(path)
+    assert cameras_in_whole(path) == []
+    other = tmp_path / "b.mcap"
+    file, drawer = RecordingFile(other), Drawer()
+    for i, source in enumerate(("camera/c2", "robot/r1", "camera/c1"), 1):
+        for line in drawer.lines(tools.heard_view(i, source)):
+            file.write(line)
+    file.note("end", {})
+    file.finish()
+    assert cameras_in_whole(other) == ["c1", "c2"]
     assert target_of(path) == "tv"
 
 
@@ -71,7 +79,7 @@ def test_a_file_that_isnt_closed_is_open_and_can_be_read_already(tmp_path, tools
     path = tmp_path / "a.mcap"
     file = write(path, tools, end=False)
     assert is_open(path)
-    assert not is_whole(path)
+    assert cameras_in_whole(path) is None
     assert len(messages(path)) == 30 * 6
     file.abandon()
     assert not is_open(path)
@@ -115,7 +123,7 @@ def test_kill_9_in_the_midst_of_writing_loses_what_came_after_the_last_flush_alo
     assert numbers == list(range(len(numbers)))
     assert len(numbers) > last
     assert not is_open(path)
-    assert not is_whole(path)
+    assert cameras_in_whole(path) is None
     assert target_of(path) == "tv"
 
 
@@ -143,7 +151,7 @@ def test_cut_off_anywhere_it_is_read_so_far(whole, tmp_path, data):
     path.write_bytes(everything[: data.draw(st.integers(8, len(everything) - 1))])
     found = summary_of(path)
     assert found == all_of_it[: len(found)]
-    assert not is_whole(path)
+    assert cameras_in_whole(path) is None
 
 
 @given(st.data())
@@ -156,7 +164,7 @@ def test_a_damaged_byte_makes_no_other_messages(whole, tmp_path, data):
     path.write_bytes(everything)
     seen = [m for m in summary_of(path) if isinstance(m, tuple)]
     assert set(seen) <= {m for m in all_of_it if isinstance(m, tuple)}
-    is_whole(path)
+    cameras_in_whole(path)
     target_of(path)
 
 

@@ -25,9 +25,10 @@ ID, OTHER = recording_id(10**18, "m1"), recording_id(10**18 + 10**9, "m2")
 def scribes():
     started = []
 
-    def start(tools, folder, **more):
+    def start(tools, folder, keep_s=None, **more):
         node = tools.node()
-        started.append(Scribe(node, tools.settings(folder, **more), Folder(folder)))
+        more = {"max_days": 0} | more  # the tests' recordings are of 2001
+        started.append(Scribe(node, tools.settings(folder, **more), Folder(folder), keep_s))
         return node, started[-1]
 
     yield start
@@ -127,7 +128,9 @@ def test_a_disk_that_fills_ends_the_recording_says_it_once_and_the_next_one_work
     assert scribe.open == []
     full.clear()
     scribe.hear([ID], tools.heard_view(50))  # its mission goes on
+    assert scribe.full
     scribe.end(ID, {"number": "50"})
+    tools.until(lambda: not scribe.full and not scribe.failed)
     scribe.begin(OTHER, {})
     scribe.hear([OTHER], tools.heard_view(1))
     scribe.end(OTHER, {"number": "1"})
@@ -154,27 +157,34 @@ def test_others_need_what_is_left_of_the_disk(tmp_path, tools, scribes, monkeypa
 
 
 def test_files_of_earlier_runs_make_room_first(tmp_path, tools, scribes):
-    ids = [recording_id(10**18 + i * 10**9, "old") for i in range(4)]
-    for i, id in enumerate(ids):
-        path = tmp_path / f"{id}.mcap"
-        path.write_bytes(bytes(1 << 20))
-        os.utime(path, ns=(i * 10**9, time.time_ns() - (10 - i) * 10**9))
+    (tmp_path / f"{ID}.mcap").touch()  # of 2001
+    _, scribe = scribes(tools, tmp_path, max_mb=3, max_days=30)
+    tools.until(lambda: not (tmp_path / f"{ID}.mcap").exists())  # it tidied at its start
+    now_ns = time.time_ns()
+    ids = [recording_id(now_ns - (10 - i) * 10**9, "old") for i in range(4)]
+    for id in ids:
+        (tmp_path / f"{id}.mcap").write_bytes(bytes(1 << 20))
     (tmp_path / "notes.mcap").write_bytes(bytes(9 << 20))
     (tmp_path / "precious.txt").write_bytes(bytes(9 << 20))
-    _, scribe = scribes(tools, tmp_path, max_mb=3)
-    scribe.begin(ID, {})
-    scribe.end(ID, {"number": "0"})
+    new = recording_id(now_ns, "m1")
+    scribe.begin(new, {})
+    tools.until(lambda: scribe.open)
+    assert len(Folder(tmp_path).kept()) == 4, "one went before, though the new file has next to nothing yet"
+    scribe.end(new, {"number": "0"})
     tools.until(lambda: states(tmp_path).get("m1") == "complete")
-    assert [f.id for f in Folder(tmp_path).kept()] == sorted([*ids[2:], ID], reverse=True)
+    assert [f.id for f in Folder(tmp_path).kept()] == [new, *reversed(ids[2:])]
     assert {p.name for p in tmp_path.glob("*")} >= {"notes.mcap", "precious.txt"}
 
 
-def test_old_files_go_though_there_is_room(tmp_path, tools, scribes):
-    path = tmp_path / f"{OTHER}.mcap"
-    path.write_bytes(b"x")
-    os.utime(path, (0, time.time() - 3 * 86_400))
-    scribes(tools, tmp_path, max_days=2.9)
-    tools.until(lambda: not path.exists())
+@pytest.mark.parametrize(("max_days", "keep_s"), [(2.9, None), (30, 2.9 * 86_400), (2.9, 1e9), (0, 2.9 * 86_400)])
+def test_old_files_go_though_there_is_room(tmp_path, tools, scribes, max_days, keep_s):
+    now_ns, day_ns = time.time_ns(), 86_400 * 10**9
+    young, old = (tmp_path / f"{recording_id(now_ns - k * day_ns, 'm')}.mcap" for k in (2, 3))
+    for path in (young, old):
+        path.write_bytes(b"x")
+    scribes(tools, tmp_path, max_days=max_days, keep_s=keep_s)
+    tools.until(lambda: not old.exists())
+    assert young.exists()
 
 
 def test_a_bug_costs_one_message(tmp_path, tools, scribes, monkeypatch):

@@ -231,6 +231,7 @@ def test_the_bus_hands_out_recordings_and_deletes_them(bus, recorder, tools):
     assert (part.message.n_bytes, part.message.total_bytes) == (20, path.stat().st_size)
     with pytest.raises(Refused, match="recording's id"):
         ask(contract.RECORDING_READ, m.RecordingPart(stamp_ns=1, id="../../etc/passwd", n_bytes=9), recorder="recorder")
-    assert ask(contract.RECORDER_STATUS, recorder="recorder").message.n_bytes == path.stat().st_size
+    size = path.stat().st_size
+    recorder.turn_until(lambda: ask(contract.RECORDER_STATUS, recorder="recorder").message.n_bytes == size)
     ask(contract.RECORDING_DELETE, removal, recorder="recorder")
     assert list(recorder.folder.glob("*.mcap")) == []

@@ -23,7 +23,7 @@ from training.detector import classes
 from training.detector.assign import Targets, assign, pairwise_iou
 from training.detector.export import export, write_card
 from training.detector.losses import giou, in_boxes
-from training.detector.network import Compact, boxes_of, n_parameters, places
+from training.detector.network import Branch, Compact, boxes_of, n_parameters, places
 
 NAMES = classes.load()
 C, R = len(NAMES.names), len(NAMES.rooms)
@@ -38,6 +38,18 @@ def network() -> Compact:
         if isinstance(module, torch.nn.BatchNorm2d):
             torch.nn.init.uniform_(module.weight, 0.5, 1.5)
     return network
+
+
+def test_each_stride_has_its_own_statistics() -> None:
+    """The head is used with the statistics that it learnt by: else what it says changes between learning and use."""
+    torch.manual_seed(0)
+    branch = Branch(8, 2)
+    levels = [scale * torch.randn(4, 8, 16, 16) + scale for scale in (0.1, 1.0, 10.0)]
+    for _ in range(200):
+        learning = [branch(x, level) for level, x in enumerate(levels)]
+    branch.eval()
+    for level, x in enumerate(levels):
+        torch.testing.assert_close(branch(x, level), learning[level], atol=0.05, rtol=0.05)
 
 
 def test_it_keeps_its_budget(network: Compact) -> None:

@@ -11,7 +11,7 @@ import torch
 
 from surveilnav.perception.boxes import Boxes, merged, overlaps
 from training.detector import classes
-from training.detector.data import CANVAS, Views, collate, plain, varied
+from training.detector.data import CANVAS, Views, collate, plain, repeat_factors, varied
 from training.detector.network import Shape, boxes_of, places
 from training.detector.pack import Pack
 from training.detector.train import Plan, Training
@@ -51,6 +51,21 @@ def test_training_begins_with_small_pictures(pack: Pack) -> None:
     assert all(max(side) == 320 for side in sides[2:])
 
 
+def test_rare_classes_are_drawn_more_often() -> None:
+    shown = [[0], [0, 0, 1], [0], [0], [0, 2], *[[0]] * 95]
+    assert repeat_factors(shown) == {0: 1.0, 1: 5.0, 2: 5.0}  # sqrt(.5 / .01) is more than 5
+    assert repeat_factors([[0], [0], [0], [1]])[1] == pytest.approx(np.sqrt(0.5 / 0.25))
+
+
+def test_a_view_with_a_rare_class_comes_more_often(pack: Pack) -> None:
+    views = Views([pack])
+    weights = views._weights["robot"]
+    shares = np.diff(weights, prepend=0.0)
+    repeats = repeat_factors([view.labels for view in pack.views])
+    rows = [pack.views[i] for _, i in views._rows["robot"]]
+    assert shares == pytest.approx([max([1.0, *(repeats[label] for label in row.labels)]) for row in rows])
+
+
 @pytest.mark.slow
 def test_processes_make_the_same_batches(pack: Pack) -> None:
     views = Views([pack], seed=2)
@@ -76,6 +91,16 @@ def test_after_a_kill_it_ends_with_the_same_weights(pack: Pack, tmp_path: Path) 
     rows = list(csv.DictReader((tmp_path / "parts" / "curve.csv").open(encoding="utf-8")))
     assert [row["step"] for row in rows] == ["1", "2", "3", "4"]
     assert (tmp_path / "parts" / "curve.png").stat().st_size > 1000
+
+
+def test_a_run_begins_with_the_weights_of_another(pack: Pack, tmp_path: Path) -> None:
+    views, plan = Views([pack]), Plan(steps=2, batch=2)
+    first = Training(plan, views, tmp_path / "first", TINY)
+    first.run()
+    other = Training(plan, views, tmp_path / "other", TINY, start=first.checkpoint)
+    assert other.step == 0
+    for a, b in zip(first.mean.parameters(), other.network.parameters(), strict=True):
+        assert torch.equal(a, b)
 
 
 @pytest.mark.slow

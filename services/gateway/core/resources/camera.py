@@ -47,8 +47,8 @@ class CameraLook(BaseModel):
 
     time: datetime
     client: str = Field(description="the address of who looked")
-    view: int
-    what: str = Field(description="thumbnail, latest, tile or history (of an object)")
+    view: int = Field(description="-1: all of them")
+    what: str = Field(description="thumbnail, latest, tile, history (of an object) or recording")
 
 
 class PictureKeeper(BaseModel):

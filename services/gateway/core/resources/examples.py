@@ -104,6 +104,7 @@ RECORDING: dict[str, Any] = {
     "started": "2026-01-31T10:00:00.250000Z",
     "changed": "2026-01-31T10:01:12Z",
     "recorder": "recorder",
+    "cameras": ["c0-1"],
     "file": "/api/v1/recordings/20260131T100000250Z_m-0123456789ab/file",
 }
 RECORDER: dict[str, Any] = {

@@ -23,6 +23,7 @@ class Recording(BaseModel):
     started: Time
     changed: Time = Field(description="when something was last written to it")
     recorder: str
+    cameras: list[str] | None = Field(description="whose pictures it shows; null: not known, as it isn't complete")
     file: str = Field(description="address of the file itself, MCAP; ranges of it can be had")
 
     @classmethod
@@ -30,7 +31,8 @@ class Recording(BaseModel):
         """A file that a recorder tells of."""
         return cls(
             id=kept.id, mission=kept.mission, target=kept.target, state=kept.state, n_bytes=kept.n_bytes,
-            started=kept.started_ns, changed=kept.changed_ns, recorder=recorder, file=f"{root}/recordings/{kept.id}/file",
+            started=kept.started_ns, changed=kept.changed_ns, recorder=recorder, cameras=kept.cameras,
+            file=f"{root}/recordings/{kept.id}/file",
         )  # type: ignore[arg-type]  # fmt: skip
 
 

@@ -28,6 +28,7 @@ function found(now) {
   for (const w of workers) if (w.stale && workers.length > 1) add(`worker ${w.id}`, "warn", `Perception worker ${w.id} is gone`, w.last_seen);
   for (const kind of one("readiness", "")?.missing ?? []) if (kind !== "robot") add(`missing ${kind}`, "bad", MISSING[kind] ?? `${kind} is missing`, lastOf(kind));
   for (const s of all("service")) if (s.given_up) add(`service ${s.id}`, "bad", `${s.id} ended too often (${s.why ?? "no reason known"}) and isn't started any more`, s.restarted);
+  for (const r of all("recorder")) if (r.problem && !r.stale) add(`recorder ${r.id}`, "warn", `Not everything is recorded: ${r.problem}`, null);
   for (const f of all("floor")) if (f.perception_ok === false && !f.stale) add(`floor ${f.id}`, "warn", f.message || `Perception doesn't answer for floor ${f.id}`, null);
   return list;
 }

@@ -47,11 +47,11 @@ def test_what_stays_fits_and_is_newer_than_what_went_for_room(files, n_bytes, ag
     assert not any(f.open for f in went)
     closed = [f for f in stays if not f.open]
     if age_ns:
-        assert all(now_ns - f.ended_ns <= age_ns for f in closed)
+        assert all(now_ns - f.started_ns <= age_ns for f in closed)
     if n_bytes:
         assert sum(f.n_bytes for f in stays) <= n_bytes or not closed
-    assert all(a.ended_ns <= b.ended_ns for a in went for b in closed)
-    by_age = [f for f in went if age_ns and now_ns - f.ended_ns > age_ns]
+    assert all(a.started_ns <= b.started_ns for a in went for b in closed)
+    by_age = [f for f in went if age_ns and now_ns - f.started_ns > age_ns]
     for_room = [f for f in went if f not in by_age]
     if for_room:  # without the last of them it would have been too much
-        assert 0 < n_bytes < sum(f.n_bytes for f in stays) + max(for_room, key=lambda f: (f.ended_ns, f.id)).n_bytes
+        assert 0 < n_bytes < sum(f.n_bytes for f in stays) + max(for_room, key=lambda f: (f.started_ns, f.id)).n_bytes
