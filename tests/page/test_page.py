@@ -171,7 +171,8 @@ def test_a_page_left_open_for_a_day_takes_no_more_and_no_more_memory(open_page):
         const base = document.querySelector("script[type=module]").src.replace("main.js", "");
         const [store, trails, rates] = await Promise.all(["store", "trails", "rates"].map(n => import(`${base}${n}.js`)));
         const robot = store.all("robot")[0];
-        for (let i = 0; i < 86400; i++) store.put("robot", "walker", { ...robot, id: "walker", position_m: [i * 0.1, Math.sin(i), 0] });
+        const at = i => ({ ...robot, id: "walker", position_m: [i * 0.1, Math.sin(i), 0] });
+        for (let i = 0; i < 86400; i++) store.put("robot", "walker", at(i));
         for (let i = 0; i < 2000; i++) rates.sample(1000 * i);
         const kept = { trail: trails.trailOf("walker").length, rates: rates.ratesOf("total").length };
         store.put("robot", "walker", null);
