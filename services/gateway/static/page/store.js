@@ -5,12 +5,13 @@ export const KINDS = ["building", "readiness", "floor", "camera", "robot", "work
 const REDRAW_MS = 150;
 
 const things = Object.fromEntries(KINDS.map(kind => [kind, new Map()]));
+const order = new Intl.Collator(undefined, { numeric: true }); // c2 before c10
 const listeners = new Set();
 const redraws = new Set();
 let timer = 0;
 
 /** All things of a kind, in the order of their ids. */
-export const all = kind => [...things[kind].values()].sort((a, b) => String(a.id).localeCompare(String(b.id), undefined, { numeric: true }));
+export const all = kind => [...things[kind].values()].sort((a, b) => order.compare(a.id, b.id));
 export const entries = kind => [...things[kind].entries()];
 export const one = (kind, id) => things[kind].get(id);
 

@@ -44,7 +44,7 @@ export function MissionCard({ mission: m }) {
     <div class="row head"><h3>${m.target}</h3><${StateBadge} mission=${m} /><span class="grow"></span><${MissionId} id=${m.id} /></div>
     ${m.asked && html`<p class="soft">asked for as “${m.asked}”</p>`}
     ${m.stale && html`<p class="warn-text">The planner is gone: this is how it was.</p>`}
-    <p class="why" aria-live="polite">${plan?.why || m.message || m.phase}</p>
+    <p class="why">${plan?.why || m.message || m.phase}</p>
     <${Progress} mission=${m} />
     <dl class="facts">
       <${Fact} name="waypoint in" value=${metres(m.distance_remaining_m)} />
