@@ -34,13 +34,13 @@ def where(page: Any) -> str:
     return str(page.locator("[data-robot]").inner_text())
 
 
-def pixels(page: Any) -> int:
+def pixels(page: Any, canvas: str = "canvas") -> int:
     """How many pixels of the map are drawn."""
     drawn = """c => {
         const { data } = c.getContext("2d").getImageData(0, 0, c.width, c.height);
         return new Uint32Array(data.buffer).filter(p => p >>> 24).length;
     }"""
-    return int(page.locator("canvas").evaluate(drawn))
+    return int(page.locator(canvas).evaluate(drawn))
 
 
 def test_a_search_from_the_form_to_the_confirmed_object(open_page):
@@ -146,6 +146,41 @@ def test_layers_are_switched(open_page):
     for name in ("explored", "obstacles", "frontiers", "value", "camera views"):
         page.get_by_role("button", name=name, exact=True).click()
     until(lambda: pixels(page) < drawn / 2)
+
+
+def test_the_cloud_is_loaded_when_it_is_opened_and_given_back(open_page):
+    page = open_page()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.get_by_role("button", name="3D").click()
+    page.locator(".cut .soft").filter(has_text=re.compile("points|WebGL")).wait_for()
+    if "WebGL" in page.locator(".cut .soft").inner_text():
+        pytest.skip("this Chromium draws nothing in 3D")
+    assert any("/page/cloud/" in url for url in asked), "loaded before anybody wanted it"
+    until(lambda: pixels(page, "canvas.names") > 500)
+    page.locator("canvas.names").focus()
+    page.keyboard.press("ArrowLeft")
+    page.get_by_role("button", name="3D").click()
+    page.locator(".switches").wait_for()
+
+
+def test_a_page_left_open_for_a_day_takes_no_more_and_no_more_memory(open_page):
+    """A day of poses and traffic in a second, put where the stream puts them."""
+    page = open_page()
+    kept = page.evaluate("""async () => {
+        const base = document.querySelector("script[type=module]").src.replace("main.js", "");
+        const [store, trails, rates] = await Promise.all(["store", "trails", "rates"].map(n => import(`${base}${n}.js`)));
+        const robot = store.all("robot")[0];
+        const at = i => ({ ...robot, id: "walker", position_m: [i * 0.1, Math.sin(i), 0] });
+        for (let i = 0; i < 86400; i++) store.put("robot", "walker", at(i));
+        for (let i = 0; i < 2000; i++) rates.sample(1000 * i);
+        const kept = { trail: trails.trailOf("walker").length, rates: rates.ratesOf("total").length };
+        store.put("robot", "walker", null);
+        return { ...kept, after: trails.trailOf("walker").length };
+    }""")
+    assert 100 < kept["trail"] <= 1200
+    assert 100 < kept["rates"] <= 300
+    assert kept["after"] == 0, "who is gone leaves no trail"
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

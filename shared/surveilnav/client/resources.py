@@ -151,6 +151,19 @@ class MissionPlan(TypedDict):
     candidates: list[Place]
 
 
+class MissionTraffic(TypedDict):
+    last_seen: str | None
+    stale: bool
+    mission: str
+    offered_bytes: int
+    delivered_bytes: int
+    wire_sent_bytes: int
+    alone: bool
+    whole: bool
+    per_step_bytes: float | None
+    at_most_bytes: float | None
+
+
 class NewMission(TypedDict):
     target: str
     robot: NotRequired[str | None]
