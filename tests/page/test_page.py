@@ -152,7 +152,7 @@ def test_the_cloud_is_loaded_when_it_is_opened_and_given_back(open_page):
     page = open_page()
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
-    page.get_by_role("button", name="3D").click()
+    page.get_by_role("button", name="3D", exact=True).click()
     page.locator(".cut .soft").filter(has_text=re.compile("points|WebGL")).wait_for()
     if "WebGL" in page.locator(".cut .soft").inner_text():
         pytest.skip("this Chromium draws nothing in 3D")
@@ -160,7 +160,7 @@ def test_the_cloud_is_loaded_when_it_is_opened_and_given_back(open_page):
     until(lambda: pixels(page, "canvas.names") > 500)
     page.locator("canvas.names").focus()
     page.keyboard.press("ArrowLeft")
-    page.get_by_role("button", name="3D").click()
+    page.get_by_role("button", name="3D", exact=True).click()
     page.locator(".switches").wait_for()
 
 
