@@ -9,7 +9,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-homes bench-association bench-calibration docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -66,6 +66,9 @@ bench-perception: $(READY) ## what a perception worker serves: throughput, overl
 
 bench-bus: $(READY) ## what a frozen reader or a slow link does to everybody else, by congestion control (half an hour or more)
 	$(BIN)/python tests/bench/bench_bus.py $(ARGS)
+
+bench-gateway: $(READY) ## what pages and programs cost the gateway, and the search beside them (7 minutes)
+	$(BIN)/python tests/bench/bench_gateway.py $(ARGS)
 
 bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from rich.console import Console
 
 from simulator.furniture.assets import is_here as is_here_already
-from simulator.simulation import SimulatedBuilding, SimulationSettings
+from simulator.simulation import Progress, SimulatedBuilding, SimulationSettings
 from simulator.sources import EXAMPLE_HOMES
 from surveilnav.config import cache_dir, models_dir, offline
 from surveilnav.errors import SurveilNavError
@@ -35,10 +35,10 @@ class Finding:
         return asdict(self)
 
 
-def examine(building: str = "") -> list[Finding]:
+def examine(building: str = "", progress: Progress | None = None) -> list[Finding]:
     """Looks at Python, packages, furniture, models, disk, Docker, and a building if one is named."""
     findings = [_python(), *_packages(), _assets(), _built_in(), _models(), _disk(), _docker()]
-    return [*findings, *([_building(building)] if building else [])]
+    return [*findings, *([_building(building, progress)] if building else [])]
 
 
 def _python() -> Finding:
@@ -116,10 +116,10 @@ def _docker() -> Finding:
     return Finding("docker", "note", "not installed: only `docker compose up` needs it", "apt-get install docker.io")
 
 
-def _building(name: str) -> Finding:
+def _building(name: str, progress: Progress | None) -> Finding:
     """How much of a building robots can reach."""
     try:
-        building = SimulatedBuilding(SimulationSettings(building=name))
+        building = SimulatedBuilding(SimulationSettings(building=name), progress)
         reach = building.reach
     except SurveilNavError as error:
         return Finding("building", "missing", str(error), "surveilnav buildings")

@@ -101,9 +101,14 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Hash models anew, and compare. Exit 1 if one is damaged, or named and not here. A model's id ends with its digest."""
+    from cli.progress import counting
     from surveilnav.perception import models
 
-    seen = {name: models.survey(name, anew=True) for name in names or models.CATALOGUE}
+    asked, seen = list(names or models.CATALOGUE), dict[str, models.Seen]()
+    with counting(console, "models") as progress:  # gigabytes are hashed
+        for name in asked:
+            progress(len(seen), len(asked), name)
+            seen[name] = models.survey(name, anew=True)
     if not names:
         seen = {name: found for name, found in seen.items() if found.path}
     faults = {name: found.fault or ("" if found.path else _not_here(name)) for name, found in seen.items()}

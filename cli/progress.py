@@ -20,22 +20,17 @@ from rich.progress import (
     TransferSpeedColumn,
 )
 
+from cli.words import duration
+
 _SAY_EVERY_S = 15.0
 
 
 @contextmanager
 def bar(console: Console) -> Iterator[Callable[[float, str], None]]:
-    """A function (fraction 0-1, what is done) that moves a progress bar; plain lines where there is no terminal."""
+    """A function (fraction 0-1, what is done) that moves a progress bar; lines where there is no terminal. Each kind of work
+    (what is said before a parenthesis) has a fraction and a time of its own."""
     if not console.is_terminal:
-        said: set[str] = set()
-
-        def say(fraction: float, what: str) -> None:
-            """A line for each kind of work."""
-            if what not in said:
-                said.add(what)
-                console.print(f"  {what} ...")
-
-        yield say
+        yield _Told(console).say
         return
     columns = (
         SpinnerColumn(),
@@ -45,8 +40,40 @@ def bar(console: Console) -> Iterator[Callable[[float, str], None]]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("", total=1.0)
-        yield lambda fraction, what: progress.update(task, completed=fraction, description=what)
+        task, kind = progress.add_task("", total=1.0), ""
+
+        def move(fraction: float, what: str) -> None:
+            """Another kind of work begins a bar of its own: the pace of the last one says nothing of it."""
+            nonlocal kind
+            if _kind(what) != kind:
+                kind = _kind(what)
+                progress.reset(task)
+            progress.update(task, completed=fraction, description=what)
+
+        yield move
+
+
+def _kind(what: str) -> str:
+    return what.partition(" (")[0]
+
+
+class _Told:
+    """Progress for a file: a line for each kind of work, and every now and then how long it will take."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._kind, self._began_s, self._said_s, self._first = "", 0.0, 0.0, 0.0
+
+    def say(self, fraction: float, what: str) -> None:
+        """What is done now, and how much of it [0-1]."""
+        now_s = time.monotonic()
+        if _kind(what) != self._kind:
+            self._kind, self._began_s, self._said_s, self._first = _kind(what), now_s, now_s, fraction
+            self._console.print(f"  {self._kind} ...", markup=False)
+        elif now_s - self._said_s >= _SAY_EVERY_S and fraction > self._first:
+            self._said_s = now_s
+            left_s = (now_s - self._began_s) / (fraction - self._first) * (1.0 - fraction)
+            self._console.print(f"  {what}: {100 * fraction:.0f} %, {duration(left_s)} left", markup=False)
 
 
 @contextmanager
@@ -70,7 +97,8 @@ def counting(console: Console, things: str) -> Iterator[Callable[[int, int, str]
         if now_s - said_s < _SAY_EVERY_S and done < of:
             return
         said_s = now_s
-        left = f", {(now_s - began_s) / (done - first) * (of - done) / 60:.0f} min left" if done > first else ""
+        left_s = (now_s - began_s) / (done - first) * (of - done) if done > first else 0.0
+        left = f", {duration(left_s)} left" if left_s else ""
         console.print(f"  {done} of {of} {things}{left} {which}".rstrip())
 
     yield say

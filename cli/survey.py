@@ -87,8 +87,10 @@ def doctor(
 ) -> None:
     """Say what is missing on this machine, and how to get it. Exit 1 if something must be mended."""
     from cli.doctor import examine, show
+    from cli.progress import bar
 
-    findings = examine(building)
+    with bar(console) as progress:
+        findings = examine(building, progress)
     if as_json:
         print_json({"findings": [f.as_dict() for f in findings]})
     else:

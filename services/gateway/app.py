@@ -40,7 +40,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     )
     app.add_middleware(refusals.Refusals, problem=refusals.check(allowed_hosts))
     problem_answers.answer_failures(app)
-    app.include_router(missions.router(gateway.missions))
+    app.include_router(missions.router(gateway.missions, gateway.costs))
     app.include_router(cameras.router(gateway.cameras, gateway.looks))
     app.include_router(pictures.router(gateway.pictures))
     app.include_router(sources.router(gateway.sources))

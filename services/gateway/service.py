@@ -14,6 +14,7 @@ from services.gateway.cameras import Cameras
 from services.gateway.core.metrics import Heard
 from services.gateway.core.resources import NEEDED, Building, Readiness, RobotHalt, Service, Traffic
 from services.gateway.core.traffic import sum_traffic
+from services.gateway.costs import MissionCosts
 from services.gateway.events import Events
 from services.gateway.live import Live, Things
 from services.gateway.looks import Looks
@@ -48,7 +49,8 @@ class Gateway:
         self.objects = Objects(self._state)
         self.recordings = Recordings(self._state)
         self.events = Events()
-        self._watch = Watch(self._state, self.cameras, self.sources, self.events)
+        self.costs = MissionCosts(self._state, self.missions)
+        self._watch = Watch(self._state, self.cameras, self.sources, self.events, self.costs)
         self.live = Live(node, self._shown())
         self.tiles = Tiles(node, self.cameras)
 
@@ -65,6 +67,7 @@ class Gateway:
             "service": lambda: {s.id: s for s in self.services()},
             "mission": lambda: {m.id: m for m in self.missions.all()[:_MISSIONS_SHOWN]},
             "plan": lambda: {p.mission: p for p in self.missions.plans()},
+            "cost": self.costs.all,
             "object": lambda: dict(ChainMap(*self._watch.objects.values())),
             "traffic": lambda: self.traffic().by_source(),
         }

@@ -12,6 +12,7 @@ from services.gateway.core import changes
 from services.gateway.core.changes import CameraState, Change, RobotSituation, Tracked
 from services.gateway.core.resources import Object
 from services.gateway.core.resources.event import Event
+from services.gateway.costs import MissionCosts
 from services.gateway.events import Events
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
@@ -30,9 +31,11 @@ _SERVICES = ("planner", "fusion", "perception")
 class Watch:
     """Compares the state of the building with what it was, on a thread of its own, until the node ends."""
 
-    def __init__(self, state: BuildingState, cameras: Cameras, sources: Sources, events: Events) -> None:
+    def __init__(
+        self, state: BuildingState, cameras: Cameras, sources: Sources, events: Events, costs: MissionCosts
+    ) -> None:
         self._state, self._node = state, state.node
-        self._all_cameras, self._sources, self._events = cameras, sources, events
+        self._all_cameras, self._sources, self._events, self._costs = cameras, sources, events, costs
         self._lock = threading.Lock()  # missions are told of by the bus's thread, too
         self._missions: Tracked[MissionStatus] = Tracked(changes.of_mission)
         self._cameras: Tracked[CameraState] = Tracked(changes.of_camera)
@@ -59,7 +62,8 @@ class Watch:
                     self._node.log.exception("watching failed")
 
     def look(self) -> None:
-        """Compares all but the objects with what was."""
+        """Compares all but the objects with what was, and counts what missions cost."""
+        self._costs.look()
         for row in self._state.missions.newest("mission").values():
             self._on_mission(row)
         self._tell("camera", self._cameras.update(self._camera_states()), Event.of_camera)

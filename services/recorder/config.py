@@ -30,4 +30,4 @@ class RecorderSettings(BaseSettings):
         default=32, ge=1, description="what may wait for a slow disk; messages beyond it are dropped and counted"
     )
     layers_s: float = Field(default=3.0, gt=0, description="between two drawings of a floor's grids and objects")
-    cloud_s: float = Field(default=15.0, gt=0, description="between two drawings of a floor's cloud")
+    cloud_s: float = Field(default=30.0, gt=0, description="between two drawings of a floor's cloud")

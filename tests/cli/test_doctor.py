@@ -20,7 +20,7 @@ def test_it_says_what_robots_reach_of_a_building():
 
 def test_it_says_what_they_cant_reach(monkeypatch):
     class Building:
-        def __init__(self, settings):
+        def __init__(self, settings, progress):
             self.reach = Reach((FloorReach("0", "", 9.0, 4.0),), ("no stair leads to level 1",))
 
     monkeypatch.setattr(cli.doctor, "SimulatedBuilding", Building)

@@ -28,6 +28,7 @@ SERVICES = {
     "robot": ("services.robot_node", ""),
     "camera-c0-1": ("services.camera_node", "SURVEILNAV_CAMERA__ID=c0-1"),
     "gateway": ("services.gateway", ""),
+    "recorder": ("services.recorder", ""),
 }
 #: The services that /readyz asks for.
 _NEEDED = ("router", "perception", "fusion", "planner", "robot")
@@ -82,6 +83,8 @@ class Up:
             if name.startswith("camera"):
                 cameras = self.gateway.get("/api/v1/cameras").json()["items"]
                 return any(name == f"camera-{c['id']}" and not c["stale"] for c in cameras)
+            if name == "recorder":
+                return any(not r["stale"] for r in self.gateway.get("/api/v1/recorders").json()["items"])
             ready = self.gateway.get("/readyz").json()
             if name == "perception":
                 workers = self.gateway.get("/api/v1/perception").json()["items"]

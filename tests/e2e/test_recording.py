@@ -155,3 +155,18 @@ def test_the_recorder_may_be_killed_at_any_moment(recorded):
     cut_off = check(first)
     assert (cut_off.recorded, cut_off.same) == ("", False)
     assert check(second).same
+
+
+def test_fusion_may_be_killed_and_the_recording_stays_whole(recorded):
+    s = recorded
+    s.search("toilet", mission="fusion-dies", max_steps=30)
+    s.wait(lambda m: m.step >= 4, 120, "fusion-dies")
+    s.kill("fusion")
+    s.stack.start("fusion")
+    s.wait(lambda m: m.state in FINISHED_STATES, 200, "fusion-dies")
+    until(
+        lambda: list(files(s, "fusion-dies").values()) == ["complete"], lambda: files(s, "fusion-dies"), timeout_s=40.0
+    )
+    outcome = check(next(iter(files(s, "fusion-dies"))))
+    assert outcome.recorded
+    assert outcome.same

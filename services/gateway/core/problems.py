@@ -23,6 +23,7 @@ STATUS_OF = {
     "bad_view": 404,
     "no_plan": 404,
     "no_picture": 404,
+    "no_traffic": 404,
     "unknown_picture": 404,
     "unknown_recording": 404,
     "busy": 503,

@@ -6,12 +6,13 @@ from typing import Annotated
 
 from fastapi import APIRouter, Body, Header, Query, Response
 
-from services.gateway.core.resources import ROOT, GrowingItems, Mission, MissionPlan, NewMission
+from services.gateway.core.resources import ROOT, GrowingItems, Mission, MissionPlan, MissionTraffic, NewMission
+from services.gateway.costs import MissionCosts
 from services.gateway.missions import Missions
 from services.gateway.routes.paging import Id, Limit, Offset
 
 
-def router(found: Missions) -> APIRouter:
+def router(found: Missions, costs: MissionCosts) -> APIRouter:
     """Submit, list, follow, pause and cancel missions."""
     router = APIRouter(prefix=f"{ROOT}/missions", tags=["missions"])
 
@@ -57,5 +58,10 @@ def router(found: Missions) -> APIRouter:
     def plan(id: Id) -> MissionPlan:
         """The planner's present plan: waypoint, path, and what else it weighed."""
         return found.plan(id)
+
+    @router.get("/{id}/traffic")
+    def traffic(id: Id) -> MissionTraffic:
+        """What cameras and robots sent while it ran, and what that may come to."""
+        return costs.one(id)
 
     return router

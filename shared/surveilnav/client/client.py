@@ -70,6 +70,10 @@ class Client:
         """One mission."""
         return cast("r.Mission", self._json("GET", f"missions/{_id(id)}"))
 
+    def mission_traffic(self, id: str) -> r.MissionTraffic:
+        """What cameras and robots sent while it ran, and what that may come to."""
+        return cast("r.MissionTraffic", self._json("GET", f"missions/{_id(id)}/traffic"))
+
     def plan(self, id: str) -> r.MissionPlan:
         """Its present plan: what was weighed, and why."""
         return cast("r.MissionPlan", self._json("GET", f"missions/{_id(id)}/plan"))

@@ -129,6 +129,7 @@ class Mission(TypedDict):
     elapsed_s: float | None
     floor: str | None
     found: bool
+    judged: bool | None
     object_id: int | None
     error: str | None
     message: str
@@ -149,6 +150,19 @@ class MissionPlan(TypedDict):
     waypoint: Place | None
     path_m: list[list[float | None]]
     candidates: list[Place]
+
+
+class MissionTraffic(TypedDict):
+    last_seen: str | None
+    stale: bool
+    mission: str
+    offered_bytes: int
+    delivered_bytes: int
+    wire_sent_bytes: int
+    alone: bool
+    whole: bool
+    per_step_bytes: float | None
+    at_most_bytes: float | None
 
 
 class NewMission(TypedDict):

@@ -83,6 +83,9 @@ def test_the_state_of_everything_and_then_what_changes(client, building):
         status = building.missions[id]
         building.put_status(msgspec.structs.replace(status, stamp_ns=clock_ns(), state="active", step=3))
         until(lambda: live.known["mission", id]["step"] == 3)
+        until(lambda: live.known.get(("cost", id)), "nobody counts what it costs")
+        assert client.get(f"/api/v1/missions/{id}/traffic").json()["mission"] == id
+        assert client.get("/api/v1/missions/nobodys/traffic").status_code == 404
         building.put_status(msgspec.structs.replace(status, stamp_ns=clock_ns(), state="done", step=4))
         until(lambda: live.known["mission", id]["state"] == "done")
 

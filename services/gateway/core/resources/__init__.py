@@ -16,10 +16,11 @@ from services.gateway.core.resources.readiness import NEEDED, Readiness
 from services.gateway.core.resources.recording import Recorder, Recording
 from services.gateway.core.resources.robot import Robot, RobotHalt, Target, Worker
 from services.gateway.core.resources.service import Service
-from services.gateway.core.resources.traffic import Traffic
+from services.gateway.core.resources.traffic import MissionTraffic, Traffic
 
 __all__ = [
-    "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "CameraLook", "Floor", "GrowingItems", "Items", "Layer", "Mission",
-    "MissionPlan", "NewMission", "Object", "PictureKeeper", "Readiness", "Recorder", "Recording", "Robot", "RobotHalt",
+    "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "CameraLook", "Floor", "GrowingItems", "Items", "Layer",
+    "Mission", "MissionPlan", "MissionTraffic", "NewMission", "Object", "PictureKeeper", "Readiness", "Recorder", "Recording",
+    "Robot", "RobotHalt",
     "Service", "Target", "Traffic", "Worker",
 ]  # fmt: skip

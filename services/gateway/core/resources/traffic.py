@@ -5,7 +5,9 @@ from __future__ import annotations
 from pydantic import BaseModel, Field
 
 from services.gateway.core import traffic as sums
-from services.gateway.core.resources.base import Resource
+from services.gateway.core.costs import Cost
+from services.gateway.core.resources.base import Number, Resource
+from surveilnav.messages import MissionStatus
 
 
 class NodeTraffic(Resource):
@@ -35,6 +37,29 @@ class SourceTraffic(Resource):
     frames: int
     viewer_bytes: int = Field(description="thumbnails for people, counted in offered_bytes too")
     by_stream: dict[str, int] = Field(description="offered bytes by stream of the contract")
+
+
+class MissionTraffic(Resource):
+    """What cameras and robots sent while a mission ran, and what it may come to. Pictures for people aren't counted."""
+
+    mission: str
+    offered_bytes: int
+    delivered_bytes: int
+    wire_sent_bytes: int
+    alone: bool = Field(description="false: other missions ran meanwhile, and nobody can tell what was for which")
+    whole: bool = Field(description="false: the gateway came later than the mission")
+    per_step_bytes: Number = Field(description="offered a step, mean of the newest 20 steps")
+    at_most_bytes: Number = Field(description="offered in the end, if it goes on like this and uses all its steps")
+
+    @classmethod
+    def of(cls, cost: Cost, status: MissionStatus, seen_ns: int) -> MissionTraffic:
+        """What a mission has cost so far."""
+        spent = cost.spent
+        return cls(
+            mission=cost.mission, offered_bytes=spent.offered, delivered_bytes=spent.delivered, wire_sent_bytes=spent.wire,
+            alone=cost.alone, whole=cost.whole, per_step_bytes=cost.per_step, at_most_bytes=cost.at_most(status),
+            last_seen=seen_ns, stale=False,
+        )  # fmt: skip
 
 
 class Traffic(BaseModel):

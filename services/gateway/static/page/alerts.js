@@ -57,7 +57,7 @@ const release = () => attempt(() => post("robots/release"), "Released. Missions 
 function Alert({ alert, now }) {
   return html`<div class="strip ${alert.kind === "halted" ? "bad" : alert.kind}" data-alert=${alert.key}>
     <span>${alert.text}</span>
-    <span class="since">since ${clock(alert.since)}, ${ago(alert.since, now)}</span>
+    <span class="since" aria-live="off">since ${clock(alert.since)}, ${ago(alert.since, now)}</span>
     ${alert.kind === "halted" && html`<button onClick=${release}>Release robots</button>`}
   </div>`;
 }

@@ -1,5 +1,7 @@
 // REST, at addresses relative to the page: a proxy may have the gateway below a path.
 
+import { learnTime } from "./clock.js";
+
 const ROOT = "api/v1";
 export const address = path => `${ROOT}/${path}`;
 export const part = encodeURIComponent;
@@ -9,6 +11,7 @@ export async function ask(path, options) {
   let answer;
   try { answer = await fetch(address(path), options); }
   catch { throw new Error("The gateway doesn't answer. Is it running?"); }
+  learnTime(answer.headers.get("date"));
   if (answer.ok) return answer;
   const problem = await answer.json().catch(() => ({}));
   throw Object.assign(new Error(problem.detail || problem.title || `HTTP ${answer.status}`), {

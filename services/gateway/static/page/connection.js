@@ -10,7 +10,8 @@ const SILENT_MS = 15000;
 export const connection = { begun: false, open: false, heardMs: 0 };
 
 /** "loading", "live", or "lost": the connection is gone, or nothing comes over it. */
-export function connectionState(now) {
+export function connectionState() {
+  const now = Date.now();
   if (!connection.begun) return now - startedMs > SILENT_MS ? "lost" : "loading";
   return connection.open && now - connection.heardMs < SILENT_MS ? "live" : "lost";
 }

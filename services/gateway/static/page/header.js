@@ -9,8 +9,8 @@ import { html } from "./ui.js";
 
 const stop = () => attempt(() => post("robots/stop", { reason: "by hand, on the page" }), answer => `Stopped: ${answer.items.map(r => r.robot).join(", ")}. Missions are paused.`);
 
-function readiness(now) {
-  const state = connectionState(now), told = one("readiness", "");
+function readiness() {
+  const state = connectionState(), told = one("readiness", "");
   if (state === "loading" || (!told && state === "live")) return ["soft", "connecting …"];
   if (state === "lost") return ["bad", "no connection"];
   return told.ready ? ["good", "ready"] : ["warn", `not ready: ${told.missing.join(", ")}`];
@@ -18,7 +18,8 @@ function readiness(now) {
 
 export function Header() {
   useStore();
-  const [kind, text] = readiness(useNow()), building = one("building", "");
+  useNow(); // silence is no event
+  const [kind, text] = readiness(), building = one("building", "");
   return html`<header class="bar">
     <h1><img src=${new URL("../icon.svg", import.meta.url)} alt="" width="24" height="24" /><span>SurveilNav</span></h1>
     ${building && html`<span class="building" title="the building">${building.id}</span>`}

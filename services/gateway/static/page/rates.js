@@ -11,8 +11,9 @@ export const ratesOf = id => series.get(id)?.points ?? [];
 /** Bytes a second between two sums; a process that started anew counts from 0 again. */
 export const rate = (before, now, seconds) => before == null || now == null || now < before ? 0 : (now - before) / seconds;
 
-function sample() {
-  const nowMs = performance.now(), seen = new Set();
+/** Takes the sums as they are now [ms]. */
+export function sample(nowMs) {
+  const seen = new Set();
   for (const [id, sums] of entries("traffic")) {
     seen.add(id);
     const known = series.get(id) ?? { last: sums, timeMs: nowMs - 1000, points: [] };
@@ -24,4 +25,4 @@ function sample() {
   for (const id of series.keys()) if (!seen.has(id)) series.delete(id);
 }
 
-export const startRates = () => setInterval(sample, 1000);
+export const startRates = () => setInterval(() => sample(performance.now()), 1000);

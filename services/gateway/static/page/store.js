@@ -1,16 +1,17 @@
 // The building as the gateway tells of it: resources by kind and id. Parts of the page are drawn again when it changes.
 import { useEffect, useState } from "./ui.js";
 
-export const KINDS = ["building", "readiness", "floor", "camera", "robot", "worker", "recorder", "service", "mission", "plan", "object", "traffic"];
+export const KINDS = ["building", "readiness", "floor", "camera", "robot", "worker", "recorder", "service", "mission", "plan", "cost", "object", "traffic"];
 const REDRAW_MS = 150;
 
 const things = Object.fromEntries(KINDS.map(kind => [kind, new Map()]));
+const order = new Intl.Collator(undefined, { numeric: true }); // c2 before c10
 const listeners = new Set();
 const redraws = new Set();
 let timer = 0;
 
 /** All things of a kind, in the order of their ids. */
-export const all = kind => [...things[kind].values()].sort((a, b) => String(a.id).localeCompare(String(b.id), undefined, { numeric: true }));
+export const all = kind => [...things[kind].values()].sort((a, b) => order.compare(a.id, b.id));
 export const entries = kind => [...things[kind].entries()];
 export const one = (kind, id) => things[kind].get(id);
 

@@ -15,7 +15,8 @@ export function thinned(points) {
 }
 
 function take(kind, id, robot) {
-  if (kind !== "robot" || !robot) return;
+  if (kind !== "robot") return;
+  if (!robot) return void trails.delete(id);
   const points = trailOf(id), last = points.at(-1), [x, y] = robot.position_m;
   if (last && last.floor === robot.floor && Math.hypot(x - last.x, y - last.y) < STEP_M) return;
   points.push({ floor: robot.floor, x, y });

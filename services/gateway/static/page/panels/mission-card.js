@@ -1,7 +1,7 @@
 // A mission under way: how far it is, what it does and why, and what a person can do about it.
 import { part, post } from "../api.js";
 import { useNow } from "../clock.js";
-import { metres, secondsSince, timer } from "../format.js";
+import { bytes, metres, secondsSince, timer } from "../format.js";
 import { one } from "../store.js";
 import { attempt } from "../toasts.js";
 import { html } from "../ui.js";
@@ -21,6 +21,14 @@ function Progress({ mission }) {
     <span>${mission.step} of ${mission.max_steps} steps</span></div>`;
 }
 
+/** What it has cost, and what it may come to. */
+function Cost({ mission: m }) {
+  const cost = one("cost", m.id);
+  if (!cost) return null;
+  const forecast = cost.at_most_bytes != null && html`, at most <b>${bytes(cost.at_most_bytes)}</b> if it uses all its steps`;
+  return html`<p class="cost small"><b>${bytes(cost.offered_bytes)}</b> sent by cameras and robots${cost.alone ? "" : " (shared with other missions)"}${forecast}</p>`;
+}
+
 function Actions({ mission }) {
   const paused = mission.state === "paused", queued = mission.state === "queued";
   return html`<div class="row actions">
@@ -36,7 +44,7 @@ export function MissionCard({ mission: m }) {
     <div class="row head"><h3>${m.target}</h3><${StateBadge} mission=${m} /><span class="grow"></span><${MissionId} id=${m.id} /></div>
     ${m.asked && html`<p class="soft">asked for as “${m.asked}”</p>`}
     ${m.stale && html`<p class="warn-text">The planner is gone: this is how it was.</p>`}
-    <p class="why" aria-live="polite">${plan?.why || m.message || m.phase}</p>
+    <p class="why">${plan?.why || m.message || m.phase}</p>
     <${Progress} mission=${m} />
     <dl class="facts">
       <${Fact} name="waypoint in" value=${metres(m.distance_remaining_m)} />
@@ -44,6 +52,7 @@ export function MissionCard({ mission: m }) {
       <${Fact} name="driven" value=${metres(m.path_m)} />
       <${Fact} name="since" value=${timer(elapsed)} />
     </dl>
+    <${Cost} mission=${m} />
     <${Actions} mission=${m} />
     ${plan && html`<${Candidates} plan=${plan} />`}
   </article>`;

@@ -1,8 +1,9 @@
-"""`surveilnav watch` in a terminal of 80 x 24: it outlives the gateway and ends by Ctrl-C."""
+"""Commands on a running system: `watch` in a terminal of 80 x 24, and what people do wrong."""
 
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import pty
 import re
@@ -86,13 +87,41 @@ def test_the_screen_outlives_the_gateway_and_ends_by_ctrl_c(flat):
 
 
 @pytest.mark.slow
-def test_in_a_pipe_it_is_a_line_an_event(flat):
-    command = [sys.executable, "-m", "cli.main", "watch", "--url", f"http://127.0.0.1:{flat.gateway_port}", "--json"]
+def test_in_a_pipe_it_is_a_line_an_event(running):
+    command = [sys.executable, "-m", "cli.main", "watch", "--url", f"http://127.0.0.1:{running.gateway_port}", "--json"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:
         assert watching.stdout is not None
         assert watching.stderr is not None
         assert watching.stdout.readline().startswith('{"id": "')
         watching.stdout.close()  # as `head -1` does
-        flat.search("tv", mission="heard")
+        running.search("tv", mission="heard")
         until(lambda: watching.poll() is not None, "it never noticed", 60.0)
         assert (watching.returncode, watching.stderr.read()) == (1, "")
+
+
+@pytest.mark.slow
+def test_what_cant_be_is_refused_with_what_to_do(running):
+    def surveilnav(*arguments):
+        command = [
+            sys.executable,
+            "-m",
+            "cli.main",
+            *arguments,
+            "--json",
+            "--url",
+            f"http://127.0.0.1:{running.gateway_port}",
+        ]
+        run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=100, check=False)
+        assert "Traceback" not in run.stderr
+        told = json.loads(run.stdout)
+        return run.returncode, told.get("error") or told.get("state"), run.stderr
+
+    running.search("bed", mission="one-robot")
+    code, error, said = surveilnav("find", "tv", "--robot", "r1")
+    assert (code, error["name"], "r1" in said) == (1, "robot_busy", True)
+    code, error, said = surveilnav("find", "tv", "--robot", "nobody")
+    assert (code, error["name"], "nobody" in said) == (1, "unknown_robot", True)
+    assert surveilnav("missions", "pause", "one-rob")[:2] == (0, "paused")
+    assert surveilnav("missions", "cancel", "one-robot")[:2] == (0, "cancelled")
+    code, error, said = surveilnav("missions", "cancel", "one-robot")
+    assert (code, error["name"]) == (1, "finished")
