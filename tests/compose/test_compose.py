@@ -104,7 +104,7 @@ def test_every_container_is_healthy(stack: Stack) -> None:
         by_service.setdefault(container["Service"], []).append(container)
     assert [c["ExitCode"] for c in by_service.pop("prepare")] == [0]
     assert {name: len(containers) for name, containers in by_service.items()} == {
-        "router": 1, "camera": _CAMERAS, "robot": 1, "perception": 1, "fusion": 1, "planner": 1, "gateway": 1,
+        "router": 1, "camera": _CAMERAS, "robot": 1, "perception": 1, "fusion": 1, "planner": 1, "gateway": 1, "recorder": 1,
     }  # fmt: skip
     unhealthy = [c["Name"] for containers in by_service.values() for c in containers if c["Health"] != "healthy"]
     assert not unhealthy, stack.state()
