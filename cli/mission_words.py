@@ -26,6 +26,15 @@ def state_of(mission: Mission) -> tuple[str, str]:
     return mission["state"], _COLOURS.get(mission["state"], "")
 
 
+def _judged(mission: Mission) -> Cell:
+    """What the simulator says of the robot's stop, if the building is simulated."""
+    if mission["judged"] is None:
+        return ""
+    return (
+        ("agrees: it stopped where it should", "green") if mission["judged"] else ("disagrees: that isn't one", "red")
+    )
+
+
 def steps_of(mission: Mission) -> str:
     """ "61/500"."""
     most = mission["max_steps"]
@@ -55,7 +64,8 @@ def show_mission(mission: Mission, plan: MissionPlan | None, console: Console) -
     left = duration(mission["time_remaining_s"])
     facts(console, [
         ("mission", mission["id"]), ("target", mission["target"] + asked), ("state", state_of(mission)),
-        ("found", "yes" if mission["found"] else ""), ("why", said_of(mission)), ("robot", mission["robot"] or "none yet"),
+        ("found", "yes" if mission["found"] else ""), ("the simulator", _judged(mission)),
+        ("why", said_of(mission)), ("robot", mission["robot"] or "none yet"),
         ("floor", mission["floor"] or ""), ("phase", mission["phase"]), ("step", steps_of(mission)),
         ("way so far", metres(mission["path_m"])), ("to waypoint", metres(mission["distance_remaining_m"])),
         ("time left", f"{left} to the waypoint" if left else ""), ("took", duration(mission["elapsed_s"])),

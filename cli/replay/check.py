@@ -43,6 +43,8 @@ class Outcome:
         """What was found, with both digests."""
         recorded = self.recorded or "unknown: the recording was cut off before the mission's end"
         verdict = "the same maps, bit for bit" if self.same else "NOT the same maps"
+        if not self.recorded:
+            verdict = "nothing to compare with"
         return f"recorded: {recorded}\nreplayed: {self.replayed}\n{verdict}: {self.views} views after maps of {self.began_with}"
 
     def as_dict(self) -> dict[str, Any]:

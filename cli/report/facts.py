@@ -197,7 +197,7 @@ def _views(record: RunRecord) -> list[tuple[str, Markup | None]]:
 
 
 def _candidates(record: RunRecord) -> list[ObjectRecord]:
-    """Objects that anybody ever took for the target: confirmed first, then by confidence."""
+    """Objects that anybody ever took for the target: what is called so now first, then confirmed, then by confidence."""
     target = canonical(record.target)
 
     def alike(o: ObjectRecord) -> bool:
@@ -209,7 +209,13 @@ def _candidates(record: RunRecord) -> list[ObjectRecord]:
     chosen = record.status.object_id if record.status else None
     return sorted(
         (o for o in record.objects if alike(o)),
-        key=lambda o: (o.id != chosen, order[o.status], -o.confidence if math.isfinite(o.confidence) else 0.0, o.id),
+        key=lambda o: (
+            o.id != chosen,
+            canonical(o.label) != target,
+            order[o.status],
+            -o.confidence if math.isfinite(o.confidence) else 0.0,
+            o.id,
+        ),
     )
 
 

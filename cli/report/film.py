@@ -10,6 +10,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -28,10 +29,11 @@ _MOST_CANDIDATES, _NOTE_CHARS, _PATH_POINTS = 6, 120, 30
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """The strip: its ``steps`` (a part of the run's, where there are many), the ``plans`` made at them or before, a small
-    picture of each (WebP, empty if there is none), the floors' maps."""
+    """The strip: its ``steps`` (a part of the run's, where there are many) and their ``numbers``, the ``plans`` made at them or
+    before, a small picture of each (WebP, empty if there is none), the floors' maps."""
 
     steps: Sequence[Step]
+    numbers: Sequence[int]
     plans: Sequence[Plan | None]
     pictures: Sequence[bytes]
     maps: dict[str, GrowingMap]
@@ -51,9 +53,9 @@ class Film:
         shown = {floor: np.zeros(grown.grid.shape, np.uint8) for floor, grown in self.maps.items()}
         before: Plan | None = None
         start = self.steps[0]
-        for step, plan, picture in zip(self.steps, self.plans, self.pictures, strict=True):
+        for step, n, plan, picture in zip(self.steps, self.numbers, self.plans, self.pictures, strict=True):
             frame: dict[str, Any] = {
-                "n": step.seq - start.seq, "t": round(step.t_s - start.t_s, 1), "f": step.floor, "x": round(step.x_m, 2),
+                "n": n, "t": round(step.t_s - start.t_s, 1), "f": step.floor, "x": round(step.x_m, 2),
                 "y": round(step.y_m, 2), "a": round(step.yaw_rad, 2), "d": round(step.path_m - start.path_m, 2),
             }  # fmt: skip
             if picture:
@@ -80,9 +82,20 @@ def film_of(record: RunRecord, objects: Sequence[ObjectRecord]) -> Film | None:
     seqs = [plan.seq for plan in record.plans]
     latest = [bisect_right(seqs, step.seq) - 1 for step in steps]
     return Film(
-        steps, [record.plans[i] if i >= 0 else None for i in latest],
+        steps, _numbers(record, steps), [record.plans[i] if i >= 0 else None for i in latest],
         small_pictures([step.jpeg for step in steps], _PICTURES_BYTES), _maps(record, steps), beliefs_of(objects, steps),
     )  # fmt: skip
+
+
+def _numbers(record: RunRecord, steps: Sequence[Step]) -> list[int]:
+    """How many steps the planner had counted at each: a stair counts as several."""
+    counted = {plan.seq: plan.step for plan in record.plans}
+    numbers = [counted.get(steps[0].seq, 0)]
+    for before, step in pairwise(steps):
+        numbers.append(counted.get(step.seq, numbers[-1] + step.seq - before.seq))
+    if record.status is not None:
+        numbers[-1] = max(numbers[-1], record.status.step)
+    return numbers
 
 
 def _maps(record: RunRecord, steps: Sequence[Step]) -> dict[str, GrowingMap]:

@@ -79,9 +79,7 @@ def _moment(film: Film, i: int, title: str) -> KeyMoment:
         why = "; ".join(dict.fromkeys(s for s in (plan.why, note) if s))
     grown = film.maps.get(step.floor)
     drawn = Markup(_map(film, i, grown)) if grown is not None else None
-    return KeyMoment(
-        i, f"Step {step.seq - film.steps[0].seq}: {title}", why, data_uri("webp", picture) if picture else "", drawn
-    )
+    return KeyMoment(i, f"Step {film.numbers[i]}: {title}", why, data_uri("webp", picture) if picture else "", drawn)
 
 
 def _map(film: Film, i: int, grown: GrowingMap) -> str:
@@ -107,6 +105,4 @@ def _map(film: Film, i: int, grown: GrowingMap) -> str:
         "path", d="M3 0L-2 2L-1 0L-2 -2Z", fill=PATH, stroke="#fff", stroke_width=0.4,
         transform=f"translate({u} {v}) rotate({degrees:.0f}) scale({px:.2f})",
     )  # fmt: skip
-    return drawing(
-        (grid.cols, grid.rows), [image, line, arrow], f"the map at step {step.seq - film.steps[0].seq}", "moment"
-    )
+    return drawing((grid.cols, grid.rows), [image, line, arrow], f"the map at step {film.numbers[i]}", "moment")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from cli.report.record import RunRecord
 from cli.report.words import with_article
 from surveilnav.messages import ObjectRecord
+from surveilnav.words import canonical
 
 _EDGE_CELLS = 4
 _STANDING = {"candidate": "nobody was sure of it", "confirmed": "it was confirmed", "rejected": "it was rejected"}
@@ -29,7 +31,14 @@ def reasons(record: RunRecord, candidates: Sequence[ObjectRecord]) -> list[str]:
     """Sentences, the nearest cause first; ``candidates``: what anybody took for the target. None for a success."""
     if record.success or record.status is None:
         return []
-    told = [_steps(record), _likeliest(record, candidates), _edges(record), _cameras(record), _distance(record)]
+    told = [
+        _steps(record),
+        _taken(record),
+        _likeliest(record, candidates),
+        _edges(record),
+        _cameras(record),
+        _distance(record),
+    ]
     return [sentence for sentence in told if sentence]
 
 
@@ -42,14 +51,30 @@ def _steps(record: RunRecord) -> str:
     return f"Of {sum(kinds.values())} planned steps these led: {spent}."
 
 
+def _taken(record: RunRecord) -> str:
+    """What it stopped for, if it did."""
+    chosen = record.chosen
+    return f"It stopped for {_described(chosen)}" if chosen is not None and record.found else ""
+
+
 def _likeliest(record: RunRecord, candidates: Sequence[ObjectRecord]) -> str:
+    """What else came nearest to being the target."""
     if not candidates:
         return f"Neither the robot nor a camera ever took anything for {with_article(record.target)}."
-    best = max(candidates, key=lambda o: o.confidence if o.confidence == o.confidence else 0.0)
-    return (
-        f"The likeliest was object {best.id}, called {best.label or 'nothing'}, with a confidence of "
-        f"{best.confidence:.2f}; {_STANDING[best.status]}{f': {best.reason}' if best.reason else ''}."
-    )
+    target = canonical(record.target)
+    called = [o for o in candidates if canonical(o.label) == target and o is not record.chosen]
+    best = max(called, key=lambda o: o.confidence if math.isfinite(o.confidence) else 0.0, default=None)
+    if best is not None:
+        return f"The likeliest{' of the others' if _taken(record) else ''} was {_described(best)}"
+    if _taken(record):
+        return ""
+    other = candidates[0].label or "nothing"
+    return f"What was once taken for {with_article(record.target)} turned out to be something else: {other}."
+
+
+def _described(o: ObjectRecord) -> str:
+    standing = _STANDING[o.status] + (f": {o.reason}" if o.reason else "")
+    return f"object {o.id}, called {o.label or 'nothing'}, with a confidence of {o.confidence:.2f}; {standing}."
 
 
 def _edges(record: RunRecord) -> str:

@@ -122,7 +122,8 @@
   function believedAt(k) {
     const known = new Map();
     for (const b of beliefs) if (b[0] <= k) known.set(b[1], b);
-    return [...known.values()].sort((a, b) => (b[4] === "confirmed") - (a[4] === "confirmed") || b[3] - a[3]).slice(0, 6);
+    const first = (b) => 2 * (b[2] === target) + (b[4] === "confirmed");
+    return [...known.values()].sort((a, b) => first(b) - first(a) || b[3] - a[3]).slice(0, 6);
   }
 
   function say(k, plan) {

@@ -32,13 +32,16 @@ class Missions:
 
     def all(self) -> list[Mission]:
         """Newest first."""
-        return [self._told(row) for row in self._rows()]
+        verdicts = self._state.judged.newest("mission")
+        return [told(row, self._state, verdicts) for row in self._rows()]
 
     def page(self, cursor: str | None, offset: int, limit: int) -> GrowingItems[Mission]:
         """At most ``limit``, newest first, after a cursor or from ``offset``."""
         rows = self._rows()
         page, next_cursor = page_after(rows, _place, cursor, offset, limit)
-        return GrowingItems(items=[self._told(row) for row in page], total=len(rows), next=next_cursor)
+        verdicts = self._state.judged.newest("mission")
+        items = [told(row, self._state, verdicts) for row in page]
+        return GrowingItems(items=items, total=len(rows), next=next_cursor)
 
     def _rows(self) -> list[Received[MissionStatus]]:
         return sorted(self._state.missions.newest("mission").values(), key=_place)

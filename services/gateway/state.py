@@ -81,6 +81,7 @@ class BuildingState:
         self.node, self.root = node, root_path + ROOT
         self.missions = LastKnown(node, contract.MISSION_STATUS)
         self.plans = LastKnown(node, contract.MISSION_PLAN)
+        self.judged = LastKnown(node, contract.JUDGED)
         self.cameras = LastKnown(node, contract.CAMERA_INFO)
         self.summaries = LastKnown(node, contract.CAMERA_SUMMARY)
         self.robots = LastKnown(node, contract.ROBOT_STATUS)

@@ -6,6 +6,7 @@ import hashlib
 import threading
 import uuid
 from collections import OrderedDict
+from collections.abc import Mapping
 
 from services.gateway.asking import ask
 from services.gateway.core.problems import Problem, refusal
@@ -13,15 +14,19 @@ from services.gateway.core.resources import Mission, NewMission
 from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
-from surveilnav.messages import MissionAck, MissionGoal, MissionStatus
+from surveilnav.messages import Judged, MissionAck, MissionGoal, MissionStatus
 from surveilnav.words import canonical
 
 _REMEMBERED_KEYS = 10_000
 
 
-def told(row: Received[MissionStatus], state: BuildingState) -> Mission:
-    """A mission as its planner told of it."""
-    return Mission.from_status(row.message, row.received_ns, state.alive("planner"))
+def told(
+    row: Received[MissionStatus], state: BuildingState, verdicts: Mapping[str, Received[Judged]] | None = None
+) -> Mission:
+    """A mission as its planner told of it. ``verdicts``: what a simulator says of stops, by mission, if that is at hand."""
+    verdicts = state.judged.newest("mission") if verdicts is None else verdicts
+    judged = verdicts[row.message.mission].message.success if row.message.mission in verdicts else None
+    return Mission.from_status(row.message, row.received_ns, state.alive("planner"), judged)
 
 
 class Submissions:

@@ -19,7 +19,7 @@ from services.recorder.views import Views
 from surveilnav import contract
 from surveilnav.bus import Answer, Node, Received, clock_ns
 from surveilnav.contract import RECORDER_STATUS, Stream
-from surveilnav.messages import RecorderStatus
+from surveilnav.messages import RecorderStatus, Revision
 from surveilnav.perception.prompts import value_prompt
 
 #: What is put, small, and replayed. No frames: a camera sends them to whoever listens, and would have one listener more.
@@ -52,14 +52,14 @@ class RecorderService:
         """One turn of the loop; True if there is more to do."""
         for row in self._tables[contract.MISSION_STATUS].rows():
             self._on_mission(row)
-        more = self._views.follow(self._recorded.values())
-        self._meanings.follow(self._recorded.values())
+        written = [one for one in self._recorded.values() if one.id not in self._scribe.failed]
+        more = self._views.follow(written)
+        self._meanings.follow(written)
         revisions = [row.message for row in self._tables[contract.MAP_REVISION].rows()]
-        self._drawings.draw(list(self._recorded.values()), revisions)
-        for mission, one in list(self._recorded.items()):
-            if one.until_ns is not None and clock_ns() >= one.until_ns:
-                self._drawings.draw([one], revisions, last=True)
-                self._end(mission, one)
+        over = [one for one in self._recorded.values() if one.until_ns is not None and clock_ns() >= one.until_ns]
+        self._drawings.draw([one for one in written if one not in over], revisions)
+        for one in over:
+            self._end(one, revisions)
         if time.monotonic() - self._told_s >= _STATUS_S:
             self._told_s = time.monotonic()
             self._status.put(self.status())
@@ -106,8 +106,11 @@ class RecorderService:
                 if row.ids.get("mission") in (None, mission):
                     self._scribe.hear([one.id], Heard(stream, row.key, row.message, row.payload, clock_ns()))
 
-    def _end(self, mission: str, one: Recorded) -> None:
-        maps = self._views.end(one)
-        del self._recorded[mission]
+    def _end(self, one: Recorded, revisions: list[Revision]) -> None:
+        maps = {}
+        if one.id not in self._scribe.failed:
+            self._drawings.draw([one], revisions, last=True)
+            maps = self._views.end(one)
+        del self._recorded[one.status.mission]
         self._drawings.forget(one)
         self._scribe.end(one.id, {"state": one.status.state, "found": str(one.status.found).lower(), **maps})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from services.robot_node.bodies.simulated import simulated_body
+from services.robot_node.bodies.simulated import SimulatedJudge, simulated_body
 from services.robot_node.config import RobotSettings
 from services.robot_node.service import RobotService
 from simulator.simulation import SimulatedBuilding, SimulationSettings
@@ -19,7 +19,7 @@ def main() -> None:
     body = simulated_body(building, settings)
     _ = building.renderer  # loaded before anybody waits for a picture
     with Node("robot", settings.id) as node:
-        node.run(RobotService(node, body, settings).step)
+        node.run(RobotService(node, body, settings, SimulatedJudge(building)).step)
 
 
 if __name__ == "__main__":

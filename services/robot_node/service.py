@@ -10,6 +10,7 @@ from services.robot_node.bodies.body import Body
 from services.robot_node.config import RobotSettings
 from services.robot_node.halting import Halting
 from services.robot_node.observation import Encoded, encode
+from services.robot_node.verdicts import Judge, Verdicts
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
 from surveilnav.messages import CommandReply, HaltReply, RobotStatus
@@ -23,7 +24,7 @@ _HALT_AGAIN_S = 0.05
 class RobotService:
     """Has its body carry out one command at a time and publishes what it sees then."""
 
-    def __init__(self, node: Node, body: Body, settings: RobotSettings) -> None:
+    def __init__(self, node: Node, body: Body, settings: RobotSettings, judge: Judge | None = None) -> None:
         self._node, self._body, self._settings = node, body, settings
         self._lock = threading.Lock()
         self._unpublished = True
@@ -33,6 +34,7 @@ class RobotService:
         self._message = ""
         self._halting = Halting(settings.store)
         self._latest: Encoded | None = None
+        self._verdicts = Verdicts(node, settings.id, judge)
         self._observation = node.publisher(ROBOT_OBSERVATION, robot=settings.id)
         self._status = node.publisher(ROBOT_STATUS, robot=settings.id)
         self._truth = node.publisher(TRUTH, source=f"robot-{settings.id}", view=0)
@@ -57,6 +59,7 @@ class RobotService:
             self._unpublished, self._repeats, self._message = True, 0, ""
             self._deadline_s = None if body.state.stopped else time.monotonic() + command.deadline_ms / 1000
             self._node.wake.set()
+            self._verdicts.acted(body.state)
             return Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=body.state.seq))
 
     def _on_halt(self, request: Request) -> Answer:

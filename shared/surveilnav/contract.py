@@ -227,7 +227,13 @@ TRUTH = Stream(
     "truth", "{building}/truth/{source}/{view}", m.Truth, "simulator nodes", "put", None, 10_000,
     "bulk", "simulation only: instance ids for the backends oracle and simulated", payload=True,
 )  # fmt: skip
+JUDGED = Stream(
+    "judged", "{building}/truth/{source}/judged/{mission}", m.Judged, "simulator nodes", "put+query", None, 10_000,
+    "data", "simulation only, for the gateway alone: whether the robot stopped where it should",
+)  # fmt: skip
 
+#: What only a simulator knows: no traffic of a real building, and nothing for fusion and planner.
+SIMULATION: tuple[Stream, ...] = (TRUTH, JUDGED)
 STREAMS: tuple[Stream, ...] = tuple(v for v in list(globals().values()) if isinstance(v, Stream))
 
 

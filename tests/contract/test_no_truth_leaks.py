@@ -50,13 +50,15 @@ TRUTH_USERS = {
     "perception/truth_channel.py",
     "perception/core/probe.py",  # a backend that is told the truth is told that the probe shows nothing
     "robot_node/bodies/body.py", "robot_node/bodies/simulated.py", "robot_node/observation.py", "robot_node/service.py",
-    "gateway/core/traffic.py",  # its sums leave the key out
 }  # fmt: skip
+#: The gateway alone hears the simulator's verdict of a stop; its sums of traffic leave all of that out.
+JUDGED_USERS = {"robot_node/verdicts.py", "gateway/state.py", "gateway/submissions.py"}
+SIMULATION_USERS = {"gateway/core/traffic.py"}
 TRUTH_NAMES = {"TRUTH", "Truth", "TrueInstances", "truth_from_wire", "truth_to_wire", "truth_labels", "instance_ids"}
 
 
-def truth_users(services: Path) -> set[str]:
-    """Files of services that name the truth's key, message, array or codec."""
+def truth_users(services: Path, secrets: frozenset[str] | set[str] = TRUTH_NAMES) -> set[str]:
+    """Files of services that name the truth's key, message, array or codec, or other secrets."""
     users = set()
     for path in services.rglob("*.py"):
         nodes = list(ast.walk(ast.parse(path.read_text())))
@@ -64,7 +66,7 @@ def truth_users(services: Path) -> set[str]:
             n.attr for n in nodes if isinstance(n, ast.Attribute)
         }
         names |= {a.name for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}
-        if names & TRUTH_NAMES:
+        if names & secrets:
             users.add(str(path.relative_to(services)))
     return users
 
@@ -81,7 +83,21 @@ def building_users(services: Path) -> set[str]:
 
 def test_only_simulators_and_perception_name_the_truth():
     assert truth_users(ROOT / "services") == TRUTH_USERS
-    assert contract.TRUTH.owner == "simulator nodes"
+    assert {stream.owner for stream in contract.SIMULATION} == {"simulator nodes"}
+
+
+def test_the_gateway_alone_hears_whether_a_stop_was_right():
+    assert truth_users(ROOT / "services", {"JUDGED", "Judged"}) == JUDGED_USERS
+    assert truth_users(ROOT / "services", {"SIMULATION"}) == SIMULATION_USERS
+
+
+@pytest.mark.parametrize("stream", contract.SIMULATION, ids=lambda s: s.name)
+def test_what_a_simulator_knows_travels_below_truth(stream):
+    assert "/truth/" in stream.key
+    assert "robot" not in stream.fields, "its bytes would count as the robot's"
+    assert not any(
+        s.ids_of(stream.key_for(**dict.fromkeys(stream.fields, "x"))) for s in contract.STREAMS if s is not stream
+    )
 
 
 def test_fusion_planner_and_gateway_cannot_import_the_building():

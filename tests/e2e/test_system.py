@@ -138,6 +138,8 @@ def test_find_and_status_through_the_gateway(running):
     run = surveilnav("find", "tv")
     assert run.returncode == 0, run.stderr
     assert json.loads(run.stdout)["found"] is True
+    found = json.loads(run.stdout)["id"]
+    until(lambda: json.loads(surveilnav("missions", "show", found).stdout)["judged"] is True, timeout_s=60.0)
     first = json.loads(surveilnav("objects", "television set").stdout)["items"][0]
     assert first.get("relevance") is not None
     assert json.loads(surveilnav("objects", "tv", "--label", "tv").stdout)["items"][0]["label"] == "tv"

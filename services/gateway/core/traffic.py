@@ -83,7 +83,7 @@ def sum_traffic(reports: Iterable[TrafficReport]) -> Traffic:
 
 
 def _node(report: TrafficReport) -> NodeTraffic:
-    real = [r for r in report.rows if contract.TRUTH.ids_of(r.key) is None]
+    real = [r for r in report.rows if not any(stream.ids_of(r.key) for stream in contract.SIMULATION)]
     offered = [r for r in real if r.direction == "offered"]
     delivered = [r for r in real if r.direction == "delivered"]
     return NodeTraffic(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,8 +13,8 @@ from services.robot_node.bodies.body import Look
 from services.robot_node.bodies.kept import KeptState
 from services.robot_node.config import RobotSettings
 from simulator.simulation import SimulatedBuilding
-from simulator.world.goals import find_goals, sample_start
-from surveilnav.errors import ConfigError
+from simulator.world.goals import find_goals, judge, sample_start
+from surveilnav.errors import ConfigError, TargetError
 from surveilnav.messages import Stair
 from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.sensing.views import TrueInstances
@@ -69,6 +70,25 @@ class SimulatedBody:
         return Look(
             state, T_world_camera, core.CAMERA, CAMERA_HEIGHT_M, core.DEPTH_RANGE_M, view.rgb, view.depth_m, truth
         )
+
+
+class SimulatedJudge:
+    """A ``Judge`` by the benchmark's rules."""
+
+    def __init__(self, building: SimulatedBuilding) -> None:
+        self._building = building
+
+    def __call__(self, target: str, state: core.RobotState) -> tuple[bool, float | None] | None:
+        """Whether a robot that stopped in ``state`` found ``target``, and how far it is from where it would have [m]; None:
+        nothing in the building is called so."""
+        building = self._building
+        try:
+            goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
+        except TargetError:
+            return None
+        verdict = judge(goals, state, shortest_path_m=0.0)
+        distance_m = verdict.distance_to_viewpoint_m
+        return verdict.success, distance_m if math.isfinite(distance_m) else None
 
 
 def simulated_body(building: SimulatedBuilding, settings: RobotSettings) -> SimulatedBody:

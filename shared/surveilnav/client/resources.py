@@ -129,6 +129,7 @@ class Mission(TypedDict):
     elapsed_s: float | None
     floor: str | None
     found: bool
+    judged: bool | None
     object_id: int | None
     error: str | None
     message: str

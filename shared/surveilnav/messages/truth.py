@@ -19,3 +19,15 @@ class Truth(Message, frozen=True, kw_only=True):
     height_px: int
     labels: dict[int, str]
     T_world_camera: Pose | None = None
+
+
+class Judged(Message, frozen=True, kw_only=True):
+    """Whether a robot that called ``stop`` stood where it should, by the simulator's rules.
+
+    ``distance_m``: the way from there to the nearest place that counts [m]; None: no way leads there.
+    """
+
+    mission: str
+    robot: str
+    success: bool
+    distance_m: float | None = None

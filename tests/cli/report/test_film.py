@@ -134,3 +134,23 @@ def test_a_failure_says_what_is_known_of_why(record):
     assert "Neither the robot nor a camera ever took anything for a potted plant." in nobody
     assert "No surveillance camera took part." in nobody
     assert reasons(record, []) == []
+
+
+def test_steps_are_numbered_as_the_planner_counts(record):
+    """A stair counts as several steps, and where no plan was heard of the observations count on."""
+    plans = [
+        msgspec.structs.replace(p, step=p.seq + (20 if p.seq > 30 else 0)) for p in record.plans if p.seq not in (5, 6)
+    ]
+    status = msgspec.structs.replace(record.status, step=63)
+    film = film_of(replace(record, plans=plans, status=status), [])
+    assert list(film.numbers) == [*range(31), *range(51, 62), 63]
+
+
+def test_what_it_stopped_for_in_vain_is_said(record):
+    wrong = replace(record, verdict={"found": True, "success": False})
+    text = " ".join(reasons(wrong, record.objects))
+    assert "It stopped for object 4, called potted plant, with a confidence of 0.82; it was confirmed: 0.82" in text
+    assert "The likeliest of the others was object 7" in text
+    other = [msgspec.structs.replace(record.objects[1], label="vase")]
+    failed = replace(record, status=msgspec.structs.replace(record.status, state="failed", found=False), verdict={})
+    assert "turned out to be something else: vase." in " ".join(reasons(failed, other))

@@ -97,6 +97,18 @@ def test_status_of_a_mission_follows_the_planner(client, building):
     problem(client.post(f"/api/v1/missions/{id}/cancel"), 409)
 
 
+def test_what_the_simulator_says_of_a_stop_stands_beside_found(client, building):
+    id = submit(client).json()["id"]
+    status = until(lambda: building.missions.get(id))
+    verdict = m.Judged(stamp_ns=clock_ns(), mission=id, robot="r1", success=False, distance_m=2.0)
+    building.robot.publisher(contract.JUDGED, source="robot-r1", mission=id).put(verdict)
+    done = {"stamp_ns": clock_ns(), "state": "done", "found": True}
+    building.put_status(msgspec.structs.replace(status, **done))
+    until(lambda: client.get(f"/api/v1/missions/{id}").json()["judged"] is False, "it was never heard")
+    assert client.get(f"/api/v1/missions/{id}").json()["found"] is True
+    assert next(x for x in client.get("/api/v1/missions").json()["items"] if x["id"] == id)["judged"] is False
+
+
 def test_cancel(client, building):
     id = submit(client).json()["id"]
     answer = client.post(f"/api/v1/missions/{id}/cancel", json={"reason": "found it myself"})

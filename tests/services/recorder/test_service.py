@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from cli.replay.recorded import Begin, End, Heard, Maps, told
+from services.recorder.file import RecordingFile
 from services.recorder.service import RecorderService
 from surveilnav import contract
 from surveilnav import messages as m
@@ -24,7 +25,7 @@ class Fakes:
         self.bus, self.tools = BusSettings(router=router), tools
         self.fusion, self.planner, self.camera = (Node(k, k, self.bus) for k in ("fusion", "planner", "camera"))
         self.log: list[int] = []
-        self.snapshot, self.held, self.asked = b"the maps", True, 0
+        self.snapshot, self.held, self.asked, self.told = b"the maps", True, 0, 0
 
     def __enter__(self) -> Fakes:
         for node in (self.fusion, self.planner, self.camera):
@@ -50,6 +51,7 @@ class Fakes:
         if not later:
             return Answer(m.LoggedView(stamp_ns=1, number=0, newest=newest))
         view, payload = self.tools.logged(later[0])
+        self.told += 1
         return Answer(msgspec.structs.replace(view, newest=newest), payload)
 
     def _snapshot(self, request: Request) -> Answer:
@@ -235,3 +237,18 @@ def test_the_bus_hands_out_recordings_and_deletes_them(bus, recorder, tools):
     recorder.turn_until(lambda: ask(contract.RECORDER_STATUS, recorder="recorder").message.n_bytes == size)
     ask(contract.RECORDING_DELETE, removal, recorder="recorder")
     assert list(recorder.folder.glob("*.mcap")) == []
+
+
+def test_a_recording_that_the_disk_refuses_asks_for_nothing_more_and_the_next_is_made(bus, recorder, monkeypatch):
+    monkeypatch.setattr(RecordingFile, "flush", lambda self: (_ for _ in ()).throw(OSError("the disk is full")))
+    bus.put_status("m1", "active")
+    recorder.turn_until(lambda: "disk is full" in recorder.service.status().problem)
+    monkeypatch.undo()
+    asked, bus.log = bus.asked, [1, 2]
+    bus.put_revision()
+    bus.put_status("m1", "done")
+    recorder.turn_until(lambda: recorder.service.status().problem == "" and not recorder.service._recorded)
+    assert bus.asked == asked
+    assert bus.told == 0
+    bus.put_status("m2", "active")
+    recorder.turn_until(lambda: recorder.states().get("m2") == "recording")

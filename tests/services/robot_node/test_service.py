@@ -15,10 +15,18 @@ from services.robot_node.config import RobotSettings
 from services.robot_node.core import Halted, RobotState, camera_pose_of
 from services.robot_node.halting import Halting
 from services.robot_node.service import RobotService
-from surveilnav.bus import Refused, clock_ns
-from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
+from surveilnav.bus import Answer, Refused, clock_ns
+from surveilnav.contract import (
+    JUDGED,
+    MISSION_STATUS,
+    ROBOT_COMMAND,
+    ROBOT_HALT,
+    ROBOT_OBSERVATION,
+    ROBOT_STATUS,
+    TRUTH,
+)
 from surveilnav.geometry import Pinhole, yaw_of
-from surveilnav.messages import Command, Halt, RobotStatus, Stair
+from surveilnav.messages import Command, Halt, MissionStatus, RobotStatus, Stair
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
@@ -109,6 +117,46 @@ def test_it_says_what_it_did_in_status_and_observation_alike(robot, client, comm
     assert status.state == "moving"
     assert yaw_of(status.T_world_base.matrix()) == pytest.approx(0.5)
     assert seen.message.mounting_offset_m == 0.7
+
+
+def planner_of(make_node, target):
+    """A planner that knows of one mission."""
+    planner = make_node("planner", "p1")
+    status = MissionStatus(
+        stamp_ns=1, mission="m1", target=target, robot="r1", state="active", phase="", step=1, max_steps=9, path_m=0.0
+    )  # fmt: skip
+    planner.serve(MISSION_STATUS, lambda _: Answer(status), mission="m1")
+    return planner
+
+
+@pytest.mark.parametrize("says", [(True, 0.05), (False, None)])
+def test_a_stop_is_judged_and_told_to_whoever_asks(make_node, client, command, says):
+    asked = []
+
+    def judge(target, state):
+        asked.append((target, state.stopped))
+        return says
+
+    planner = planner_of(make_node, "tv")
+    RobotService(make_node("robot", "r1"), Body(), RobotSettings(), judge)
+    until_heard(lambda: client.ask(ROBOT_STATUS, robot="r1"))
+    until_heard(lambda: client.ask(MISSION_STATUS, mission="m1"))
+    heard = client.table(JUDGED)
+    command("move_forward", 0)
+    command("stop", 1)
+    verdict = until(heard.rows)[0].message
+    assert (verdict.mission, verdict.robot, verdict.success, verdict.distance_m) == ("m1", "r1", *says)
+    assert asked == [("tv", True)], "only a stop is judged"
+    assert [row.message for row in client.ask_all(JUDGED)] == [verdict]
+    del planner
+
+
+def test_a_real_robot_has_no_judge(robot, client, command, make_node):
+    planner = planner_of(make_node, "tv")
+    robot(Body())
+    command("stop", 0)
+    assert client.ask_all(JUDGED, timeout_s=0.5) == []
+    del planner
 
 
 def test_a_command_to_all_robots_moves_none(robot, client):

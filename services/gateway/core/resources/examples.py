@@ -23,6 +23,7 @@ MISSION: dict[str, Any] = {
     "elapsed_s": 41.0,
     "floor": "0",
     "found": False,
+    "judged": None,
     "object_id": None,
     "error": None,
     "message": "to a frontier, 3.1 m",

@@ -46,7 +46,11 @@ class Mission(Resource):
     )
     elapsed_s: Number = Field(default=None, description="since it was accepted, until its last news")
     floor: Text = None
-    found: bool = False
+    found: bool = Field(default=False, description="the planner's belief: it stopped at what it takes for the target")
+    judged: bool | None = Field(
+        default=None,
+        description="where the building is simulated: whether the robot stopped where it should; null: nobody can say",
+    )
     object_id: int | None = None
     error: Text = Field(default=None, description="the name of the failure")
     message: str = ""
@@ -57,11 +61,15 @@ class Mission(Resource):
     )
 
     @classmethod
-    def from_status(cls, status: MissionStatus, seen_ns: int, planner_alive: bool) -> Mission:
-        """A mission as its planner tells of it. What is finished stays true without its planner."""
+    def from_status(
+        cls, status: MissionStatus, seen_ns: int, planner_alive: bool, judged: bool | None = None
+    ) -> Mission:
+        """A mission as its planner tells of it. What is finished stays true without its planner. ``judged``: what a simulator
+        says of the robot's stop, which counts where the mission ended by it."""
         stale = status.state not in FINISHED_STATES and not planner_alive
         times = {"elapsed_s": elapsed_s(status), "time_remaining_s": time_remaining_s(status)}
-        return cls.made_of(status, **times, last_seen=seen_ns, stale=stale)
+        said = judged if status.state in FINISHED_STATES and status.found else None
+        return cls.made_of(status, **times, judged=said, last_seen=seen_ns, stale=stale)
 
     @classmethod
     def from_ack(cls, ack: MissionAck, goal: NewMission, seen_ns: int) -> Mission:

@@ -69,6 +69,17 @@ def test_a_finished_mission_is_never_stale(state, planner, stale):
     assert Mission.from_status(status(state=state), 1, planner).stale is stale
 
 
+@pytest.mark.parametrize(
+    ("state", "found", "judged", "said"),
+    [
+        ("done", True, True, True), ("done", True, False, False), ("done", True, None, None),
+        ("cancelled", False, False, None), ("active", False, True, None),
+    ],
+)  # fmt: skip
+def test_a_verdict_counts_where_a_mission_ended_by_its_stop(state, found, judged, said):
+    assert Mission.from_status(status(state=state, found=found), 1, True, judged).judged is said
+
+
 def test_a_robot_says_what_it_cant_reach():
     note = "robots reach 3 of 4 m²: no stair leads to level 1"
     told = RobotStatus(

@@ -10,8 +10,10 @@ import pytest
 
 from services.robot_node import core
 from services.robot_node.bodies.kept import _FORMAT
-from services.robot_node.bodies.simulated import SimulatedBody, simulated_body, start_state
+from services.robot_node.bodies.simulated import SimulatedBody, SimulatedJudge, simulated_body, start_state
 from services.robot_node.config import RobotSettings
+from simulator.simulation import SimulatedBuilding, SimulationSettings
+from simulator.world.goals import find_goals
 from surveilnav.errors import ConfigError
 from surveilnav.stored import write_parts
 
@@ -165,3 +167,21 @@ def test_numbers_of_numpy_can_be_kept(settings):
     body = simulated_body(Building(), settings())
     body._enter(core.RobotState(np.float64(1.5), 1.0, np.float64(0.2), "0", np.float64(0.1), collided=np.True_))
     assert simulated_body(Building(), settings()).state.x_m == 1.5
+
+
+def test_a_stop_is_judged_by_the_benchmarks_rules(home_cache, monkeypatch):
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(home_cache))
+    building = SimulatedBuilding(SimulationSettings(building="parametric_flat"))
+    judged, goals = SimulatedJudge(building), find_goals(building.scene, building.navigation, "tv")
+    x_m, y_m = map(float, goals.viewpoints["0"][0])
+    there = core.RobotState(x_m, y_m, 0.0, "0", 0.0, stopped=True)
+    success, distance_m = judged("tv", there)
+    assert (success, distance_m) == (True, pytest.approx(0.0, abs=0.05))
+    far = max(
+        np.argwhere(building.navigation.robot_area["0"]), key=lambda cell: goals.field.distance_m["0"][tuple(cell)]
+    )
+    x_m, y_m = building.navigation.floors["0"].grid.centres_of(far)
+    success, distance_m = judged("tv", core.RobotState(float(x_m), float(y_m), 0.0, "0", 0.0, stopped=True))
+    assert success is False
+    assert distance_m > 2.0
+    assert judged("something that nobody labelled", there) is None
