@@ -63,8 +63,9 @@ class Cost:
 
     @property
     def per_step(self) -> float | None:
-        """Bytes offered a step, of the newest steps; None before there were two."""
-        if len(self.recent) < 2:
+        """Bytes offered a step, of the newest steps; None before there were enough of them: what cameras send at first would
+        be taken for what they go on sending."""
+        if len(self.recent) <= _RECENT_STEPS:
             return None
         (first, before), (last, now) = self.recent[0], self.recent[-1]
         return (now - before) / (last - first)

@@ -129,7 +129,7 @@ def test_many_viewers_cost_a_camera_one_small_picture(router, building, start_ga
             assert building.thumbnails - asked <= 4
             assert building.widths_px[-1] == tiles.WIDTH_PX
         until(lambda: gateway.tiles.streams == 0, "a client that went is kept")
-        assert not gateway.tiles._due(), "what nobody wants is asked for"
+        assert not gateway.tiles._due_s, "what nobody wants is asked for"
 
 
 def test_a_tile_that_cant_be_had_says_why(client):

@@ -48,7 +48,7 @@ class MissionTraffic(Resource):
     wire_sent_bytes: int
     alone: bool = Field(description="false: other missions ran meanwhile, and nobody can tell what was for which")
     whole: bool = Field(description="false: the gateway came later than the mission")
-    per_step_bytes: Number = Field(description="offered a step, mean of the newest 20 steps")
+    per_step_bytes: Number = Field(description="offered a step, mean of the newest 20 steps; null before that")
     at_most_bytes: Number = Field(description="offered in the end, if it goes on like this and uses all its steps")
 
     @classmethod

@@ -42,6 +42,7 @@ def test_the_forecast_is_by_the_newest_steps_and_ends_with_the_mission():
     for step in range(60):
         total += 1_000_000 if step < 30 else 1000  # cameras send all their views at first
         costs.look([status(step=step)], Sums(total, total, total))
+        assert (costs.get("m").per_step is None) == (step < 20)
     cost = costs.get("m")
     assert cost.per_step == pytest.approx(1000)
     assert cost.at_most(status(step=59)) == pytest.approx(cost.spent.offered + 41 * 1000)
