@@ -26,7 +26,7 @@ IDS = {
     "view": 3,
     "target": "tv",
     "number": 3,
-    "of": ["x1"],
+    "of": ["x1/3"],
     "path": Path(os.devnull),
 }
 
