@@ -35,7 +35,7 @@ SHAPES: dict[str, str] = {
     "watch": "an object a line: `id`, `event`, `data` (`Event`)",
     "objects": "items: `Object`",
     "map": "`Layer`",
-    "traffic": "`Traffic`",
+    "traffic": "`Traffic`; with `--mission` `MissionTraffic`",
     "stop": "items: `RobotHalt`",
     "release": "items: `RobotHalt`",
     "models list": "items: models",

@@ -6,28 +6,56 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.listing import Cell, Column, listing
+from cli.listing import Cell, Column, facts, listing
 from cli.options import DEFAULT_URL, AsJson, Url, gateway, print_json, results
 from cli.words import human_bytes
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from surveilnav.client.resources import SourceTraffic, Traffic
+    from surveilnav.client.resources import MissionTraffic, SourceTraffic, Traffic
 
 
 def traffic(
     nodes: Annotated[bool, typer.Option("--nodes", help="Also every process of the system.")] = False,
+    mission: Annotated[str, typer.Option(metavar="ID", help="What one mission cost instead, and may come to.")] = "",
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
     """Say what each camera and robot offered, what was delivered of it, and what went over the wire."""
+    if mission:
+        _of_mission(mission, url, as_json)
+        return
     with gateway(url) as asked:
         found = asked.traffic()
     if as_json:
         print_json(found)
     else:
         show_traffic(found, results, nodes=nodes)
+
+
+def _of_mission(id: str, url: str, as_json: bool) -> None:
+    from cli.completing import meant
+
+    with gateway(url) as asked:
+        cost = asked.mission_traffic(meant("mission", id, [m["id"] for m in asked.missions()]))
+    if as_json:
+        print_json(cost)
+    else:
+        show_cost(cost, results)
+
+
+def show_cost(cost: MissionTraffic, console: Console) -> None:
+    """What cameras and robots sent while a mission ran."""
+    most, step = cost["at_most_bytes"], cost["per_step_bytes"]
+    facts(console, [
+        ("mission", cost["mission"]), ("offered", human_bytes(cost["offered_bytes"])),
+        ("delivered", human_bytes(cost["delivered_bytes"])), ("wire", human_bytes(cost["wire_sent_bytes"])),
+        ("a step", "" if step is None else human_bytes(round(step))),
+        ("at most", "" if most is None else f"{human_bytes(round(most))}, if it uses all its steps"),
+        ("note", "" if cost["alone"] else "other missions ran meanwhile: nobody can tell what was for which"),
+        ("note", "" if cost["whole"] else "the gateway came later than the mission: what was before isn't counted"),
+    ])  # fmt: skip
 
 
 def show_traffic(found: Traffic, console: Console, *, nodes: bool = False) -> None:

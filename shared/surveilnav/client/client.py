@@ -11,7 +11,8 @@ Every failure is a ``GatewayError``: its ``name`` ends the problem's type, its t
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any, cast
 from urllib.parse import quote
@@ -227,6 +228,43 @@ class Client:
         """What changes, as it changes, for ever: connects again by itself and misses nothing. The first event is ``reset``:
         read the state, then go by what follows. ``last_id``: the id of the last event that was heard before."""
         return follow(self._http, f"{_ROOT}/events", last_id, self._refusal, self._unreachable)
+
+    def live(self, last_id: str = "") -> Iterator[Told]:
+        """How each thing is, whenever that changes: all of it first. It goes on after a cut, as ``events`` does."""
+        return follow(self._http, f"{_ROOT}/live", last_id, self._refusal, self._unreachable)
+
+    def tiles(self, of: Sequence[str], last_id: str = "") -> Iterator[Told]:
+        """Small pictures of these views ("c0-1/3", at most 32), as they change."""
+        path = f"{_ROOT}/tiles?{'&'.join(f'of={_id(view)}' for view in of)}"
+        return follow(self._http, path, last_id, self._refusal, self._unreachable)
+
+    # --- recordings -------------------------------------------------------------------------------------------------
+
+    def recorders(self) -> list[r.Recorder]:
+        """Who records missions, and how much room there is."""
+        return self._items("recorders")
+
+    def recordings(self, mission: str = "") -> list[r.Recording]:
+        """Recorded missions, the newest first; of one mission, if it is named."""
+        return self._items("recordings", **_given(mission=mission))
+
+    def recording(self, id: str) -> r.Recording:
+        """One recording."""
+        return cast("r.Recording", self._json("GET", f"recordings/{_id(id)}"))
+
+    def download_recording(self, id: str, path: Path) -> None:
+        """Writes its file to ``path``, piece by piece. Raises OSError as the disk does."""
+        with self._http.stream("GET", f"{_ROOT}/recordings/{_id(id)}/file") as answer:
+            if answer.is_error:
+                answer.read()
+                raise self._refusal(answer)
+            with path.open("wb") as file:
+                for piece in answer.iter_bytes():
+                    file.write(piece)
+
+    def remove_recording(self, id: str) -> None:
+        """Deletes a recording and its file."""
+        self._asked("DELETE", f"{_ROOT}/recordings/{_id(id)}")
 
     # --- asking -----------------------------------------------------------------------------------------------------
 

@@ -106,6 +106,17 @@ def test_status_and_traffic_name_everybody(typed, client):
     assert set(json.loads(typed("traffic", "--json")[1])) == set(client.get("/api/v1/traffic").json())
 
 
+def test_what_a_mission_costs_is_said(typed, client, building, mission):
+    building.put_status(
+        msgspec.structs.replace(building.missions[mission], stamp_ns=clock_ns(), state="active", step=1)
+    )
+    until(lambda: client.get(f"/api/v1/missions/{mission}/traffic").status_code == 200)
+    told = json.loads(typed("traffic", "--mission", mission, "--json")[1])
+    assert set(told) == set(client.get(f"/api/v1/missions/{mission}/traffic").json())
+    code, out, _ = typed("traffic", "--mission", mission)
+    assert (code, mission in out, "offered" in out) == (0, True, True)
+
+
 def test_robots_are_stopped_and_released(typed):
     code, out, _ = typed("stop", "--reason", "smoke")
     assert (code, "r1  stopped" in out) == (0, True)
