@@ -89,7 +89,9 @@ def _load(path: Path) -> Any:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise ConfigError(f"{path}: a file of mask zones has at most {_MOST_BYTES} bytes")
-        return yaml.load(path.read_text(encoding="utf-8"), _Loader) or {}
+        return yaml.load(
+            path.read_text(encoding="utf-8"), _Loader
+        )  # an empty file is no table: it may have been cut off
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"the mask zones of SURVEILNAV_CAMERA__MASKS can't be read: {error}") from error
     except (yaml.YAMLError, RecursionError, ValueError) as error:

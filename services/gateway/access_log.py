@@ -8,6 +8,7 @@ old or too many. The newest lines are kept in memory, too: without a folder ther
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 from collections import OrderedDict, deque
@@ -42,21 +43,27 @@ class AccessLog:
         self._lines: deque[Look] = deque(maxlen=_MOST_LINES)
         self._watched_s: OrderedDict[tuple[object, ...], float] = OrderedDict()
         self._file: Path | None = None
-        self._lock = threading.Lock()
+        self._lock, self._disk = threading.Lock(), threading.Lock()
         self._log = structlog.get_logger()
+        self._unwritten: queue.Queue[Look] = queue.Queue(_MOST_LINES)
         if folder is not None:
             self._lines.extend(_read(_files(folder)))
+            threading.Thread(target=self._write_all, args=(folder,), name="access log", daemon=True).start()
 
     def note(self, client: str, camera: str, view: int, what: str, now: datetime | None = None) -> None:
-        """Notes that ``client`` was shown a view of a camera; the same again within a minute is one look."""
+        """Notes that ``client`` was shown a view of a camera; the same again within a minute is one look. The disk is another
+        thread's: whoever shows pictures never waits for it."""
         now = now or datetime.now(UTC)
         with self._lock:
             if not self._is_new((client, camera, view, what)):
                 return
             look = Look(now, client, camera, view, what)
             self._lines.append(look)
-            if self._folder is not None:
-                self._write(self._folder, look)
+        if self._folder is not None:
+            try:
+                self._unwritten.put_nowait(look)
+            except queue.Full:
+                self._log.error("a look at a camera can't be written down: the disk is too slow", camera=camera)
 
     def of(self, camera: str, now: datetime | None = None) -> list[Look]:
         """The newest looks at a camera, newest first."""
@@ -67,9 +74,9 @@ class AccessLog:
     def tidy(self, now: datetime | None = None) -> None:
         """Removes files of lines that are too old, also where nobody looks any more."""
         now = now or datetime.now(UTC)
-        with self._lock:
-            if self._folder is None:
-                return
+        if self._folder is None:
+            return
+        with self._disk:
             try:
                 self._drop_old(self._folder, now)
             except OSError as error:
@@ -86,6 +93,17 @@ class AccessLog:
         return True
 
     # --- files ----------------------------------------------------------------------------------------------------
+
+    def settle(self) -> None:
+        """Waits until all that was noted is in files."""
+        self._unwritten.join()
+
+    def _write_all(self, folder: Path) -> None:
+        while True:
+            look = self._unwritten.get()
+            with self._disk:
+                self._write(folder, look)
+            self._unwritten.task_done()
 
     def _write(self, folder: Path, look: Look) -> None:
         """Appends a line. A disk that can't be written costs the lines on it, and is said: people may have to see."""

@@ -15,6 +15,7 @@ _MOST = 256
 class _Kept:
     made_s: float = -1e9
     picture: bytes = b""
+    failed: Exception | None = None
     lock: threading.Lock = field(default_factory=threading.Lock)
 
 
@@ -27,7 +28,8 @@ class Thumbnails:
         self._lock = threading.Lock()
 
     def get(self, view: Hashable, make: Callable[[], bytes]) -> bytes:
-        """The picture; whoever asks for one that is being made waits for it. What ``make`` raises goes to who asked."""
+        """The picture; whoever asks for one that is being made waits for it, and gets what ``make`` raised, too: many viewers
+        of a camera that doesn't answer wait once for it, not one after the other."""
         with self._lock:
             kept = self._kept.setdefault(view, _Kept())
             self._kept.move_to_end(view)
@@ -35,7 +37,13 @@ class Thumbnails:
                 self._kept.popitem(last=False)
         with kept.lock:
             if time.monotonic() - kept.made_s > self._fresh_s:
-                kept.picture, kept.made_s = make(), time.monotonic()
+                try:
+                    kept.picture, kept.failed = make(), None
+                except Exception as error:
+                    kept.failed = error
+                kept.made_s = time.monotonic()
+            if kept.failed is not None:
+                raise kept.failed
             return kept.picture
 
     def drop(self, older_s: float) -> int:

@@ -36,7 +36,7 @@ def test_zones_by_view(written):
     assert zones[3][1] == ((0.2, 0.5), (0.6, 0.5), (0.4, 0.9))
     assert read_zones(path, "roof", 5) == {}
     assert read_zones(path, "garden", 5) == {}
-    assert read_zones(written(""), "hall", 5) == {}
+    assert read_zones(written("{}"), "hall", 5) == {}
 
 
 @pytest.mark.parametrize(
@@ -46,6 +46,10 @@ def test_zones_by_view(written):
         ("hall: {all: []}\nhall: {all: []}", "'hall' stands there twice"),
         ("hall: {1: [], '1': []}", "'1' stands there twice"),
         ("[1, 2]", "expected a table of cameras"),
+        ("", "expected a table of cameras"),
+        ("# nothing\n", "expected a table of cameras"),
+        ("[]", "expected a table of cameras"),
+        ("false", "expected a table of cameras"),
         ({"hall": [SQUARE]}, "camera hall: expected a table of views"),
         ({"hall": {"13": [SQUARE]}}, "view 13: expected 'all' or a view of 0-4"),
         ({"hall": {"-1": [SQUARE]}}, "expected 'all' or a view of 0-4"),

@@ -13,7 +13,9 @@ from services.gateway.access_log import AccessLog
 NOON = datetime(2026, 1, 31, 12, tzinfo=UTC)
 
 
-def lines(folder):
+def lines(folder, log=None):
+    if log is not None:
+        log.settle()
     return [json.loads(line) for file in sorted(folder.glob("*.jsonl")) for line in file.read_text().splitlines()]
 
 
@@ -21,14 +23,14 @@ def test_a_look_is_a_line_and_outlives_the_process(tmp_path):
     log = AccessLog(tmp_path / "looks")
     log.note("10.0.0.1", "c1", 3, "latest", NOON)
     log.note("10.0.0.2", "c2", 0, "tile", NOON + timedelta(seconds=1))
-    assert lines(tmp_path / "looks")[0] == {
+    assert lines(tmp_path / "looks", log)[0] == {
         "time": "2026-01-31T12:00:00Z", "client": "10.0.0.1", "camera": "c1", "view": 3, "what": "latest",
     }  # fmt: skip
     again = AccessLog(tmp_path / "looks")
     assert [(k.client, k.view, k.what) for k in again.of("c1", NOON)] == [("10.0.0.1", 3, "latest")]
     again.note("10.0.0.1", "c1", 4, "latest", NOON + timedelta(minutes=1))
     assert [k.view for k in again.of("c1", NOON)] == [4, 3], "newest first"
-    assert len(lines(tmp_path / "looks")) == 3
+    assert len(lines(tmp_path / "looks", again)) == 3
 
 
 def test_who_goes_on_looking_is_noted_once_a_minute(monkeypatch):
@@ -48,7 +50,7 @@ def test_files_are_begun_daily_and_go_when_they_are_too_old(tmp_path):
     log = AccessLog(tmp_path, keep=timedelta(days=3))
     for day in range(8):
         log.note("10.0.0.1", "c1", day, "latest", NOON + timedelta(days=day))
-    assert [k["view"] for k in lines(tmp_path)] == [3, 4, 5, 6, 7]
+    assert [k["view"] for k in lines(tmp_path, log)] == [3, 4, 5, 6, 7]
     assert [k.view for k in log.of("c1", NOON + timedelta(days=7))] == [7, 6, 5, 4]
     assert [k.view for k in AccessLog(tmp_path, keep=timedelta(days=1)).of("c1", NOON + timedelta(days=7))] == [7, 6]
 
@@ -56,13 +58,14 @@ def test_files_are_begun_daily_and_go_when_they_are_too_old(tmp_path):
 def test_old_lines_go_also_where_nobody_looks(tmp_path):
     log = AccessLog(tmp_path, keep=timedelta(days=3))
     log.note("10.0.0.1", "c1", 0, "latest", NOON)
+    log.settle()
     log.tidy(NOON + timedelta(days=4))
     assert len(lines(tmp_path)) == 1
     log.tidy(NOON + timedelta(days=4, seconds=1))
     assert lines(tmp_path) == []
     assert log.of("c1", NOON + timedelta(days=4)) == []
     log.note("10.0.0.1", "c1", 1, "latest", NOON + timedelta(days=5))
-    assert [k["view"] for k in lines(tmp_path)] == [1]
+    assert [k["view"] for k in lines(tmp_path, log)] == [1]
 
 
 def test_all_files_together_stay_below_their_limit(tmp_path, monkeypatch):
@@ -70,6 +73,7 @@ def test_all_files_together_stay_below_their_limit(tmp_path, monkeypatch):
     log = AccessLog(tmp_path, max_bytes=5000)
     for i in range(400):
         log.note("10.0.0.1", "c1", i, "latest", NOON + timedelta(seconds=i))
+    log.settle()
     sizes = [f.stat().st_size for f in tmp_path.iterdir()]
     assert 3000 < sum(sizes) <= 5000
     assert max(sizes) < 1200
@@ -86,7 +90,9 @@ def test_memory_is_bounded(monkeypatch):
 
 
 def test_broken_lines_and_foreign_files_are_left_out(tmp_path):
-    AccessLog(tmp_path).note("10.0.0.1", "c1", 3, "latest", NOON)
+    first = AccessLog(tmp_path)
+    first.note("10.0.0.1", "c1", 3, "latest", NOON)
+    first.settle()
     (file,) = tmp_path.iterdir()
     with file.open("ab") as f:
         f.write(b'{"time":"2026-01-31T12:00:00","client":"","camera":"c1","view":0,"what":""}\n\xff\n{"time":"2026-01')

@@ -28,6 +28,19 @@ def test_many_at_once_have_one_made():
     assert (got, made) == ([b"jpeg"] * 8, [1])
 
 
+def test_a_camera_that_doesnt_answer_is_asked_once_for_all_who_wait():
+    kept, asked = Thumbnails(fresh_s=60.0), []
+
+    def fails():
+        asked.append(1)
+        raise ValueError("no camera")
+
+    for _ in range(5):
+        with pytest.raises(ValueError, match="no camera"):
+            kept.get("c1", fails)
+    assert asked == [1]
+
+
 def test_an_old_one_is_made_anew_and_a_failure_isnt_kept():
     kept = Thumbnails(fresh_s=-1.0)
     assert [kept.get("c1", lambda i=i: bytes([i])) for i in range(3)] == [b"\0", b"\1", b"\2"]

@@ -2,12 +2,12 @@
 import { post } from "./api.js";
 import { useNow } from "./clock.js";
 import { connectionState } from "./connection.js";
-import { all, one, useStore } from "./store.js";
+import { one, useStore } from "./store.js";
 import { ThemeButton } from "./theme.js";
 import { attempt } from "./toasts.js";
 import { html } from "./ui.js";
 
-const stop = () => attempt(() => post("robots/stop", { reason: "by hand, on the page" }), answer => `Stopped: ${answer.items.map(r => r.robot).join(", ")}. Missions are paused.`);
+const stop = () => attempt(() => post("robots/stop", { reason: "by hand, on the page" }), answer => answer.items.length ? `Stopped: ${answer.items.map(r => r.robot).join(", ")}. Missions are paused.` : "No robot is there.");
 
 function readiness() {
   const state = connectionState(), told = one("readiness", "");
@@ -27,6 +27,6 @@ export function Header() {
     <span class="grow"></span>
     <a class="quiet" href="docs">REST</a>
     <${ThemeButton} />
-    <button class="stop" onClick=${stop} disabled=${!all("robot").length}>Emergency stop</button>
+    <button class="stop" onClick=${stop}>Emergency stop</button>
   </header>`;
 }

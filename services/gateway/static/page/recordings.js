@@ -7,10 +7,11 @@ let asked = "";
 
 /** Asks once for each change that may have brought a recording. */
 function ask() {
-  const now = [...all("recorder").map(r => r.id), ...all("mission").map(m => m.finished ?? "")].join();
+  // A file is closed a moment after its mission's end: what recorders write counts, too.
+  const now = [...all("recorder").map(r => `${r.id} ${r.recording}`), ...all("mission").map(m => m.finished ?? "")].join();
   if (!all("recorder").length || now === asked) return;
   asked = now;
-  get("recordings?limit=100").then(answer => { byMission = new Map(answer.items.map(r => [r.mission, r])); redraw(); }, () => {});
+  get("recordings?limit=100").then(answer => { byMission = new Map(answer.items.map(r => [r.mission, r])); redraw(); }, () => { asked = ""; });
 }
 
 /** {address, bytes} of the file of a mission; null: there is none, or it isn't complete. */

@@ -23,7 +23,10 @@ export class FloorLayers {
     if (!due.length || this.timer || this.ended) return;
     this.timer = setTimeout(async () => {
       this.askedMs = performance.now();
-      await Promise.all(due.map(layer => this.#load(layer)));
+      await Promise.all(due.map(layer => this.#load(layer).catch(() => { // cut off in the middle: it is asked for again
+        this.problems[layer] = "the picture didn't come whole";
+        delete this.asked[layer];
+      })));
       this.timer = 0;
       if (!this.ended) this.changed();
     }, Math.max(0, LEAST_MS - (performance.now() - this.askedMs)));

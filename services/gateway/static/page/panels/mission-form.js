@@ -5,22 +5,25 @@ import { attempt } from "../toasts.js";
 import { html, useRef, useState } from "../ui.js";
 import { suggestions } from "./suggestions.js";
 
-/** One key per form filled in: a second click sends the same mission, not another. */
+/** One key per form filled in: a second click, also after an answer that was lost, sends the same mission, not another. */
 const newKey = () => (crypto.randomUUID?.() ?? String(Math.random()).slice(2));
 
 export function MissionForm() {
   useStore();
-  const key = useRef(newKey()), [sending, setSending] = useState(false);
+  const key = useRef(newKey()), sent = useRef(""), [sending, setSending] = useState(false);
 
   async function submit(event) {
     event.preventDefault();
     if (sending) return;
-    const form = new FormData(event.target);
+    const form = new FormData(event.target), said = JSON.stringify([...form]);
+    if (said !== sent.current) key.current = newKey();
+    sent.current = said;
     setSending(true);
     const mission = await attempt(() => send(form, key.current), m => `Searching for ${m.target}: mission ${m.id} is ${m.state}.`);
     setSending(false);
-    key.current = newKey();
-    if (mission) event.target.reset();
+    if (!mission) return;
+    sent.current = "";
+    event.target.reset();
   }
 
   const robots = all("robot").filter(r => !r.stale);
