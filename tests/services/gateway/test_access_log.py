@@ -109,4 +109,5 @@ def test_a_disk_that_cant_be_written_stops_nobody_from_looking(tmp_path, place, 
     log = AccessLog(tmp_path / "looks" if place == "a file is there" else tmp_path / "looks" / "deeper")
     log.note("10.0.0.1", "c1", 3, "latest", NOON)
     assert len(log.of("c1", NOON)) == 1
+    log.settle()
     assert "can't be written down" in capsys.readouterr().out
