@@ -22,5 +22,5 @@ class Exit(IntEnum):
         "it isn't; or a setting, a file or the system is wrong, as one line says; or nobody reads its output",
     )
     MISTYPED = 2, "the command can't be as it was typed"
-    INTERRUPTED = 130, "interrupted by Ctrl-C; `up` and `watch` end by it, and with 0"
-    TERMINATED = 143, "ended by SIGTERM"
+    INTERRUPTED = 130, "interrupted by Ctrl-C; `up`, `watch` and `replay` end by it, and with 0"
+    TERMINATED = 143, "ended by SIGTERM; `up` and `replay` end by it, and with 0"

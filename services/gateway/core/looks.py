@@ -9,7 +9,8 @@ import msgspec
 
 
 class Look(msgspec.Struct, frozen=True):
-    """Somebody was shown a view of a camera. ``what``: "thumbnail", "latest", "tile" or "history"; ``client``: an address."""
+    """Somebody was shown a view of a camera. ``what``: "thumbnail", "latest", "tile", "history" or "recording" (view -1: all);
+    ``client``: an address."""
 
     time: Annotated[datetime, msgspec.Meta(tz=True)]
     client: str

@@ -54,13 +54,16 @@ export class CloudView {
       this.askedMs = performance.now();
       await this.#load();
       this.timer = 0;
+      if (this.revision === null) this.#update();
     }, Math.max(0, AGAIN_MS - (performance.now() - this.askedMs)));
   }
 
   async #load() {
+    const floor = this.floor;
     try {
-      const answer = await ask(`floors/${part(this.floor)}/cloud.npy?points=${MOST}`);
+      const answer = await ask(`floors/${part(floor)}/cloud.npy?points=${MOST}`);
       const { shape, values } = readNpy(await answer.arrayBuffer());
+      if (floor !== this.floor) return; // another floor is shown meanwhile: it is asked for by itself
       this.points.set(values);
       this.box = boxOf(values);
       if (!this.orbit.own) this.#fit();
