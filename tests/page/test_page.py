@@ -53,7 +53,7 @@ def test_a_search_from_the_form_to_the_confirmed_object(open_page):
     if card.count():  # a search may be over before one looks
         assert card.get_by_role("button", name="Cancel").is_visible()
     until(lambda: row(page, id).locator(".badge").inner_text() not in ("active", "queued", "confirming"), timeout_s=150)
-    assert row(page, id).locator(".badge").inner_text() == "found by its belief"
+    until(lambda: row(page, id).locator(".badge").inner_text() == "found, and right", "the simulator's word is missing")
     assert where(page) != before, "the robot didn't move"
     page.locator("button.object", has_text="couch").first.click()
     page.locator("dialog .history li").first.wait_for()

@@ -5,12 +5,19 @@ import { html } from "../ui.js";
 
 const KIND = { active: "live", confirming: "live", queued: "soft", paused: "warn", done: "good", failed: "bad", cancelled: "soft" };
 
-/** `found` is what the planner believes: it says so. */
+/** `found` is what the planner believes: it says so. Where the building is simulated, the simulator has judged it. */
 export function StateBadge({ mission: m }) {
-  const done = m.state === "done";
-  const text = done ? (m.found ? "found" : "ended") : m.state;
-  return html`<span class="badge ${done && !m.found ? "soft" : KIND[m.state] ?? "soft"}" title=${done && m.found ? "The planner believes that the robot stands at its target." : m.error ?? ""}>${text}${done && m.found && html`<small> by its belief</small>`}</span>`;
+  const found = m.state === "done" && m.found;
+  const text = m.state !== "done" ? m.state : found ? "found" : "ended";
+  const kind = m.state === "done" && !m.found ? "soft" : found && m.judged === false ? "bad" : KIND[m.state] ?? "soft";
+  return html`<span class="badge ${kind}" title=${found ? WHO[m.judged] ?? WHO.nobody : m.error ?? ""}>${text}${found && html`<small>${SAID[m.judged] ?? SAID.nobody}</small>`}</span>`;
 }
+const SAID = { true: ", and right", false: ", but wrong", nobody: " by its belief" };
+const WHO = {
+  true: "The planner believes that the robot stands at its target, and the simulator agrees.",
+  false: "The planner believes that the robot stands at its target. The simulator says that it doesn't.",
+  nobody: "The planner believes that the robot stands at its target. Nobody has checked.",
+};
 
 /** A short id; the full one on hover, and copied on click. */
 export function MissionId({ id }) {
