@@ -64,12 +64,13 @@ def read_zones(
 
 def masked_pixels(polygons: Sequence[Polygon], width_px: int, height_px: int) -> NDArray[np.bool_]:
     """(height, width): which pixels a zone touches, however little; a pixel more all around rather than one less."""
-    mask = np.zeros((height_px, width_px), np.uint8)
+    # With a rim: what is drawn outside the picture, by rounding at its edge, still grows into it.
+    mask = np.zeros((height_px + 2, width_px + 2), np.uint8)
     for polygon in polygons:  # one by one: together, OpenCV would leave out where two overlap
-        # The centre of pixel 0 lies half a pixel inside the picture.
-        corners = np.array(polygon) * (width_px, height_px) - 0.5
+        # The centre of pixel 0 lies half a pixel inside the picture, behind the rim.
+        corners = np.array(polygon) * (width_px, height_px) + 0.5
         cv2.fillPoly(mask, [np.round(corners * (1 << _SHIFT)).astype(np.int32)], 1, shift=_SHIFT)
-    return np.asarray(cv2.dilate(mask, np.ones((3, 3), np.uint8)) != 0)
+    return np.asarray(cv2.dilate(mask, np.ones((3, 3), np.uint8))[1:-1, 1:-1] != 0)
 
 
 # --- the file -------------------------------------------------------------------------------------------------

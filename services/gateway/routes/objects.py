@@ -51,7 +51,9 @@ def router(found: Objects, looks: Looks) -> APIRouter:
     ) -> Response:
         """What an event of the history (by its place, from 0) saw: a small picture around the box. 404 where nothing was
         seen, and where the picture isn't kept any more: fusion keeps those of its newest views."""
-        headers = {"Cache-Control": "no-store"}  # pictures can be forgotten, and objects that become one are numbered anew
+        headers = {
+            "Cache-Control": "no-store"
+        }  # pictures can be forgotten, and objects that become one are numbered anew
         event, picture = found.picture(id, object, number)
         kind, _, source = event.source.partition("/")
         if kind == "camera":

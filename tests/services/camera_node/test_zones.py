@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from services.camera_node.zones import masked_pixels, read_zones
@@ -88,6 +88,7 @@ TRIANGLES = st.tuples(*[st.tuples(UNIT, UNIT)] * 3)
 
 
 @given(TRIANGLES, st.integers(1, 70), st.integers(1, 70), st.lists(st.tuples(UNIT, UNIT), min_size=30, max_size=30))
+@example(((0.0, 1.0), (0.0, 1.0), (0.0, 1.0)), 1, 1, [(0.0, 0.0)] * 30)
 def test_every_pixel_that_a_zone_touches_is_masked(triangle, width, height, places):
     """Any place in the triangle lies on a masked pixel, also in slivers thinner than a pixel."""
     mask = masked_pixels([triangle], width, height)

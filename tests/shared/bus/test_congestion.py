@@ -162,12 +162,15 @@ def test_every_message_of_a_full_map_is_small_enough():
 
 def test_only_what_is_put_or_asked_for_again_may_be_left_out():
     left_out = {s.name for s in STREAMS if s.when_full == "leave out"}
-    assert left_out == {"camera_frame", "robot_observation", "truth", "map_layer"}
+    assert left_out == {
+        "camera_frame", "robot_observation", "truth", "map_layer", "view_picture", "view_log", "map_snapshot", "recording_read",
+    }  # fmt: skip
     questions = [s for s in STREAMS if s.when_full == "leave out" and s.kind != "put"]
     assert all(not s.asked_of_all for s in questions), (
         "one lost answer of many isn't missed, and so not asked for again"
     )
-    assert all(s.request is None for s in questions), "what is asked again must change nothing"
+    commands = {s.name for s in questions if s.request is not None} - {"recording_read"}  # its request names a stretch to read
+    assert not commands, "what is asked again must change nothing"
 
 
 @pytest.mark.parametrize(
