@@ -13,6 +13,7 @@ from surveilnav import contract
 from surveilnav.bus import clock_ns
 from surveilnav.messages import RecordingPart, RecordingRemoval
 
+_TRIES = 3
 _PART_BYTES = 1 << 20
 
 
@@ -63,13 +64,23 @@ class Recordings:
                 stamp_ns=clock_ns(), id=recording.id, offset=first, n_bytes=min(_PART_BYTES, after - first)
             )
             who = f"recorder {recording.recorder}"
-            data = ask(self._node, who, contract.RECORDING_READ, wanted, recorder=recording.recorder).payload
+            data = self._read(who, wanted, recording.recorder)
             if not 0 < len(data) <= wanted.n_bytes:
                 raise Problem(
                     502, "bad_part", f"{who} answered with {len(data)} bytes where {wanted.n_bytes} were asked for"
                 )
             first += len(data)
             yield data
+
+    def _read(self, who: str, wanted: RecordingPart, recorder: str) -> bytes:
+        """A stretch of a file. Where a link is full its answer is left out: then it is asked for again."""
+        for left in range(_TRIES - 1, -1, -1):
+            try:
+                return ask(self._node, who, contract.RECORDING_READ, wanted, recorder=recorder).payload
+            except Problem as problem:
+                if problem.status != 504 or not left:
+                    raise
+        raise AssertionError
 
     def _all(self) -> list[Recording]:
         recorders = sorted(self._node.alive("recorder"))
