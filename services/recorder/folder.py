@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,7 +55,7 @@ class Folder:
             try:
                 at = path.stat()
                 found.append(Kept(path.stem, at.st_size, parts[0], is_open(path), at.st_mtime_ns))
-            except FileNotFoundError:  # deleted meanwhile
+            except OSError:  # deleted meanwhile, or nothing that can be read: it must not cost the others
                 continue
         return sorted(found, key=lambda f: f.id, reverse=True)
 
@@ -64,10 +65,14 @@ class Folder:
 
     def tidy(self, limits: Limits, now_ns: int) -> list[str]:
         """Deletes what is beyond the limits; returns the ids of those."""
-        gone = to_delete(self.kept(), limits, now_ns)
-        for id in gone:
-            self.file_of(id).unlink(missing_ok=True)
-            self._facts.pop(id, None)
+        gone = []
+        for id in to_delete(self.kept(), limits, now_ns):
+            with suppress(
+                OSError
+            ):  # one that can't be deleted must not keep the others, nor stop what is to be written
+                self.file_of(id).unlink(missing_ok=True)
+                self._facts.pop(id, None)
+                gone.append(id)
         return gone
 
     def delete(self, id: str) -> None:

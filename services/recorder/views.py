@@ -29,11 +29,11 @@ class Views:
         following = list(recorded)
         if not following or time.monotonic() < self._again_s:
             return False
-        try:
+        try:  # those under way first: maps that can't be had for a new one must not cost them their views
+            more, self.problem = self._bring(following), ""
             for one in [r for r in following if r.number is None]:
                 self._begin(one)
-            more = self._bring(following)
-            self.problem = ""
+                more = True
             return more
         except BusError as error:
             self.problem = f"views aren't recorded: {error}"

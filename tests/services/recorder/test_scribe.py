@@ -11,6 +11,7 @@ import pytest
 from mcap.records import Message
 
 from services.recorder import scribe as scribe_module
+from services.recorder.core.limits import Limits
 from services.recorder.core.names import recording_id
 from services.recorder.file import RecordingFile
 from services.recorder.folder import Folder
@@ -222,3 +223,13 @@ def test_the_folder_reads_and_deletes_recordings_and_nothing_else(tmp_path, tool
             folder.delete(bad)
     folder.delete(ID)
     assert {p.name for p in tmp_path.iterdir()} == {"secret.mcap"}
+
+
+def test_what_only_looks_like_a_recording_costs_no_other(tmp_path):
+    (tmp_path / "20260101T000000000Z_m0.mcap").symlink_to(
+        "20260101T000000000Z_m0.mcap"
+    )  # leads nowhere, again and again
+    folder = Folder(tmp_path)
+    assert folder.kept() == []
+    (tmp_path / f"{ID}.mcap").mkdir()
+    assert folder.tidy(Limits(1, 1), 2**62) == [], "a folder can't be deleted as a file"

@@ -26,6 +26,7 @@ class Fakes:
         self.fusion, self.planner, self.camera = (Node(k, k, self.bus) for k in ("fusion", "planner", "camera"))
         self.log: list[int] = []
         self.snapshot, self.held, self.asked, self.told = b"the maps", True, 0, 0
+        self.mapped = True
 
     def __enter__(self) -> Fakes:
         for node in (self.fusion, self.planner, self.camera):
@@ -56,6 +57,8 @@ class Fakes:
 
     def _snapshot(self, request: Request) -> Answer:
         self.asked += 1
+        if not self.mapped:
+            raise Refused("too_large", "maps that no message holds")
         number, said = max(self.log, default=0), request.parameters
         header = m.MapSnapshot(stamp_ns=1, number=number, revision=number, digest=f"digest-{number}", config="{}")
         if said.get("only") == "digest":
@@ -197,6 +200,18 @@ def test_while_fusion_is_away_all_else_is_recorded_and_it_is_said(bus, recorder)
     bus.held = True
     recorder.turn_until(lambda: recorder.views() == [2])
     assert recorder.service.status().problem == ""
+
+
+def test_maps_that_cant_be_had_for_a_new_recording_cost_no_other_its_views(bus, recorder):
+    bus.log = [1]
+    bus.put_status("m1", "active")
+    recorder.turn_until(lambda: recorder.states() == {"m1": "recording"} and bus.asked >= 2)
+    bus.mapped = False
+    bus.put_status("m2", "active")
+    recorder.turn_until(lambda: "no message holds" in recorder.service.status().problem)
+    bus.log = [1, 2]
+    (path,) = recorder.folder.glob("*_m1.mcap")
+    recorder.turn_until(lambda: any(isinstance(t, Heard) and t.stream is VIEW_LOG for t in told(path)))
 
 
 def test_two_missions_at_once_have_a_file_each(bus, recorder):

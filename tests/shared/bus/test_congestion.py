@@ -169,7 +169,9 @@ def test_only_what_is_put_or_asked_for_again_may_be_left_out():
     assert all(not s.asked_of_all for s in questions), (
         "one lost answer of many isn't missed, and so not asked for again"
     )
-    commands = {s.name for s in questions if s.request is not None} - {"recording_read"}  # its request names a stretch to read
+    commands = {s.name for s in questions if s.request is not None} - {
+        "recording_read"
+    }  # its request names a stretch to read
     assert not commands, "what is asked again must change nothing"
 
 
