@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import queue
-import time
+import signal
+import threading
 from collections import deque
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
@@ -31,25 +32,26 @@ def watch(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
     live = results.is_terminal and not as_json
     gateway = Client(url, timeout_s=_TIMEOUT_S)
-    feed = Feed(gateway, reads=live)
+    feed, stopping = Feed(gateway, reads=live), threading.Event()
+    # No exception: one that comes while something is being cleaned up is dropped, and the screen would stay.
+    before = signal.signal(signal.SIGINT, lambda *_: stopping.set())
     try:
         if live:
-            _show_live(feed, url)
+            _show_live(feed, url, stopping)
         else:
-            _print_events(feed, as_json)
-    except KeyboardInterrupt:
-        pass  # how it is meant to end
+            _print_events(feed, as_json, stopping)
     finally:
+        signal.signal(signal.SIGINT, before)
         feed.close()
         gateway.close()
 
 
-def _print_events(feed: Feed, as_json: bool) -> None:
-    """A line an event, for ever."""
+def _print_events(feed: Feed, as_json: bool, stopping: threading.Event) -> None:
+    """A line an event, until it is to stop."""
     from cli.terminal import plain
     from cli.watching.lines import line_of
 
-    while True:
+    while not stopping.is_set():
         told = _next(feed, 0.5)
         if told is not None:
             what = (
@@ -58,7 +60,7 @@ def _print_events(feed: Feed, as_json: bool) -> None:
             print(what, flush=True)
 
 
-def _show_live(feed: Feed, url: str) -> None:
+def _show_live(feed: Feed, url: str, stopping: threading.Event) -> None:
     """The screen, drawn anew a few times a second."""
     from rich.console import Group
     from rich.live import Live
@@ -69,7 +71,7 @@ def _show_live(feed: Feed, url: str) -> None:
 
     events, alerts = deque[str](maxlen=_EVENTS), Alerts()
     with Live(console=results, screen=True, auto_refresh=False) as shown:
-        while True:
+        while not stopping.wait(_DRAW_S):
             while (told := _next(feed, 0.0)) is not None:
                 events.append(line_of(told))
             now, size, known = datetime.now(UTC), results.size, feed.known
@@ -77,7 +79,6 @@ def _show_live(feed: Feed, url: str) -> None:
                 known, alerts.of(known, now), list(events), url=url, now=now, width=size.width, height=size.height
             )  # fmt: skip
             shown.update(Group(*lines), refresh=True)
-            time.sleep(_DRAW_S)
 
 
 def _next(feed: Feed, wait_s: float) -> Told | None:
