@@ -2,9 +2,9 @@
 
     python -m benchmark.studies.live --buildings office_200 flats_201 ... [--targets tv bed] [--seeds 0] [--perception compact]
 
-Services, bus, pixels and the clock are those that users have. Every search begins with empty maps and warm caches: the first
-search in a building isn't counted where it had to render light first, since ``demo`` prepares the building before it starts
-the clock. Rows go to ``--data`` as they come, so that a second start plays only what is missing; the page to ``--page``.
+Services, bus, pixels and the clock are those that users have. Every search begins with empty maps. ``demo`` renders light and
+views before it starts the services, so that takes none of a search's time. Rows go to ``--data`` as they come, so that a
+second start plays only what is missing; the page goes to ``--page``.
 """
 
 from __future__ import annotations
@@ -68,12 +68,11 @@ Pair = tuple[dict[str, Any], dict[str, Any]]
 def pairs_of(rows: Sequence[dict[str, Any]]) -> list[Pair]:
     """(with cameras, without) of every start that was played both ways."""
     played = {Search(*(r[k] for k in KEY)): r for r in rows if "skipped" not in r}
-    both = [
+    return [
         (row, played[other])
         for search, row in sorted(played.items())
         if search.surveillance == "on" and (other := search._replace(surveillance="off")) in played
     ]
-    return both
 
 
 def page(rows: Sequence[dict[str, Any]], command: str) -> str:

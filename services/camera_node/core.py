@@ -14,6 +14,8 @@ from surveilnav.messages import CameraSummary
 SUMMARY_LIMIT_BYTES = 512
 #: News may come sooner than the summary's own rate, but a camera that nobody invoked stays under 1 kB/s in all.
 _NEWS_PERIOD_S = 2.0
+#: A thumbnail of a smaller width shows nothing.
+_LEAST_THUMBNAIL_PX = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,3 +114,8 @@ def summary(
             break
         message = larger
     return message
+
+
+def thumbnail_width_px(asked_px: int, most_px: int) -> int:
+    """How wide a thumbnail is that is asked for with a width; 0 asks for the most."""
+    return min(max(asked_px, _LEAST_THUMBNAIL_PX), most_px) if asked_px else most_px

@@ -15,9 +15,6 @@ from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
 from surveilnav.messages import Ack, CameraInfo, CameraViewInfo, FrameHeader
 from surveilnav.sensing.truth import truth_to_wire
 
-#: A thumbnail of a smaller width shows nothing.
-_LEAST_THUMBNAIL_PX = 64
-
 
 class CameraService:
     """Serves the views of one camera, without their mask zones."""
@@ -120,5 +117,4 @@ class CameraService:
     def _thumbnail(self, view: int, width_px: int) -> bytes:
         if self._source.version(view) is None:
             raise Refused("busy", f"view {view} has no picture yet: ask again later")
-        most_px = self._settings.thumbnail_width_px
-        return self._encoded.thumbnail(view, min(max(width_px, _LEAST_THUMBNAIL_PX), most_px) if width_px else most_px)
+        return self._encoded.thumbnail(view, core.thumbnail_width_px(width_px, self._settings.thumbnail_width_px))
