@@ -1,4 +1,4 @@
-"""A tiny file of the kind that ``compact`` is: what is red is a tv, what is green a bed. Made without PyTorch."""
+"""A tiny file of the kind that ``compact`` is: red is a tv, green a bed, at any depth. Made without PyTorch."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 from onnx import ModelProto, TensorProto, helper, numpy_helper
+
+from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 
 CLASSES = ("tv", "bed", "chest of drawers", "table", "oven")
 ROOMS = ("bedroom", "kitchen")
@@ -80,7 +82,11 @@ def _network(n_classes: int, n_near: int, blackness: float) -> ModelProto:
     ]  # fmt: skip
     outputs = ("scores", "ltrb", "coefficients", "embeddings", "prototypes", "image", "near")
     graph = helper.make_graph(
-        nodes, "colours", [helper.make_tensor_value_info("picture", TensorProto.UINT8, [1, "height", "width", 3])],
+        nodes, "colours",
+        [
+            helper.make_tensor_value_info("picture", TensorProto.UINT8, [1, "height", "width", 3]),
+            helper.make_tensor_value_info("depth", TensorProto.FLOAT, [1, "rows", "columns", N_CHANNELS]),
+        ],
         [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in outputs],
         [numpy_helper.from_array(array, name) for name, array in weights.items()],
     )  # fmt: skip

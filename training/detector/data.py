@@ -19,6 +19,8 @@ import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from surveilnav.geometry import Pinhole
+from surveilnav.perception.detectors.depth_channels import depth_channels
 from training.detector.assign import Targets
 from training.detector.losses import Batch
 from training.detector.pack import Pack
@@ -27,12 +29,14 @@ from training.detector.views import MIN_AREA_PX, MIN_SIDE_PX, TrainingView
 
 #: (width, height) of batches; multiples of 32. Training begins with small ones, which cost half.
 CANVAS: dict[Kind, tuple[int, int]] = {"robot": (320, 256), "camera": (320, 320)}
-SMALL_CANVAS: dict[Kind, tuple[int, int]] = {"robot": (224, 192), "camera": (224, 224)}
+SMALL_CANVAS: dict[Kind, tuple[int, int]] = {"robot": (192, 160), "camera": (224, 224)}
 _ROBOT_SHARE = 0.6
 _ZOOM = (0.75, 1.6)
 _GREY = 114
 #: Chances of each way of varying.
 _CLUTTER, _BLUR, _NOISE, _JPEG = 0.3, 0.15, 0.3, 0.3
+#: So often there is no depth at all, as with photographs.
+_NO_DEPTH = 0.05
 _AHEAD = 3
 #: A class that more of the views show isn't drawn more often.
 _COMMON, _MOST_REPEATS = 0.5, 5.0
@@ -40,10 +44,12 @@ _COMMON, _MOST_REPEATS = 0.5, 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """One varied view: ``rgb`` (H, W, 3) uint8, ``ids`` (H, W) uint8, ``boxes`` (N, 4) float32, ``labels`` (N,) int64 of
-    the objects 1 to N of ``ids``; ``near`` (C,) bool, ``room`` as in ``TrainingView``."""
+    """One varied view: ``rgb`` (H, W, 3) uint8, ``depth`` (H / 2, W / 2, 7) as ``depth_channels`` has it, ``ids`` (H, W) uint8,
+    ``boxes`` (N, 4) float32, ``labels`` (N,) int64 of the objects 1 to N of ``ids``; ``near`` (C,) bool, ``room`` as in
+    ``TrainingView``."""
 
     rgb: NDArray[np.uint8]
+    depth: NDArray[np.float32]
     ids: NDArray[np.uint8]
     boxes: NDArray[np.float32]
     labels: NDArray[np.int64]
@@ -124,26 +130,38 @@ def _batch_of_worker(step: int, size: int) -> Batch:
 
 def varied(view: TrainingView, canvas: tuple[int, int], rng: np.random.Generator) -> Example:
     """A view as it is never seen again, on a canvas of (width, height)."""
-    rgb, ids = _framed(view, canvas, rng)
+    shot = _framed(view, canvas, rng)
     if rng.random() < _CLUTTER:
-        _clutter(rgb, ids, rng)
-    rgb = _recoloured(rgb, rng)
-    boxes, labels, ids = _objects(ids, view.labels)
-    return Example(_spoilt(rgb, rng), ids, boxes, labels, view.near, view.room)
+        _clutter(shot, rng)
+    depth = shot.channels() * np.float32(rng.random() >= _NO_DEPTH)
+    rgb = _recoloured(shot.rgb, rng)
+    boxes, labels, ids = _objects(shot.ids, view.labels)
+    return Example(_spoilt(rgb, rng), depth, ids, boxes, labels, view.near, view.room)
 
 
 def plain(view: TrainingView, canvas: tuple[int, int]) -> Example:
     """A view as it is, at the top left of the canvas, reduced if it is larger."""
     height, width = view.ids.shape
     zoom = min(1.0, canvas[0] / width, canvas[1] / height)
-    rgb, ids = _warped(view, canvas, np.array([[zoom, 0, 0], [0, zoom, 0]], np.float64), _GREY)
-    boxes, labels, ids = _objects(ids, view.labels)
-    return Example(rgb, ids, boxes, labels, view.near, view.room)
+    shot = _warped(view, canvas, np.array([[zoom, 0, 0], [0, zoom, 0]], np.float64), _GREY)
+    boxes, labels, ids = _objects(shot.ids, view.labels)
+    return Example(shot.rgb, shot.channels(), ids, boxes, labels, view.near, view.room)
 
 
-def _framed(
-    view: TrainingView, canvas: tuple[int, int], rng: np.random.Generator
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shot:
+    """A view on its canvas: ``rgb`` (H, W, 3), ``ids`` and ``depth_m`` (H, W), and the lens that it would have."""
+
+    rgb: NDArray[np.uint8]
+    ids: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+    lens: Pinhole
+
+    def channels(self) -> NDArray[np.float32]:
+        return depth_channels(self.depth_m, self.lens, self.lens.width_px // 2, self.lens.height_px // 2)
+
+
+def _framed(view: TrainingView, canvas: tuple[int, int], rng: np.random.Generator) -> _Shot:
     """Mirrored or not, zoomed, and shifted so that picture and canvas overlap as far as they can."""
     height, width = view.ids.shape
     zoom = canvas[0] / width * float(np.exp(rng.uniform(*np.log(_ZOOM))))
@@ -156,19 +174,26 @@ def _framed(
     return _warped(view, canvas, move, int(rng.integers(60, 180)))
 
 
-def _warped(
-    view: TrainingView, canvas: tuple[int, int], move: NDArray[np.float64], grey: int
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def _warped(view: TrainingView, canvas: tuple[int, int], move: NDArray[np.float64], grey: int) -> _Shot:
     rgb = view.rgb
     if abs(move[0, 0]) < 0.8:  # what is reduced by samples alone gets jagged
         rgb = cv2.GaussianBlur(rgb, (0, 0), 0.4 / abs(float(move[0, 0]))).astype(np.uint8)
     moved = cv2.warpAffine(rgb, move, canvas, flags=cv2.INTER_LINEAR, borderValue=(grey, grey, grey))
     ids = cv2.warpAffine(view.ids, move, canvas, flags=cv2.INTER_NEAREST, borderValue=0)
-    return moved.astype(np.uint8), ids.astype(np.uint8)
+    depth = cv2.warpAffine(view.depth_m, move, canvas, flags=cv2.INTER_NEAREST, borderValue=0)
+    height, width = view.ids.shape
+    was = Pinhole.from_hfov(width, height, view.hfov_rad)
+    zoom = float(move[1, 1])
+    lens = Pinhole(
+        *canvas, was.fx_px * zoom, was.fy_px * zoom, float(move[0, 0]) * was.cx_px + float(move[0, 2]),
+        zoom * was.cy_px + float(move[1, 2]),
+    )  # fmt: skip
+    return _Shot(moved.astype(np.uint8), ids.astype(np.uint8), depth.astype(np.float32), lens)
 
 
-def _clutter(rgb: NDArray[np.uint8], ids: NDArray[np.uint8], rng: np.random.Generator) -> None:
-    """Some ellipses and boxes of one colour with stripes hide parts, in place."""
+def _clutter(shot: _Shot, rng: np.random.Generator) -> None:
+    """Some ellipses and boxes of one colour with stripes hide parts, in place, from half their distance or more."""
+    rgb, ids, depth_m = shot.rgb, shot.ids, shot.depth_m
     height, width = ids.shape
     for _ in range(rng.integers(1, 4)):
         size = rng.uniform(0.03, 0.2, 2) * (width, height)
@@ -184,6 +209,9 @@ def _clutter(rgb: NDArray[np.uint8], ids: NDArray[np.uint8], rng: np.random.Gene
         stripes = rng.uniform(0, 40) * np.sin(np.arange(width) / rng.uniform(1, 8))
         colour = rng.uniform(0, 255, 3) + stripes[np.nonzero(where)[1], None]
         rgb[where], ids[where] = np.clip(colour, 0, 255).astype(np.uint8), 0
+        behind = depth_m[where]
+        if (behind > 0).any():
+            depth_m[where] = rng.uniform(0.5, 0.95) * behind[behind > 0].min()
 
 
 def _recoloured(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -242,9 +270,10 @@ def collate(examples: Sequence[Example]) -> Batch:
         n = len(e.labels)
         boxes[b, :n], labels[b, :n], real[b, :n] = e.boxes, e.labels, True
     pictures = torch.from_numpy(np.stack([e.rgb for e in examples])).permute(0, 3, 1, 2)  # channels last, in memory
+    depth = torch.from_numpy(np.stack([e.depth for e in examples])).permute(0, 3, 1, 2)
     ids = np.stack([e.ids[2::4, 2::4] for e in examples])
     return Batch(
-        pictures, torch.from_numpy(ids),
+        pictures, depth, torch.from_numpy(ids),
         Targets(torch.from_numpy(boxes), torch.from_numpy(labels), torch.from_numpy(real)),
         torch.from_numpy(np.stack([e.near for e in examples]).astype(np.float32)),
         torch.tensor([e.room for e in examples]),

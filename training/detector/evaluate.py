@@ -19,15 +19,16 @@ from typing import Protocol
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from simulator.furniture.labels import TARGETS
+from surveilnav.geometry import Pinhole
 from surveilnav.perception import models
 from surveilnav.perception.boxes import Boxes, merged, overlaps
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.models.card import Measured, card_of, save_card
+from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
 from training.detector import classes
 from training.detector.average_precision import ClassTally
@@ -38,12 +39,18 @@ _SAME_THING_IOU = 0.6
 _SIDE = 416
 
 
+def sensed(view: TrainingView) -> RgbdView:
+    """A view as a backend gets it."""
+    height, width = view.ids.shape
+    return RgbdView(view.rgb, view.depth_m, Pinhole.from_hfov(width, height, view.hfov_rad))
+
+
 class Finds(Protocol):
-    """What finds boxes in a picture."""
+    """What finds boxes in a view."""
 
     name: str
 
-    def detect(self, rgb: NDArray[np.uint8]) -> Boxes: ...
+    def detect(self, view: RgbdView) -> Boxes: ...
 
 
 class Tally:
@@ -73,7 +80,7 @@ class Tally:
 
 def mask_ious(network: CompactNetwork, view: TrainingView, min_pixels: int) -> Iterator[float]:
     """IoU of each counted target's mask inside its true box, by the place whose box of its class fits best."""
-    known, answer = classes.load().names, network.answer(view.rgb)
+    known, answer = classes.load().names, network.answer(sensed(view))
     iou, _ = overlaps(view.boxes, answer.xyxy)
     for i, label in enumerate(view.labels.tolist()):
         if known[label] not in TARGETS or view.areas[i] < min_pixels:
@@ -90,8 +97,8 @@ class _Merged:
     def __init__(self, network: coco.Network) -> None:
         self.name, self._network = network.name, network
 
-    def detect(self, rgb: NDArray[np.uint8]) -> Boxes:
-        return merged(self._network.detect(rgb), _SAME_THING_IOU)
+    def detect(self, view: RgbdView) -> Boxes:
+        return merged(self._network.detect(view.rgb), _SAME_THING_IOU)
 
 
 def beside(name: str, threads: int) -> _Merged:
@@ -101,12 +108,14 @@ def beside(name: str, threads: int) -> _Merged:
 
 def times_ms(detectors: Sequence[Finds], n: int = 20) -> dict[str, float]:
     """Least processor milliseconds of a square picture of 416 pixels, taken in turn: what else runs doesn't count."""
-    rgb = np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE, 3)).astype(np.uint8)
+    rng = np.random.default_rng(0)
+    rgb, depth_m = rng.integers(0, 255, (_SIDE, _SIDE, 3)).astype(np.uint8), rng.uniform(0.5, 5.0, (_SIDE, _SIDE))
+    view = RgbdView(rgb, depth_m.astype(np.float32), Pinhole.from_hfov(_SIDE, _SIDE, 1.4))
     taken: defaultdict[str, list[float]] = defaultdict(list)
     for _ in range(n):
         for detector in detectors:
             start = time.process_time()
-            detector.detect(rgb)
+            detector.detect(view)
             taken[detector.name].append(1e3 * (time.process_time() - start))
     return {name: min(values) for name, values in taken.items()}
 
@@ -134,7 +143,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             masks[view.kind] += mask_ious(own, view, args.min_pixels)
             for detector in detectors:
                 tally = tallies.setdefault((view.kind, detector.name), Tally(own.classes, args.min_pixels))
-                tally.add(view, detector.detect(view.rgb))
+                tally.add(view, detector.detect(sensed(view)))
     for line in lines(tallies, {kind: float(np.mean(values)) for kind, values in masks.items() if values}, dict(views)):
         print(line)
     ms = times_ms(detectors)

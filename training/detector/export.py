@@ -2,7 +2,8 @@
 
     python -m training.detector.export --checkpoint runs/compact/checkpoint.pt --out runs/compact/compact.onnx
 
-Input ``picture`` (1, H, W, 3) uint8 RGB; H and W are multiples of 32. Outputs, L places: ``scores`` (L, C), ``ltrb`` (L, 4)
+Inputs: ``picture`` (1, H, W, 3) uint8 RGB; H and W are multiples of 32. ``depth`` (1, H / 2, W / 2, 7) float32 as
+``depth_channels`` has it. Outputs, L places: ``scores`` (L, C), ``ltrb`` (L, 4)
 [pixels], ``coefficients`` (L, K), ``embeddings`` (L, D), ``prototypes`` (K, H / 4, W / 4), ``image`` (D,), ``near`` (C + R,)
 chances. The file's metadata are JSON: ``classes``, ``rooms``, ``meanings`` (by another word, the class that it means),
 ``class_vectors`` (C, D), ``near_vectors`` (C + R, D). ``card.json`` beside it says what is known of the weights.
@@ -22,6 +23,7 @@ import onnx
 import torch
 from torch import Tensor, nn
 
+from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 from surveilnav.perception.models.card import Card, save_card
 from surveilnav.stored import replacing
 from training.detector import classes
@@ -38,8 +40,8 @@ class _OnePicture(nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(self, picture: Tensor) -> tuple[Tensor, ...]:
-        said = self.network(picture.permute(0, 3, 1, 2).float() / 255.0)
+    def forward(self, picture: Tensor, depth: Tensor) -> tuple[Tensor, ...]:
+        said = self.network(picture.permute(0, 3, 1, 2).float() / 255.0, depth.permute(0, 3, 1, 2))
         return (
             said.logits[0].sigmoid(), said.ltrb[0], said.coefficients[0], said.embeddings[0], said.prototypes[0],
             said.image[0], said.near[0].sigmoid(),
@@ -49,11 +51,12 @@ class _OnePicture(nn.Module):
 def export(network: Compact, path: Path) -> int:
     """Writes the file; returns its size in bytes."""
     wrapped, buffer = _OnePicture(network).eval(), io.BytesIO()
-    sides = {1: "height", 2: "width"}
+    example = torch.zeros((1, 256, 320, 3), dtype=torch.uint8), torch.zeros((1, 128, 160, N_CHANNELS))
+    sides, half = {1: "height", 2: "width"}, {1: "half_height", 2: "half_width"}
     torch.onnx.export(
-        wrapped, (torch.zeros((1, 256, 320, 3), dtype=torch.uint8),), buffer, input_names=["picture"],
+        wrapped, example, buffer, input_names=["picture", "depth"],
         output_names=list(OUTPUTS), opset_version=_OPSET, dynamo=False,
-        dynamic_axes={"picture": sides, "prototypes": {1: "rows", 2: "columns"}}
+        dynamic_axes={"picture": sides, "depth": half, "prototypes": {1: "rows", 2: "columns"}}
         | {name: {0: "places"} for name in OUTPUTS[:4]},
     )  # fmt: skip
     model = onnx.load_model_from_string(buffer.getvalue())

@@ -23,12 +23,14 @@ class Batch:
 
     Attributes:
         pictures: (B, 3, H, W) uint8.
+        depth: (B, ``N_CHANNELS``, H / 2, W / 2) float32, as ``depth_channels`` has it.
         ids: (B, H / 4, W / 4) uint8 of objects at the masks' resolution, 0: nothing, g + 1: object g of the picture.
         targets: the objects.
         near: (B, C) float32 0 or 1 of classes that show or stand near. room: (B,) int64 kind of room, -1: unknown.
     """
 
     pictures: Tensor
+    depth: Tensor
     ids: Tensor
     targets: Targets
     near: Tensor

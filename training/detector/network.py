@@ -1,5 +1,8 @@
 """The network ``compact``: an anchor-free detector of depthwise-separable convolutions, with masks and embeddings.
 
+It sees colour and depth. Depth joins at stride 2 (``surveilnav.perception.detectors.depth_channels``): a bed is told from a
+chair by its size and height, whatever its colours.
+
 What is taken from papers: residual blocks of one depthwise and two pointwise convolutions (ConvNeXt, Liu et al. 2022), a
 feature pyramid (Lin et al. 2017), one head shared by three strides (FCOS, Tian et al. 2019), mask prototypes (YOLACT, Bolya
 et al. 2019), class scores by the cosine with a vector per class. ReLU, since runtimes fold it into a convolution.
@@ -14,6 +17,8 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
+from surveilnav.perception.detectors.depth_channels import N_CHANNELS
+
 STRIDES = (8, 16, 32)
 #: A class is rare at a place: the score that an untrained network gives.
 _PRIOR = 0.01
@@ -25,7 +30,7 @@ class Shape:
     """How large the network is.
 
     Attributes:
-        stem, channels: channels at strides 2 and 4, 8, 16, 32.
+        stem, depth_stem, channels: channels at stride 2 of colour and of depth, and at strides 4, 8, 16, 32.
         blocks: residual blocks at strides 4, 8, 16, 32.
         neck: channels of the pyramid and of the head.
         head: depth of each of the head's two branches.
@@ -34,6 +39,7 @@ class Shape:
     """
 
     stem: int = 16
+    depth_stem: int = 8
     channels: tuple[int, int, int, int] = (32, 64, 128, 224)
     blocks: tuple[int, int, int, int] = (1, 2, 6, 3)
     neck: int = 80
@@ -65,19 +71,22 @@ class Said:
     near: Tensor
 
 
-def _convolution(
-    n_in: int, n_out: int, kernel: int = 1, stride: int = 1, groups: int = 1, relu: bool = True
-) -> nn.Module:
+def _convolution(n_in: int, n_out: int, kernel: int = 1, stride: int = 1, relu: bool = True) -> nn.Sequential:
     """Convolution, batch normalisation, ReLU."""
     layers: list[nn.Module] = [
-        nn.Conv2d(n_in, n_out, kernel, stride, kernel // 2, groups=groups, bias=False),
+        nn.Conv2d(n_in, n_out, kernel, stride, kernel // 2, bias=False),
         nn.BatchNorm2d(n_out),
     ]
     return nn.Sequential(*layers, nn.ReLU(inplace=True)) if relu else nn.Sequential(*layers)
 
 
+def _depthwise(n: int, kernel: int = 3, stride: int = 1) -> nn.Module:
+    """Each channel by itself. A pointwise convolution follows at once, whose norm is enough: a norm here would cost as much."""
+    return nn.Conv2d(n, n, kernel, stride, kernel // 2, groups=n, bias=False)
+
+
 def _separable(n_in: int, n_out: int, stride: int = 1, kernel: int = 3) -> nn.Module:
-    return nn.Sequential(_convolution(n_in, n_in, kernel, stride, groups=n_in, relu=False), _convolution(n_in, n_out))
+    return nn.Sequential(_depthwise(n_in, kernel, stride), _convolution(n_in, n_out))
 
 
 class _Block(nn.Module):
@@ -85,28 +94,28 @@ class _Block(nn.Module):
 
     def __init__(self, n: int) -> None:
         super().__init__()
-        self.body = nn.Sequential(
-            _convolution(n, n, 3, groups=n, relu=False), _convolution(n, 2 * n), _convolution(2 * n, n, relu=False)
-        )
-        nn.init.zeros_(self.body[-1][1].weight)  # type: ignore[arg-type]
+        last = _convolution(2 * n, n, relu=False)
+        self.body = nn.Sequential(_depthwise(n), _convolution(n, 2 * n), last)
+        nn.init.zeros_(last[1].weight)  # type: ignore[arg-type]
 
     def forward(self, x: Tensor) -> Tensor:
         return nn.functional.relu(x + self.body(x))
 
 
 class Backbone(nn.Module):
-    """Pictures (B, 3, H, W) to features at strides 4, 8, 16, 32."""
+    """Pictures (B, 3, H, W) and depth (B, ``N_CHANNELS``, H / 2, W / 2) to features at strides 4, 8, 16, 32."""
 
     def __init__(self, shape: Shape) -> None:
         super().__init__()
         self.stem = _convolution(3, shape.stem, 3, 2)
-        n_in, self.stages = shape.stem, nn.ModuleList()
+        self.depth_stem = _convolution(N_CHANNELS, shape.depth_stem, 3)
+        n_in, self.stages = shape.stem + shape.depth_stem, nn.ModuleList()
         for n, blocks in zip(shape.channels, shape.blocks, strict=True):
             self.stages.append(nn.Sequential(_separable(n_in, n, 2), *(_Block(n) for _ in range(blocks))))
             n_in = n
 
-    def forward(self, x: Tensor) -> list[Tensor]:
-        x, out = self.stem(x), []
+    def forward(self, pictures: Tensor, depth: Tensor) -> list[Tensor]:
+        x, out = torch.cat([self.stem(pictures), self.depth_stem(depth)], 1), []
         for stage in self.stages:
             x = stage(x)
             out.append(x)
@@ -143,20 +152,15 @@ class Branch(nn.Module):
     def __init__(self, n: int, depth: int) -> None:
         super().__init__()
         self.convolutions = nn.ModuleList(
-            nn.Conv2d(n, n, kernel, padding=kernel // 2, groups=groups, bias=False)
-            for _ in range(depth) for kernel, groups in ((3, n), (1, 1))
-        )  # fmt: skip
-        self.norms = nn.ModuleList(
-            nn.ModuleList(nn.BatchNorm2d(n) for _ in self.convolutions) for _ in range(len(STRIDES))
+            nn.Sequential(_depthwise(n), nn.Conv2d(n, n, 1, bias=False)) for _ in range(depth)
         )
+        self.norms = nn.ModuleList(nn.ModuleList(nn.BatchNorm2d(n) for _ in range(depth)) for _ in range(len(STRIDES)))
 
     def forward(self, x: Tensor, level: int) -> Tensor:
         """``level``: the number of the stride."""
         norms = cast(nn.ModuleList, self.norms[level])
-        for i, (convolution, norm) in enumerate(zip(self.convolutions, norms, strict=True)):
-            x = norm(convolution(x))
-            if i % 2:  # after the pointwise one
-                x = nn.functional.relu(x)
+        for convolution, norm in zip(self.convolutions, norms, strict=True):
+            x = nn.functional.relu(norm(convolution(x)))
         return x
 
 
@@ -196,9 +200,9 @@ class Compact(nn.Module):
         nn.init.normal_(self.sides_and_mask.weight, std=0.01)
         nn.init.zeros_(self.sides_and_mask.bias)  # type: ignore[arg-type]
 
-    def forward(self, pictures: Tensor) -> Said:
-        """Of pictures (B, 3, H, W), 0-1; H and W are multiples of 32."""
-        features = self.backbone(pictures - 0.5)
+    def forward(self, pictures: Tensor, depth: Tensor) -> Said:
+        """Of pictures (B, 3, H, W), 0-1, and depth (B, ``N_CHANNELS``, H / 2, W / 2); H and W are multiples of 32."""
+        features = self.backbone(pictures - 0.5, depth)
         levels = self.pyramid(features[1:])
         embeddings, ltrb, coefficients = [], [], []
         for level, (x, stride) in enumerate(zip(levels, STRIDES, strict=True)):

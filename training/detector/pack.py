@@ -1,7 +1,7 @@
 """Packed views: a file a building, whole or not there (``surveilnav.stored``).
 
-Parts: a table in JSON, then for each view its picture (WebP) and its ids (WebP without loss). A robot's view takes 5 kB, a
-camera's 10 kB; JPEG and PNG would take 14 and 25 kB. A GPU machine gets at most some tens of MiB.
+Parts: a table in JSON, then for each view its picture (WebP), its ids (WebP without loss) and its depth (as sensors send it).
+Depth is noisy, so it takes ten times what the rest takes.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
+from surveilnav.sensing.packing import decode_depth, encode_depth
 from surveilnav.stored import read_parts, write_parts
 from training.detector.poses import Kind
-from training.detector.views import TrainingView
+from training.detector.views import DEPTH_RANGE_M, TrainingView
 
-_FORMAT = b"surveilnav training views 2"
+_FORMAT = b"surveilnav training views 3"
 SUFFIX = ".views"
 _LOSSLESS = 101  # as OpenCV has it
 
@@ -60,6 +61,7 @@ def write_pack(
         parts += [
             encoded(view.rgb[..., ::-1], quality),
             encoded(view.ids, _LOSSLESS),
+            encode_depth(view.depth_m, DEPTH_RANGE_M[view.kind]),
         ]
     table = _Table(scene, list(classes), list(rooms), rows)
     return write_parts(path, _FORMAT, [msgspec.json.encode(table), *parts])
@@ -82,13 +84,14 @@ def encoded(picture: NDArray[np.uint8], quality: int = _LOSSLESS) -> bytes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pack:
-    """The views of one building, still encoded. ``pictures``, ``ids``: as many as rows of ``views``."""
+    """The views of one building, still encoded. ``pictures``, ``ids``, ``depths``: as many as rows of ``views``."""
 
     scene: str
     classes: tuple[str, ...]
     views: tuple[PackedView, ...]
     pictures: tuple[bytes, ...]
     ids: tuple[bytes, ...]
+    depths: tuple[bytes, ...]
 
     def view(self, i: int) -> TrainingView:
         """View ``i``, decoded."""
@@ -102,9 +105,10 @@ class Pack:
         boxes = np.array(row.boxes, np.float32).reshape(-1, 4)
         labels, areas = np.array(row.labels, np.int64), np.array(row.areas, np.int64)
         kind: Kind = "robot" if row.kind == "robot" else "camera"
+        depth_m = decode_depth(self.depths[i], rgb.shape[1], rgb.shape[0], DEPTH_RANGE_M[kind])
         return TrainingView(
-            kind, row.light, row.hfov_rad, np.ascontiguousarray(rgb[..., ::-1]).astype(np.uint8), ids.astype(np.uint8),
-            boxes, labels, areas, near, row.room,
+            kind, row.light, row.hfov_rad, np.ascontiguousarray(rgb[..., ::-1]).astype(np.uint8), depth_m,
+            ids.astype(np.uint8), boxes, labels, areas, near, row.room,
         )  # fmt: skip
 
 
@@ -114,7 +118,8 @@ def read_pack(path: Path) -> Pack | None:
     if parts is None:
         return None
     table = msgspec.json.decode(parts[0], type=_Table)
-    return Pack(table.scene, tuple(table.classes), tuple(table.views), tuple(parts[1::2]), tuple(parts[2::2]))
+    pictures, ids, depths = (tuple(parts[1 + k :: 3]) for k in range(3))
+    return Pack(table.scene, tuple(table.classes), tuple(table.views), pictures, ids, depths)
 
 
 def read_packs(folder: Path, classes: Sequence[str]) -> list[Pack]:

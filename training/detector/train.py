@@ -147,7 +147,7 @@ class Training:
             group["lr"] = self.plan.rate_at(self.step)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.plan.bf16):
-            said = self.network(batch.pictures.float() / 255.0)
+            said = self.network(batch.pictures.float() / 255.0, batch.depth)
         points, _ = places(batch.pictures.shape[2], batch.pictures.shape[3], self.device)
         parts = losses(said, points, batch)
         loss = torch.stack([WEIGHTS[name] * part for name, part in parts.items()]).sum()
@@ -184,6 +184,7 @@ def _moved(batch: Batch, device: torch.device) -> Batch:
     t = batch.targets
     return Batch(
         to(batch.pictures),
+        to(batch.depth),
         to(batch.ids),
         Targets(to(t.boxes), to(t.labels), to(t.real)),
         to(batch.near),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from simulator.furniture.labels import word_for
+from simulator.render.depth_noise import DepthNoise
 from simulator.render.picture import Lighting, Rendered
 from simulator.render.renderer import Renderer
 from simulator.world.navigation import NavigationMap
@@ -30,6 +31,9 @@ _PROBE_PX = 6
 _TRIES = 8
 #: Middle depth below which a view looks at a wall or from inside a piece of furniture.
 _CRAMPED_M = 0.6
+#: What sensors do to depth, and the range that they measure [m].
+_NOISE = {"robot": DepthNoise.robot(), "camera": DepthNoise.camera()}
+DEPTH_RANGE_M: dict[Kind, tuple[float, float]] = {"robot": (0.5, 5.0), "camera": (0.3, 10.0)}
 #: The point that a view looks at lies at most so far away.
 _LOOKS_AT_M = 4.0
 
@@ -41,6 +45,7 @@ class TrainingView:
     Attributes:
         kind, light: of the view; ``hfov_rad``: its field of view.
         rgb: (H, W, 3) uint8.
+        depth_m: (H, W) float32 [m] with a sensor's noise and range, 0: none.
         ids: (H, W) uint8, 0: nothing named, i + 1: object i.
         boxes: (N, 4) float32 (x0, y0, x1, y1) [pixels] of what shows of each object.
         labels: (N,) int64 class of each.
@@ -53,6 +58,7 @@ class TrainingView:
     light: str
     hfov_rad: float
     rgb: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
     ids: NDArray[np.uint8]
     boxes: NDArray[np.float32]
     labels: NDArray[np.int64]
@@ -88,7 +94,7 @@ class ViewSource:
         """``n`` views, the same for the same seed."""
         rng = np.random.default_rng([seed, kind == "camera"])
         for _ in range(n):
-            yield self.view(self._worthwhile(kind, rng))
+            yield self.view(self._worthwhile(kind, rng), int(rng.integers(2**31)))
 
     def _worthwhile(self, kind: Kind, rng: np.random.Generator) -> ViewPose:
         """A pose that shows what it was aimed at, or anything if it wasn't; after some tries, whatever comes."""
@@ -103,15 +109,20 @@ class ViewSource:
                 break
         return pose
 
-    def view(self, pose: ViewPose) -> TrainingView:
-        """The picture from a pose, with everything that a network should say of it."""
-        rendered = self._renderer.render(pose.T_world_camera, pose.camera(self._sizes[pose.kind], self._scale))
+    def view(self, pose: ViewPose, seed: int = 0) -> TrainingView:
+        """The picture from a pose, with everything that a network should say of it. ``seed``: of the depth's noise."""
+        rendered = self._renderer.render(
+            pose.T_world_camera, pose.camera(self._sizes[pose.kind], self._scale),
+            depth_range_m=DEPTH_RANGE_M[pose.kind], noise=_NOISE[pose.kind], seed=seed,
+        )  # fmt: skip
         rgb, ids, depth_m = reduced(rendered, round(self._scale))
         small, boxes, labels, areas = objects_in(ids, self._number)
         room, near = self._rooms.looked_into(pose, depth_m)
         near = near.copy()
         near[labels] = True
-        return TrainingView(pose.kind, self._light, pose.hfov_rad, rgb, small, boxes, labels, areas, near, room)
+        return TrainingView(
+            pose.kind, self._light, pose.hfov_rad, rgb, depth_m, small, boxes, labels, areas, near, room
+        )
 
 
 def reduced(rendered: Rendered, factor: int) -> tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float32]]:

@@ -52,7 +52,7 @@ class OneNetwork(Backend):
 
     def _seen(self, work: Work) -> ViewPerception:
         height, width = work.view.rgb.shape[:2]
-        answer = self._network.answer(work.view.rgb)
+        answer = self._network.answer(work.view)
         boxes, places = self._network.things(answer, height, width)
         detections = []
         for row, label in enumerate(boxes.labels):

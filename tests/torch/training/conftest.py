@@ -5,16 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from surveilnav.sensing.packing import encode_depth
 from training.detector import classes
 from training.detector.pack import Pack, PackedView, encoded
+from training.detector.views import DEPTH_RANGE_M
 
 NAMES = classes.load()
 
 
 @pytest.fixture(scope="session")
 def pack() -> Pack:
-    """Eight robot views of 320 x 240 pixels: three coloured boxes each on a grey ramp; the colour is the class."""
-    rng, rows, pictures, id_pictures = np.random.default_rng(4), [], [], []
+    """Eight robot views of 320 x 240 pixels: three coloured boxes each on a grey ramp; the colour is the class.
+
+    The boxes stand 2 m away, in front of a wall at 3 m.
+    """
+    rng, rows, pictures, id_pictures, depths = np.random.default_rng(4), [], [], [], []
     ramp = np.linspace(90, 160, 320).astype(np.uint8)[None, :, None].repeat(240, axis=0).repeat(3, axis=2)
     colours = np.array([(220, 30, 30), (30, 200, 40), (40, 60, 220)], np.uint8)
     for _ in range(8):
@@ -30,4 +35,5 @@ def pack() -> Pack:
         rows.append(PackedView("robot", "flat", 1.38, boxes, labels, areas, sorted(set(labels)), 1))
         pictures.append(encoded(rgb[..., ::-1], 90))
         id_pictures.append(encoded(ids))
-    return Pack("boxes", NAMES.names, tuple(rows), tuple(pictures), tuple(id_pictures))
+        depths.append(encode_depth(np.where(ids > 0, 2.0, 3.0), DEPTH_RANGE_M["robot"]))
+    return Pack("boxes", NAMES.names, tuple(rows), tuple(pictures), tuple(id_pictures), tuple(depths))

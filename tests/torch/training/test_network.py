@@ -14,9 +14,11 @@ from surveilnav.geometry import Pinhole
 from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed
 from surveilnav.perception.detectors.compact import places as places_of_file
+from surveilnav.perception.detectors.depth_channels import N_CHANNELS, depth_channels
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.models.card import card_of
 from surveilnav.perception.one_network import OneNetwork
+from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
 from surveilnav.sensing.views import box_cells
 from training.detector import classes
@@ -40,6 +42,13 @@ def network() -> Compact:
     return network
 
 
+def some_view(seed: int) -> RgbdView:
+    """90 x 60 pixels of noise, 1 to 3 m away."""
+    rng = np.random.default_rng(seed)
+    rgb = rng.integers(0, 255, (60, 90, 3)).astype(np.uint8)
+    return RgbdView(rgb, rng.uniform(1.0, 3.0, (60, 90)).astype(np.float32), Pinhole.from_hfov(90, 60, 1.2))
+
+
 def test_each_stride_has_its_own_statistics() -> None:
     """The head is used with the statistics that it learnt by: else what it says changes between learning and use."""
     torch.manual_seed(0)
@@ -58,7 +67,7 @@ def test_it_keeps_its_budget(network: Compact) -> None:
 
 @pytest.mark.parametrize(("height", "width"), [(64, 96), (128, 64)])
 def test_shapes(network: Compact, height: int, width: int) -> None:
-    said = network(torch.rand(2, 3, height, width))
+    said = network(torch.rand(2, 3, height, width), torch.rand(2, N_CHANNELS, height // 2, width // 2))
     L = sum(height // s * (width // s) for s in (8, 16, 32))
     assert said.logits.shape == (2, L, C)
     assert said.ltrb.shape == (2, L, 4)
@@ -132,12 +141,15 @@ def test_masks_are_looked_at_inside_their_boxes() -> None:
 def test_its_file_says_what_it_says(network: Compact, tmp_path: Path) -> None:
     path = tmp_path / "compact.onnx"
     assert 4 * n_parameters(network) < export(network, path) <= 8_000_000
-    rgb = np.random.default_rng(0).integers(0, 255, (60, 90, 3)).astype(np.uint8)
+    view = some_view(0)
     own = CompactNetwork(session(path, Runtime()), side_px=96)
-    answer = own.answer(rgb)
-    box, ratio = letterboxed(rgb, 96)
+    answer = own.answer(view)
+    box, ratio = letterboxed(view.rgb, 96)
+    assert box.shape == (64, 96, 3)
+    depth = torch.zeros(1, N_CHANNELS, 32, 48)  # the picture fills all of the box's columns, all rows are its own, too
+    depth[0] = torch.from_numpy(depth_channels(view.depth_m, view.camera, 48, 32)).permute(2, 0, 1)
     with torch.no_grad():
-        said = network(torch.from_numpy(box).permute(2, 0, 1)[None].float() / 255.0)
+        said = network(torch.from_numpy(box).permute(2, 0, 1)[None].float() / 255.0, depth)
     assert own.classes == NAMES.names
     np.testing.assert_allclose(answer.scores, said.logits[0].sigmoid().numpy(), atol=1e-4)
     wanted = boxes_of(said.ltrb[0], places(*box.shape[:2])[0]).numpy() / ratio
@@ -163,8 +175,7 @@ def file(network: Compact, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_mask_is_that_of_its_place_sampled_in_its_cells(file: Path) -> None:
-    rgb = np.random.default_rng(1).integers(0, 255, (60, 90, 3)).astype(np.uint8)
-    answer = CompactNetwork(session(file, Runtime()), side_px=96).answer(rgb)
+    answer = CompactNetwork(session(file, Runtime()), side_px=96).answer(some_view(1))
     logits = np.einsum("k,khw->hw", answer.coefficients[7], answer.prototypes)
     mask = answer.mask(7, (20, 12, 50, 40))
     assert mask.shape == (28, 30)
@@ -180,11 +191,11 @@ def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr("surveilnav.perception.one_network._MIN_SCORE", 0.0)
     network = CompactNetwork(session(file, Runtime()), side_px=96)
     backend = OneNetwork("compact", "in a test", network, "compact@0")
-    rgb = np.random.default_rng(2).integers(0, 255, (60, 90, 3)).astype(np.uint8)
-    seen = backend.perceive(rgb, np.ones((60, 90), np.float32), Pinhole.from_hfov(90, 60, 1.2))
+    view = some_view(2)
+    seen = backend.perceive(view.rgb, view.depth_m, view.camera)
     assert seen.words == NAMES.names
     assert seen.detections
-    best = network.answer(rgb)
+    best = network.answer(view)
     tv, bed = backend.embed_texts(["seems like there is a TV", "bed"])
     vectors = np.stack([tv, bed, seen.image_embedding, *(d.embedding for d in seen.detections)])
     assert vectors.shape[1] == backend.embedding_dim == 128
@@ -204,8 +215,7 @@ def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.Mo
 
 def test_one_thing_has_one_box_and_the_place_that_speaks_for_it(file: Path) -> None:
     network = CompactNetwork(session(file, Runtime()), side_px=96)
-    rgb = np.random.default_rng(3).integers(0, 255, (60, 90, 3)).astype(np.uint8)
-    answer = network.answer(rgb)
+    answer = network.answer(some_view(3))
     boxes, at = network.things(answer, 60, 90)
     assert len(boxes) == len(at) > 0
     assert (boxes.xyxy >= 0).all()

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 import torch
 
+from surveilnav.geometry import Pinhole
 from surveilnav.perception.boxes import Boxes, merged, overlaps
+from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 from training.detector import classes
-from training.detector.data import CANVAS, Views, collate, plain, repeat_factors, varied
+from training.detector.data import CANVAS, SMALL_CANVAS, Views, _framed, collate, plain, repeat_factors, varied
 from training.detector.network import Shape, boxes_of, places
 from training.detector.pack import Pack
 from training.detector.train import Plan, Training
+from training.detector.views import TrainingView
 
 NAMES = classes.load()
 TINY = Shape(stem=8, channels=(16, 24, 32, 32), blocks=(0, 1, 1, 0), neck=32, head=1, prototypes=4, embedding=16)
@@ -25,12 +28,34 @@ def test_varied_views_keep_boxes_and_ids_together(pack: Pack) -> None:
     for seed in range(30):
         example = varied(pack.view(seed % 8), CANVAS["robot"], np.random.default_rng(seed))
         assert example.rgb.shape == (256, 320, 3)
+        assert example.depth.shape == (128, 160, N_CHANNELS)
         for number, box in enumerate(example.boxes, start=1):
             rows, columns = np.nonzero(example.ids == number)
             assert box.tolist() == [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
         assert example.ids.max(initial=0) == len(example.labels)
         seen += len(example.labels)
     assert seen > 30
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_depth_is_that_of_the_lens_that_the_varied_view_would_have(seed: int) -> None:
+    """A wall straight ahead stays one, at its distance, however a view is mirrored, zoomed and cropped."""
+    lens, rng = Pinhole.from_hfov(320, 240, 1.38), np.random.default_rng(seed)
+    slope = np.array([0.3, -0.2, 1.0]) / np.linalg.norm([0.3, -0.2, 1.0])
+    depth_m = (2.0 / (lens.rays() @ slope)).astype(np.float32)
+    nothing = np.zeros(0, np.int64)
+    view = TrainingView(
+        "robot", "flat", 1.38, np.zeros((240, 320, 3), np.uint8), depth_m, np.zeros((240, 320), np.uint8),
+        np.zeros((0, 4), np.float32), nothing, nothing, np.zeros(len(NAMES.names), bool), -1,
+    )  # fmt: skip
+    shot = _framed(view, CANVAS["robot"], rng)
+    channels = shot.channels()
+    normals = channels[..., 4:7][channels[..., 4:7].any(axis=-1)]
+    slope[0] *= np.sign(np.median(normals[:, 0])) * np.sign(slope[0])  # mirrored or not
+    assert len(normals) > 1000
+    assert np.quantile(np.abs(normals - slope).max(axis=1), 0.9) < 0.04  # pixels are repeated where it is zoomed
+    points = shot.lens.back_project(shot.depth_m)[shot.depth_m > 0]
+    np.testing.assert_allclose(points @ slope, 2.0, atol=0.03)
 
 
 def test_a_step_has_its_batch(pack: Pack) -> None:
@@ -47,7 +72,7 @@ def test_a_step_has_its_batch(pack: Pack) -> None:
 def test_training_begins_with_small_pictures(pack: Pack) -> None:
     views = Views([pack], seed=1, small_steps=2)
     sides = [views.batch(step, 2).pictures.shape[2:] for step in range(4)]
-    assert all(max(side) == 224 for side in sides[:2])
+    assert all(max(side) == max(SMALL_CANVAS["robot"]) for side in sides[:2])
     assert all(max(side) == 320 for side in sides[2:])
 
 
@@ -110,7 +135,7 @@ def test_it_learns_eight_views_by_heart(pack: Pack, tmp_path: Path) -> None:
     course = [training.one_step(batch)["loss"] for _ in range(120)]
     assert np.mean(course[-5:]) < 0.5 * np.mean(course[:5])
     with torch.no_grad():
-        said = training.mean(batch.pictures.float() / 255.0)
+        said = training.mean(batch.pictures.float() / 255.0, batch.depth)
     found = things = 0
     points, _ = places(256, 320)
     for i in range(8):

@@ -34,8 +34,8 @@ def found() -> Card:
     boxes = np.array([[10, 10, 50, 50]], np.float32)
     for (kind, name), tally in tallies.items():
         view = TrainingView(
-            kind, "flat", 1.0, np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.uint8), boxes,  # type: ignore[arg-type]
-            np.array([NAMES.index("bed")]), np.array([1600]), np.zeros(len(NAMES), bool), -1,
+            kind, "flat", 1.0, np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.float32),  # type: ignore[arg-type]
+            np.zeros((64, 64), np.uint8), boxes, np.array([NAMES.index("bed")]), np.array([1600]), np.zeros(len(NAMES), bool), -1,
         )  # fmt: skip
         scores = np.zeros((1, len(NAMES)), np.float32)
         scores[0, NAMES.index("bed")] = 0.9

@@ -12,7 +12,7 @@ from simulator.world.navigation import NavigationMap
 from surveilnav.errors import PerceptionError
 from training.detector import classes
 from training.detector.pack import Pack, read_pack, read_packs, write_pack
-from training.detector.views import MIN_AREA_PX, TrainingView, ViewSource, objects_in
+from training.detector.views import DEPTH_RANGE_M, MIN_AREA_PX, TrainingView, ViewSource, objects_in
 
 NAMES = classes.load()
 
@@ -71,6 +71,17 @@ def test_a_pack_gives_back_what_was_packed(views: list[TrainingView], pack: Pack
         for name in ("ids", "boxes", "labels", "areas", "near"):
             assert (getattr(read, name) == getattr(view, name)).all(), name
         assert np.abs(read.rgb.astype(int) - view.rgb).mean() < 6  # lossy
+        np.testing.assert_allclose(read.depth_m, view.depth_m, rtol=0.01)
+
+
+def test_depth_is_as_a_sensor_gives_it(views: list[TrainingView]) -> None:
+    for view in views:
+        near, far = DEPTH_RANGE_M[view.kind]
+        known = view.depth_m[view.depth_m > 0]
+        assert view.depth_m.shape == view.ids.shape
+        assert near <= known.min()
+        assert known.max() <= far
+        assert len(np.unique(known)) > 20  # noisy
 
 
 def test_a_damaged_pack_is_none_and_goes(views: list[TrainingView], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""``compact`` under ONNX Runtime: a picture in; boxes, masks and vectors out. Needs no PyTorch."""
+"""``compact`` under ONNX Runtime: a picture and its depth in; boxes, masks and vectors out. Needs no PyTorch."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.boxes import Boxes, merged_rows
+from surveilnav.perception.detectors.depth_channels import N_CHANNELS, depth_channels
 from surveilnav.perception.detectors.onnx_file import LOWEST
+from surveilnav.perception.protocols import RgbdView
 from surveilnav.sensing.packing import MAX_NAMES
 from surveilnav.words import canonical
 
@@ -76,19 +78,22 @@ class CompactNetwork:
 
     def __init__(self, session: onnxruntime.InferenceSession, side_px: int = 416) -> None:
         self._session, self._side = session, side_px
-        found = {output.name for output in session.get_outputs()}
-        if missing := [name for name in self._outputs if name not in found]:
-            raise PerceptionError(
-                f"compact: the file has no output {', '.join(missing)}; it has {', '.join(sorted(found))}"
-            )
+        for what, wanted, there in (
+            ("output", self._outputs, session.get_outputs()), ("input", ("picture", "depth"), session.get_inputs()),
+        ):  # fmt: skip
+            found = {one.name for one in there}
+            if missing := [name for name in wanted if name not in found]:
+                raise PerceptionError(
+                    f"compact: the file has no {what} {', '.join(missing)}; it has {', '.join(sorted(found))}"
+                )
         said = _said(session.get_modelmeta().custom_metadata_map)
         self.classes, self.rooms, self.meanings = tuple(said.classes), tuple(said.rooms), said.meanings
         self.class_vectors = np.array(said.class_vectors, np.float32)
         self.near_vectors = np.array(said.near_vectors, np.float32)
 
-    def detect(self, rgb: NDArray[np.uint8]) -> Boxes:
-        """Boxes of (height, width, 3) uint8 in its pixels, one a thing, the best first."""
-        return self.things(self.answer(rgb), rgb.shape[0], rgb.shape[1])[0]
+    def detect(self, view: RgbdView) -> Boxes:
+        """Boxes of a view in its pixels, one a thing, the best first."""
+        return self.things(self.answer(view), view.rgb.shape[0], view.rgb.shape[1])[0]
 
     def things(self, answer: Answer, height: int, width: int) -> tuple[Boxes, NDArray[np.int64]]:
         """(boxes in pixels of the picture, one a thing, the best first; the place that speaks for each)."""
@@ -99,10 +104,11 @@ class CompactNetwork:
         large = np.flatnonzero((inside[:, 2:] - inside[:, :2]).min(axis=1, initial=np.inf) >= _SMALLEST_PX)
         return Boxes(inside[large], kept.scores[large], self.classes), likely[rows[large]]
 
-    def answer(self, rgb: NDArray[np.uint8]) -> Answer:
-        """Everything it says of a picture."""
-        box, ratio = letterboxed(rgb, self._side)
-        out = dict(zip(self._outputs, self._session.run(self._outputs, {"picture": box[None]}), strict=True))
+    def answer(self, view: RgbdView) -> Answer:
+        """Everything it says of a view. Without depth it says less."""
+        box, ratio = letterboxed(view.rgb, self._side)
+        seen = {"picture": box[None], "depth": _letterboxed_depth(view, ratio, *box.shape[:2])[None]}
+        out = dict(zip(self._outputs, self._session.run(self._outputs, seen), strict=True))
         points = places(*box.shape[:2])
         ltrb = out["ltrb"]
         xyxy = np.concatenate([points - ltrb[:, :2], points + ltrb[:, 2:]], axis=1) / ratio
@@ -153,6 +159,14 @@ def letterboxed(rgb: NDArray[np.uint8], side_px: int) -> tuple[NDArray[np.uint8]
     out = np.full((*full, 3), _GREY, np.uint8)
     out[: size[1], : size[0]] = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR)
     return out, ratio
+
+
+def _letterboxed_depth(view: RgbdView, ratio: float, height: int, width: int) -> Floats:
+    """(height / 2, width / 2, ``N_CHANNELS``) of a view's depth, where ``letterboxed`` puts its picture."""
+    out = np.zeros((height // 2, width // 2, N_CHANNELS), np.float32)
+    rows, columns = (max(1, round(side * ratio / 2)) for side in view.depth_m.shape)
+    out[:rows, :columns] = depth_channels(view.depth_m, view.camera, columns, rows)
+    return out
 
 
 @lru_cache(maxsize=8)

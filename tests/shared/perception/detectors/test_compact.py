@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import onnx
 import pytest
 from onnx import TensorProto, helper
 
@@ -14,6 +16,7 @@ from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed, places
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.one_network import OneNetwork
+from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
 from surveilnav.sensing.views import box_cells
 from tests.compact_file import write
@@ -126,3 +129,27 @@ def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(PerceptionError, match="no output scores"):
         opened(path)
+
+
+def test_a_network_that_sees_no_depth_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "compact.onnx")
+    model = onnx.load(path)
+    del model.graph.input[1]
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(PerceptionError, match="no input depth"):
+        opened(path)
+
+
+def test_depth_lies_where_its_picture_lies(network: CompactNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the view's right side is near; so is the same half of the letterbox, and what fills it up has no depth."""
+    given: list[dict[str, np.ndarray]] = []
+    run = network._session.run
+    monkeypatch.setattr(network, "_session", SimpleNamespace(run=lambda out, x: given.append(x) or run(out, x)))
+    depth = np.full((500, 640), 4.0, np.float32)
+    depth[:, 320:] = 1.0
+    network.answer(RgbdView(np.zeros((500, 640, 3), np.uint8), depth, Pinhole.from_hfov(640, 500, 1.3)))
+    channels = given[0]["depth"][0]
+    assert channels.shape == (128, 160, 7)
+    assert (channels[125:] == 0).all()
+    assert channels[:124, :79, 1] == pytest.approx(0.25)
+    assert channels[:124, 81:, 1] == pytest.approx(1.0)
