@@ -15,7 +15,7 @@ from services.fusion.replies import Replies
 from services.fusion.robot_places import RobotPlaces
 from services.fusion.store import Store
 from surveilnav.bus import Node, Refused
-from surveilnav.contract import MAP_LAYER, OBJECTS
+from surveilnav.contract import MAP_LAYER, OBJECTS, VIEW_PICTURE
 from surveilnav.messages import LoggedView
 
 
@@ -26,22 +26,32 @@ class MapsAgain:
         self._node, self._folder = node, folder
         self._maps: DurableMap | None = None
         self._replies: Replies | None = None
+        self._known: PerceptionClient | None = None
         self._places = RobotPlaces()
+        self._begun = 0
         node.serve(MAP_LAYER, lambda request: self._ready().layer(request), workers=3)
         node.serve(OBJECTS, lambda request: self._ready().objects(request))
+        node.serve(VIEW_PICTURE, lambda request: self._ready().picture(request))
 
     def begin(self, maps: Maps) -> None:
-        """Goes on from a snapshot."""
+        """Goes on from a snapshot; the maps of before are gone."""
         maps_of(maps)  # what can't be read is said, and nothing is begun anew in its place
         self.close()
-        store = self._folder / f"maps-{maps.number}.sqlite"
+        for old in self._folder.glob("maps-*"):
+            old.unlink()
+        self._begun += 1
+        store = self._folder / f"maps-{self._begun}.sqlite"
         file = Store(store)
         file.save(maps.snapshot, maps.number)
         file.close()
         settings = _settings(config_of(maps), store)
         self._maps = DurableMap(self._node, settings)
-        known = PerceptionClient(self._node, settings, self._maps.holds, tuple, lambda waiting: next(iter(waiting)))
-        self._replies = Replies(self._node, settings.core(), self._maps, known, self._places)
+        if self._known is None:  # its threads stay; it is asked for the meaning of words alone
+            self._known = PerceptionClient(
+                self._node, settings, lambda *_: True, tuple, lambda waiting: next(iter(waiting))
+            )
+        self._places = RobotPlaces()
+        self._replies = Replies(self._node, settings.core(), self._maps, self._known, self._places)
 
     def take(self, view: LoggedView, payload: bytes) -> None:
         """Has the maps take a view."""

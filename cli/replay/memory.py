@@ -15,7 +15,10 @@ _REMEMBERED = (
     contract.CAMERA_INFO, contract.ROBOT_STATUS, contract.PERCEPTION_LOAD, contract.MAP_REVISION, contract.MISSION_STATUS,
     contract.MISSION_PLAN, contract.TRAFFIC,
 )  # fmt: skip
-_COMMANDS = (contract.MISSION_GOAL, contract.MISSION_CANCEL, contract.MISSION_PAUSE, contract.ROBOT_COMMAND)
+_COMMANDS = (
+    contract.MISSION_GOAL, contract.MISSION_CANCEL, contract.MISSION_PAUSE, contract.ROBOT_COMMAND, contract.ROBOT_HALT,
+    contract.FORGET_PICTURES,
+)  # fmt: skip
 #: Which kind of node is there because it is in the recording, and by which id of its key.
 _PRESENT = {contract.CAMERA_INFO: "camera", contract.ROBOT_STATUS: "robot", contract.PERCEPTION_LOAD: "perception"}
 
@@ -54,6 +57,18 @@ class Memory:
         """Keeps the newest picture of a view."""
         with self._lock:
             self._pictures[view.source, view.view] = payload[: header.image.n_bytes]
+
+    def forget(self) -> None:
+        """Nothing was said yet. Who was there stays: a page would take a moment's absence for a fault."""
+        with self._lock:
+            for last in self._last.values():
+                last.clear()
+            self._pictures.clear()
+
+    def newest(self) -> list[Heard]:
+        """What was last put of everything."""
+        with self._lock:
+            return [h for stream, last in self._last.items() if "put" in stream.kind for h in last.values()]
 
     def repeated(self) -> list[Heard]:
         """What is told again and again while nothing happens, so that it doesn't grow stale."""

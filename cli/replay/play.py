@@ -12,6 +12,8 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
+from cli.replay.clock import ReplayClock
+from cli.replay.control import ReplayControls
 from cli.replay.maps import MapsAgain
 from cli.replay.memory import Memory
 from cli.replay.recorded import Begin, Heard, Maps, Told, told
@@ -39,19 +41,28 @@ class Player:
         for kind in ("fusion", "planner"):
             node.announce(kind, kind)
 
-    def tell(self, found: Told) -> None:
-        """One thing that the recording tells."""
+    def tell(self, found: Told, *, quietly: bool = False) -> None:
+        """One thing that the recording tells. ``quietly``: it is taken in, but nobody hears of it."""
         match found:
             case Maps():
                 self._maps.begin(found)
             case Heard(stream=stream) if stream is VIEW_LOG:
-                self._view(found.message, found.payload)
+                self._view(found.message, found.payload, quietly)
             case Heard():
                 self._memory.note(found)
-                if "put" in found.stream.kind:
+                if "put" in found.stream.kind and not quietly:
                     self._put(found.stream, found.ids, found.message)
             case _:
                 pass
+
+    def forget(self) -> None:
+        """Begins anew: nothing was told yet."""
+        self._memory.forget()
+
+    def tell_all(self) -> None:
+        """Says what was last said of everything."""
+        for heard in self._memory.newest():
+            self._put(heard.stream, heard.ids, heard.message)
 
     def repeat(self) -> None:
         """Says again what would grow stale."""
@@ -62,7 +73,7 @@ class Player:
         """Closes the maps."""
         self._maps.close()
 
-    def _view(self, view: LoggedView, payload: bytes) -> None:
+    def _view(self, view: LoggedView, payload: bytes, quietly: bool) -> None:
         """A view is put as its camera or robot did, and goes into the maps."""
         try:
             if payload:
@@ -71,7 +82,8 @@ class Player:
                 ids = (
                     {kind: name} if kind == "robot" else {"camera": name, "floor": header.floor, "view": str(view.view)}
                 )
-                self._put(ROBOT_OBSERVATION if kind == "robot" else CAMERA_FRAME, ids, header, payload)
+                if not quietly:
+                    self._put(ROBOT_OBSERVATION if kind == "robot" else CAMERA_FRAME, ids, header, payload)
                 self._memory.note_picture(view, header, payload)
             self._maps.take(view, payload)
         except (WireError, msgspec.DecodeError, ValueError) as error:
@@ -93,6 +105,7 @@ def run_replay(console: Console, path: Path, *, speed: float, port: int) -> None
         RecordingError: it can't be read.
     """
     facts = _facts(path)
+    first_ns, last_ns = _span_ns(path)
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
@@ -111,34 +124,73 @@ def run_replay(console: Console, path: Path, *, speed: float, port: int) -> None
                 f"ready: http://127.0.0.1:{port}/  ({facts['mission']}: {facts.get('target')!r} in {facts['building']})"
             )
             player = Player(node, folder, facts)
+            controls = ReplayControls(
+                node, ReplayClock((last_ns - first_ns) / 1e9, speed), facts["mission"], facts.get("target", ""), first_ns
+            )  # fmt: skip
             try:
-                _play(player, path, speed, stopping, stack)
-                if not stopping.is_set():
-                    console.print("the recording is over; its end stays on the page    stop: Ctrl-C")
-                while not stopping.wait(_REPEAT_S):
-                    stack.check()
-                    player.repeat()
+                _Playing(player, controls, path, first_ns).run(console, stopping, stack)
             finally:
                 player.close()
     console.print("stopped")
 
 
-def _play(player: Player, path: Path, speed: float, stopping: threading.Event, stack: Stack) -> None:
-    """Tells the recording at its pace, ``speed`` times as fast."""
-    began_s, first_ns = time.monotonic(), 0
-    repeated_s = began_s
-    for found in told(path):
-        if isinstance(found, Heard):
-            first_ns = first_ns or found.log_ns
-            due_s = began_s + (found.log_ns - first_ns) / 1e9 / speed
-            while (left_s := due_s - time.monotonic()) > 0 and not stopping.wait(min(left_s, _REPEAT_S)):
+class _Playing:
+    """Tells a recording at its clock's pace, from wherever it is taken to."""
+
+    def __init__(self, player: Player, controls: ReplayControls, path: Path, first_ns: int) -> None:
+        self._player, self._controls, self._path, self._first_ns = player, controls, path, first_ns
+        self._rest = told(path)
+        self._next: Told | None = next(self._rest, None)
+        self._told_s = 0.0  # the moment of what was told last
+
+    def run(self, console: Console, stopping: threading.Event, stack: Stack) -> None:
+        """Until ``stopping`` is set. What would grow stale is repeated meanwhile."""
+        said_so, repeated_s = False, time.monotonic()
+        while not stopping.is_set():
+            if (jump := self._controls.take_jump()) is not None:
+                self._controls.tell()  # who knows the future forgets it before the past is told
+                self._go_to(jump, stopping)
+                self._controls.tell()
+            wait_s = float("inf") if self._next is None else self._controls.wait_s(self._moment(self._next))
+            if wait_s <= 0 and self._next is not None:
+                self._tell_next()
+            if self._next is None and not said_so:
+                console.print("the recording is over; its end stays on the page    stop: Ctrl-C")
+                said_so = True
+            if time.monotonic() - repeated_s >= _REPEAT_S:
+                repeated_s = time.monotonic()
                 stack.check()
-                if time.monotonic() - repeated_s >= _REPEAT_S and left_s > _REPEAT_S:
-                    repeated_s = time.monotonic()
-                    player.repeat()
-        if stopping.is_set():
-            return
-        player.tell(found)
+                self._controls.tell()
+                self._player.repeat()
+            if wait_s > 0:
+                self._controls.changed.wait(min(wait_s, _REPEAT_S / 2))
+
+    def _go_to(self, moment_s: float, stopping: threading.Event) -> None:
+        """Takes in all until a moment without a word, from the start if it is past, then says how things are."""
+        if moment_s < self._told_s:
+            self._player.forget()
+            self._rest, self._told_s = told(self._path), 0.0
+            self._next = next(self._rest, None)
+        while self._next is not None and self._moment(self._next) <= moment_s and not stopping.is_set():
+            self._tell_next(quietly=True)
+        self._told_s = moment_s
+        self._player.tell_all()
+
+    def _moment(self, found: Told) -> float:
+        """When something happened [s from the start]; what has no time of its own, when the last thing did."""
+        return (found.log_ns - self._first_ns) / 1e9 if isinstance(found, Heard) else self._told_s
+
+    def _tell_next(self, *, quietly: bool = False) -> None:
+        assert self._next is not None, "asked for before"
+        self._told_s = max(self._told_s, self._moment(self._next))
+        self._player.tell(self._next, quietly=quietly)
+        self._next = next(self._rest, None)
+
+
+def _span_ns(path: Path) -> tuple[int, int]:
+    """When the first and the last thing in a recording happened [ns since the epoch]."""
+    stamps = [found.log_ns for found in told(path) if isinstance(found, Heard)]
+    return (min(stamps), max(stamps)) if stamps else (0, 0)
 
 
 def _facts(path: Path) -> dict[str, str]:

@@ -16,6 +16,7 @@ from services.gateway.routes import (
     page,
     pictures,
     recordings,
+    replay,
     sources,
     system,
 )
@@ -47,6 +48,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(maps.router(gateway.maps))
     app.include_router(objects.router(gateway.objects, gateway.looks))
     app.include_router(recordings.router(gateway.recordings, gateway.looks))
+    app.include_router(replay.router(gateway.replays))
     app.include_router(events.router(gateway.events))
     app.include_router(live.router(gateway.live, gateway.tiles, gateway.looks))
     app.include_router(system.router(gateway))

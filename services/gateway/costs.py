@@ -20,6 +20,11 @@ class MissionCosts:
         self._costs = Costs()
         self._lock = threading.Lock()
 
+    def clear(self) -> None:
+        """Counts anew: a replay was taken to another moment."""
+        with self._lock:
+            self._costs = Costs()
+
     def look(self) -> None:
         """Takes in what cameras and robots sent since the last look."""
         sums = Sums.of(sum_traffic(r.message for r in self._state.traffic.rows()))

@@ -23,6 +23,7 @@ from services.gateway.missions import Missions
 from services.gateway.objects import Objects
 from services.gateway.pictures import Pictures
 from services.gateway.recordings import Recordings
+from services.gateway.replays import Replays
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
 from services.gateway.tiles import Tiles
@@ -51,6 +52,7 @@ class Gateway:
         self.events = Events()
         self.costs = MissionCosts(self._state, self.missions)
         self._watch = Watch(self._state, self.cameras, self.sources, self.events, self.costs)
+        self.replays = Replays(self._state, (self._state, self.costs, self._watch))
         self.live = Live(node, self._shown())
         self.tiles = Tiles(node, self.cameras)
 
@@ -70,6 +72,7 @@ class Gateway:
             "cost": self.costs.all,
             "object": lambda: dict(ChainMap(*self._watch.objects.values())),
             "traffic": lambda: self.traffic().by_source(),
+            "replay": lambda: {"": found} if (found := self.replays.shown()) else {},
         }
 
     def building(self) -> Building:

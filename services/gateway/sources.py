@@ -38,7 +38,8 @@ class Sources:
         """Stops all robots at once, or releases them; what each answered. Those that don't are asked again by name.
 
         Raises:
-            Problem: no robot is there (503), or one that is doesn't say that it obeyed (504, with all answers).
+            Problem: no robot is there (503), it is one of a recording (409), or one that is there doesn't say that it obeyed
+                (504, with all answers).
         """
         here = self._node.alive("robot")
         message = Halt(stamp_ns=clock_ns(), halted=halted, reason=reason)
@@ -46,10 +47,12 @@ class Sources:
             r.ids["robot"]: r.message.halted for r in self._node.ask_all(contract.ROBOT_HALT, message, timeout_s=1.0)
         }
         for robot in sorted(here - set(told)):
-            with suppress(Problem):
-                told[robot] = ask(
-                    self._node, f"robot {robot}", contract.ROBOT_HALT, message, robot=robot
-                ).message.halted
+            try:
+                row = ask(self._node, f"robot {robot}", contract.ROBOT_HALT, message, robot=robot)
+                told[robot] = row.message.halted
+            except Problem as problem:
+                if problem.status == 409:  # a robot of a recording; one that is there never refuses
+                    raise
         known = here | set(told) | set(self._state.robots.newest("robot"))
         answers = [RobotHalt(robot=robot, halted=told.get(robot), stale=robot not in here) for robot in sorted(known)]
         if not answers:

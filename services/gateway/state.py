@@ -14,7 +14,7 @@ from surveilnav.contract import Stream
 
 #: How long a list of what is put on change is believed before it is asked for again.
 REFRESH_S = 5.0
-_KINDS = ("camera", "robot", "perception", "fusion", "planner", "recorder")
+_KINDS = ("camera", "robot", "perception", "fusion", "planner", "recorder", "replay")
 
 
 class LastKnown:
@@ -66,6 +66,12 @@ class LastKnown:
                 del self._asked[key]
         self._table.forget(field, id)
 
+    def clear(self) -> None:
+        """Drops everything: it lies in the future of a replay that was taken back."""
+        with self._lock:
+            self._asked = {}
+        self._table.clear()
+
     def old(self, row: Received[Any]) -> bool:
         """Whether a row came longer ago than the contract allows."""
         return row.age_s * 1000 > self._stream.max_age_ms
@@ -90,8 +96,17 @@ class BuildingState:
         self.recorders = LastKnown(node, contract.RECORDER_STATUS)
         self.services = LastKnown(node, contract.SERVICES)
         self.traffic = LastKnown(node, contract.TRAFFIC)
+        self.replays = LastKnown(node, contract.REPLAY)
         for kind in _KINDS:
             node.alive(kind)  # the first call starts watching
+
+    def clear(self) -> None:
+        """Forgets all that may be told again otherwise: everything but where the replay is."""
+        for known in (
+            self.missions, self.plans, self.judged, self.cameras, self.summaries, self.robots, self.loads, self.revisions,
+            self.recorders, self.services, self.traffic,
+        ):  # fmt: skip
+            known.clear()
 
     def alive(self, kind: str) -> bool:
         """Whether any node of the kind is there."""

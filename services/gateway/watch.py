@@ -37,19 +37,24 @@ class Watch:
         self._state, self._node = state, state.node
         self._all_cameras, self._sources, self._events, self._costs = cameras, sources, events, costs
         self._lock = threading.Lock()  # missions are told of by the bus's thread, too
-        self._missions: Tracked[MissionStatus] = Tracked(changes.of_mission)
-        self._cameras: Tracked[CameraState] = Tracked(changes.of_camera)
-        self._robots: Tracked[RobotSituation] = Tracked(changes.of_robot)
-        self._processes: Tracked[ServiceState] = Tracked(changes.of_process)
         self._presence: Tracked[bool] = Tracked(changes.of_presence)
-        self._objects: dict[str, Tracked[ObjectRecord]] = {}
-        self._objects_at: dict[str, tuple[float, int]] = {}
-        #: By floor and id, as fusion last told of them, without their histories.
-        self.objects: dict[str, dict[str, Object]] = {}
+        self.clear()
         state.missions.on_message = self._on_mission
         self._missions.update({id: row.message for id, row in state.missions.newest("mission").items()})
         self.look()
         threading.Thread(target=self._run, name="watch", daemon=True).start()
+
+    def clear(self) -> None:
+        """Begins anew, as after a start: a replay was taken to another moment."""
+        with self._lock:
+            self._missions: Tracked[MissionStatus] = Tracked(changes.of_mission)
+        self._cameras: Tracked[CameraState] = Tracked(changes.of_camera)
+        self._robots: Tracked[RobotSituation] = Tracked(changes.of_robot)
+        self._processes: Tracked[ServiceState] = Tracked(changes.of_process)
+        self._objects: dict[str, Tracked[ObjectRecord]] = {}
+        self._objects_at: dict[str, tuple[float, int]] = {}
+        #: By floor and id, as fusion last told of them, without their histories.
+        self.objects: dict[str, dict[str, Object]] = {}
 
     def _run(self) -> None:
         while not self._node.stopping.wait(_LOOK_S):

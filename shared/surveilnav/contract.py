@@ -219,6 +219,14 @@ RECORDING_DELETE = Stream(
     "recording_delete", "{building}/recorder/{recorder}/delete", m.Ack, "recorder", "query", None, 5_000,
     "control", "delete a recording for good", request=m.RecordingRemoval,
 )  # fmt: skip
+REPLAY = Stream(
+    "replay", "{building}/replay/{player}", m.ReplayStatus, "surveilnav replay", "put+query", 2.0, 5_000,
+    "data", "where a recording is that is shown again",
+)  # fmt: skip
+REPLAY_CONTROL = Stream(
+    "replay_control", "{building}/replay/{player}/control", m.ReplayStatus, "surveilnav replay", "query", None, 5_000,
+    "control", "have a replay play, pause, go to a moment, or change its speed", request=m.ReplayControl,
+)  # fmt: skip
 SERVICES = Stream(
     "services", "{building}/services/{supervisor}", m.ServiceList, "surveilnav up", "put", 1.0, 3_000,
     "data", "the processes that are kept running, how often each was started again, and why",

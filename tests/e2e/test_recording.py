@@ -110,6 +110,26 @@ def test_what_was_put_is_in_it_as_often_as_it_was_put(searched):
     assert len(steps) >= 5
 
 
+def _goes_back_and_forth(port: int, end: dict[str, bytes]) -> None:
+    """A replay at its end is taken to its middle, where less was known, and to its end again."""
+    url = f"http://127.0.0.1:{port}/api/v1"
+    whole_s = httpx.get(f"{url}/replay").json()["duration_s"]
+
+    def go_to(moment_s: float) -> None:
+        httpx.patch(f"{url}/replay", json={"at_s": moment_s, "playing": False}, timeout=20).raise_for_status()
+
+    def mission() -> str:
+        return next((str(m["state"]) for m in httpx.get(f"{url}/missions").json()["items"]), "none")
+
+    go_to(whole_s / 2)
+    until(lambda: mission() == "active", mission, 60.0)
+    until(lambda: layers_of(port)["explored"] != end["explored"], "the maps know their future", 60.0)
+    assert httpx.get(f"{url}/replay").json()["at_s"] == pytest.approx(whole_s / 2)
+    go_to(whole_s)
+    until(lambda: mission() in FINISHED_STATES, mission, 60.0)
+    until(lambda: layers_of(port) == end, "the maps aren't the same", 60.0)
+
+
 def test_it_is_shown_again_by_the_gateway_with_the_same_maps(recorded, searched):
     before = layers_of(recorded.gateway_port)
     port = free_port()
@@ -131,8 +151,10 @@ def test_it_is_shown_again_by_the_gateway_with_the_same_maps(recorded, searched)
         assert httpx.get(f"http://127.0.0.1:{port}/readyz").status_code == 200
         assert httpx.get(f"{url}/robots").json()["items"][0]["id"] == "r1"
         assert httpx.get(f"{url}/cameras/c0-1/latest.jpg").content[:2] == b"\xff\xd8"
-        refused = httpx.post(f"{url}/missions", json={"target": "bed"})
-        assert (refused.status_code, refused.json()["type"].rpartition(":")[2]) == (409, "replay")
+        for path, body in (("missions", {"target": "bed"}), ("robots/stop", {"reason": ""})):
+            refused = httpx.post(f"{url}/{path}", json=body)
+            assert (refused.status_code, refused.json()["type"].rpartition(":")[2]) == (409, "replay"), path
+        _goes_back_and_forth(port, before)
     finally:
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0

@@ -69,8 +69,9 @@ def router(live: Live, tiles: Tiles, looks: Looks) -> APIRouter:
     def state(last_event_id: _LastId = None) -> Response:
         """How everything is, and again whatever changes, as Server-Sent Events: `building`, `readiness`, `floor`, `camera`,
         `robot`, `worker`, `recorder`, `service`, `mission` (the newest 100), `plan`, `cost` (a mission's traffic), `object`
-        (without its history), `traffic`. The data has the `id` and the `state`: the resource as REST has it, or null if it is
-        gone. Of what changes fast a slow client gets the newest state alone. Only `last_seen` of what isn't stale may be old."""
+        (without its history), `traffic`, `replay`. The data has the `id` and the `state`: the resource as REST has it, or null
+        if it is gone. Of what changes fast a slow client gets the newest state alone. Only `last_seen` of what isn't stale may
+        be old."""
         return EventStream(live, last_event_id)
 
     @router.get("/tiles", response_class=Response, responses=_described("Server-Sent Events: a picture in each", _TILE))

@@ -141,6 +141,11 @@ class Table(Generic[M]):
         with self._lock:
             self._rows = {key: row for key, row in self._rows.items() if row.ids.get(field) != id}
 
+    def clear(self) -> None:
+        """Drops all rows, until their owners put again."""
+        with self._lock:
+            self._rows = {}
+
     def close(self) -> None:
         """Stops listening."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]

@@ -266,6 +266,18 @@ class Client:
         """Deletes a recording and its file."""
         self._asked("DELETE", f"{_ROOT}/recordings/{_id(id)}")
 
+    def replay(self) -> r.Replay:
+        """Where the recording is that this gateway shows."""
+        found: r.Replay = self._json("GET", "replay")
+        return found
+
+    def change_replay(
+        self, *, at_s: float | None = None, speed: float | None = None, playing: bool | None = None
+    ) -> r.Replay:
+        """Has the recording that this gateway shows go to a moment, change its speed, play or stand still."""
+        found: r.Replay = self._json("PATCH", "replay", json=_given(at_s=at_s, speed=speed, playing=playing))
+        return found
+
     # --- asking -----------------------------------------------------------------------------------------------------
 
     def _items(self, path: str, **params: Any) -> list[Any]:

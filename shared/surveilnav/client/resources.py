@@ -267,6 +267,25 @@ class Recording(TypedDict):
     file: str
 
 
+class Replay(TypedDict):
+    last_seen: str | None
+    stale: bool
+    mission: str
+    target: str
+    began: str | None
+    at_s: float
+    duration_s: float
+    speed: float
+    playing: bool
+    jumps: int
+
+
+class ReplayChange(TypedDict):
+    at_s: NotRequired[float | None]
+    speed: NotRequired[float | None]
+    playing: NotRequired[bool | None]
+
+
 class Robot(TypedDict):
     last_seen: str | None
     stale: bool

@@ -36,18 +36,20 @@ from surveilnav.messages.recording import (
     RecordingList,
     RecordingPart,
     RecordingRemoval,
+    ReplayControl,
+    ReplayStatus,
 )
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Halt, HaltReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Judged, Truth
 from surveilnav.messages.view import FrameHeader, Part
 
 __all__ = [
-    "ACTIONS", "Ack", "CameraInfo", "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate",
-    "Command", "CommandReply", "DEFAULT_LAYERS", "Detection", "ErrorReply", "FINISHED_STATES", "ForgetPictures",
-    "FrameHeader", "Halt", "HaltReply", "InferReply", "InferRequest", "Judged", "LayerHeader", "LoggedView",
-    "MapSnapshot", "MissionAck", "MissionCancel", "MissionGoal", "MissionPause", "MissionStatus", "ModelIds",
-    "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part", "PicturesForgotten", "Plan", "RecorderStatus",
-    "Recording", "RecordingList", "RecordingPart", "RecordingRemoval", "Revision", "RobotStatus", "ServiceList",
-    "ServiceState", "SlotClaim", "Stair", "TextReply", "TrafficReport", "TrafficRow", "Truth", "ViewPicture",
-    "WorkerLoad",
+    "ACTIONS", "DEFAULT_LAYERS", "FINISHED_STATES", "Ack", "CameraInfo", "CameraRequest", "CameraSummary",
+    "CameraUse", "CameraViewInfo", "Candidate", "Command", "CommandReply", "Detection", "ErrorReply",
+    "ForgetPictures", "FrameHeader", "Halt", "HaltReply", "InferReply", "InferRequest", "Judged", "LayerHeader",
+    "LoggedView", "MapSnapshot", "MissionAck", "MissionCancel", "MissionGoal", "MissionPause", "MissionStatus",
+    "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part", "PicturesForgotten", "Plan",
+    "RecorderStatus", "Recording", "RecordingList", "RecordingPart", "RecordingRemoval", "ReplayControl",
+    "ReplayStatus", "Revision", "RobotStatus", "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply",
+    "TrafficReport", "TrafficRow", "Truth", "ViewPicture", "WorkerLoad",
 ]  # fmt: skip

@@ -91,3 +91,27 @@ class RecordingRemoval(Message, frozen=True, kw_only=True):
     """Asks a recorder to delete a file for good; one that is being written can't be."""
 
     id: str
+
+
+class ReplayStatus(Message, frozen=True, kw_only=True):
+    """A recording that is shown again. ``at_s`` of ``duration_s`` was told; ``speed``: so many times as fast as it happened;
+    ``began_ns``: when it did. ``jumps``: how often it was taken to another moment: what was heard before may lie in its future.
+    """
+
+    player: str
+    mission: str
+    target: str
+    began_ns: int
+    at_s: float
+    duration_s: float
+    speed: float
+    playing: bool
+    jumps: int
+
+
+class ReplayControl(Message, frozen=True, kw_only=True):
+    """What a replay should do; None: as it is. ``at_s``: where to go on from; ``speed``: see ``ReplayStatus``."""
+
+    at_s: float | None = None
+    speed: float | None = None
+    playing: bool | None = None

@@ -13,14 +13,13 @@ from services.gateway.core.resources.layer import Layer
 from services.gateway.core.resources.mission import Mission, MissionPlan, NewMission
 from services.gateway.core.resources.object import Object
 from services.gateway.core.resources.readiness import NEEDED, Readiness
-from services.gateway.core.resources.recording import Recorder, Recording
+from services.gateway.core.resources.recording import Recorder, Recording, Replay, ReplayChange
 from services.gateway.core.resources.robot import Robot, RobotHalt, Target, Worker
 from services.gateway.core.resources.service import Service
 from services.gateway.core.resources.traffic import MissionTraffic, Traffic
 
 __all__ = [
     "NEEDED", "ROOT", "Building", "Camera", "CameraCone", "CameraLook", "Floor", "GrowingItems", "Items", "Layer",
-    "Mission", "MissionPlan", "MissionTraffic", "NewMission", "Object", "PictureKeeper", "Readiness", "Recorder", "Recording",
-    "Robot", "RobotHalt",
-    "Service", "Target", "Traffic", "Worker",
+    "Mission", "MissionPlan", "MissionTraffic", "NewMission", "Object", "PictureKeeper", "Readiness", "Recorder",
+    "Recording", "Replay", "ReplayChange", "Robot", "RobotHalt", "Service", "Target", "Traffic", "Worker",
 ]  # fmt: skip

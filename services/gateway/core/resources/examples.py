@@ -117,6 +117,17 @@ RECORDER: dict[str, Any] = {
     "n_bytes": 1_231_870_000,
     "free_bytes": 81_000_000_000,
 }
+REPLAY: dict[str, Any] = {
+    **_TIMES,
+    "mission": "m1",
+    "target": "tv",
+    "began": "2026-11-25T14:35:19.250Z",
+    "at_s": 12.5,
+    "duration_s": 74.0,
+    "speed": 1.0,
+    "playing": True,
+    "jumps": 0,
+}
 ROBOT: dict[str, Any] = {
     **_TIMES,
     "id": "r1",

@@ -1,4 +1,4 @@
-"""Recordings, and who makes them."""
+"""Recordings, who makes them, and one that is shown again."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from services.gateway.core.resources import examples
 from services.gateway.core.resources.base import ROOT, Resource, Text, Time
-from surveilnav.messages import RecorderStatus
+from surveilnav.messages import RecorderStatus, ReplayStatus
 from surveilnav.messages import Recording as Kept
 
 
@@ -52,3 +52,35 @@ class Recorder(Resource):
     def from_status(cls, status: RecorderStatus, seen_ns: int, stale: bool) -> Recorder:
         """A recorder as it tells of itself."""
         return cls.made_of(status, last_seen=seen_ns, stale=stale)
+
+
+class Replay(Resource):
+    """A recording that is shown again in the place of a building."""
+
+    model_config = ConfigDict(json_schema_extra={"example": examples.REPLAY})
+
+    mission: str
+    target: str
+    began: Time = Field(description="when it happened")
+    at_s: float = Field(description="the moment that is shown, from its beginning on")
+    duration_s: float
+    speed: float = Field(description="so many times as fast as it happened")
+    playing: bool
+    jumps: int = Field(
+        description="how often it was taken to another moment: what was told before may lie in its future"
+    )
+
+    @classmethod
+    def from_status(cls, status: ReplayStatus, seen_ns: int, stale: bool) -> Replay:
+        """A replay as it tells of itself."""
+        return cls.made_of(status, began=status.began_ns, last_seen=seen_ns, stale=stale)
+
+
+class ReplayChange(BaseModel):
+    """What a replay should do; what is left out stays as it is."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"at_s": 12.5, "playing": True}})
+
+    at_s: float | None = Field(None, ge=0, le=1e9, allow_inf_nan=False, description="the moment to go on from")
+    speed: float | None = Field(None, ge=0.01, le=1000, allow_inf_nan=False, description="so many times as fast")
+    playing: bool | None = Field(None, description="false: it stands still")

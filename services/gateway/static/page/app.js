@@ -7,6 +7,7 @@ import { CameraPanel } from "./panels/cameras.js";
 import { MissionPanel } from "./panels/missions.js";
 import { ObjectPanel } from "./panels/objects.js";
 import { TrafficPanel } from "./panels/traffic.js";
+import { Replay } from "./replay.js";
 import { Toasts } from "./toasts.js";
 import { html } from "./ui.js";
 
@@ -19,7 +20,7 @@ function Jumps() {
 export function App() {
   return html`
     <${Header} />
-    <div class="strips"><${Connection} /><${Alerts} /></div>
+    <div class="strips"><${Connection} /><${Replay} /><${Alerts} /></div>
     <main>
       <div class="column left"><${MissionPanel} /></div>
       <div class="column centre"><${MapPanel} /><${TrafficPanel} /></div>

@@ -1,4 +1,5 @@
 // Bytes a second, sampled once a second out of sums that only grow. Bounded: five minutes.
+import { onJump } from "./replay.js";
 import { entries } from "./store.js";
 
 const KEPT = 300;
@@ -25,4 +26,7 @@ export function sample(nowMs) {
   for (const id of series.keys()) if (!seen.has(id)) series.delete(id);
 }
 
-export const startRates = () => setInterval(() => sample(performance.now()), 1000);
+export function startRates() {
+  setInterval(() => sample(performance.now()), 1000);
+  onJump(() => series.clear());
+}

@@ -1,4 +1,5 @@
 // Where robots were since the page is open. Bounded: a long trail is thinned from its old end.
+import { onJump } from "./replay.js";
 import { listen } from "./store.js";
 
 const MOST = 1200;
@@ -23,4 +24,7 @@ function take(kind, id, robot) {
   trails.set(id, points.length > MOST ? thinned(points) : points);
 }
 
-export const startTrails = () => listen(take);
+export function startTrails() {
+  listen(take);
+  onJump(() => trails.clear());
+}

@@ -1,0 +1,77 @@
+"""What a page or a program has a replay do, and what it tells them of itself."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+
+from cli.replay.clock import ReplayClock
+from surveilnav import contract
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
+from surveilnav.messages import ReplayControl, ReplayStatus
+
+#: Faster than a hundred times nobody sees anything; the command's own limits are these.
+SLOWEST, FASTEST = 0.01, 1000.0
+
+
+class ReplayControls:
+    """The clock of a replay, under a lock: bus threads set it, the player asks it.
+
+    ``changed`` is set whenever a person wants something else.
+    """
+
+    def __init__(self, node: Node, clock: ReplayClock, mission: str, target: str, began_ns: int) -> None:
+        self._node, self._clock = node, clock
+        self._mission, self._target, self._began_ns = mission, target, began_ns
+        self._lock = threading.Lock()
+        self._jump: float | None = None
+        self._jumps = 0
+        self.changed = threading.Event()
+        self._publisher = node.publisher(contract.REPLAY, player=node.id)
+        clock.set(time.monotonic())
+        node.serve(contract.REPLAY, lambda _: Answer(self.status()), player=node.id)
+        node.serve(contract.REPLAY_CONTROL, self._on_control, player=node.id)
+
+    def status(self) -> ReplayStatus:
+        """How it is now."""
+        with self._lock:
+            at_s = self._clock.at_s(time.monotonic())
+            return ReplayStatus(
+                stamp_ns=clock_ns(), player=self._node.id, mission=self._mission, target=self._target,
+                began_ns=self._began_ns, at_s=at_s, duration_s=self._clock.duration_s, speed=self._clock.speed,
+                playing=self._clock.playing and at_s < self._clock.duration_s, jumps=self._jumps,
+            )  # fmt: skip
+
+    def tell(self) -> None:
+        """Puts the status."""
+        self._publisher.put(self.status())
+
+    def wait_s(self, moment_s: float) -> float:
+        """How long until a moment is due."""
+        with self._lock:
+            return self._clock.wait_s(moment_s, time.monotonic())
+
+    def take_jump(self) -> float | None:
+        """Where it should go on from, once; None: where it is."""
+        with self._lock:
+            jump, self._jump = self._jump, None
+            self.changed.clear()
+            return jump
+
+    def _on_control(self, request: Request) -> Answer:
+        wanted: ReplayControl = request.message
+        if wanted.at_s is not None and not math.isfinite(wanted.at_s):
+            raise Refused("bad_moment", "at_s is no number")
+        if wanted.speed is not None and not SLOWEST <= wanted.speed <= FASTEST:
+            raise Refused("bad_speed", f"speed is {SLOWEST:g} to {FASTEST:g}, got {wanted.speed:g}")
+        with self._lock:
+            now_s = time.monotonic()
+            before = self._clock.at_s(now_s)
+            self._clock.set(now_s, at_s=wanted.at_s, speed=wanted.speed, playing=wanted.playing)
+            after = self._clock.at_s(now_s)
+            if wanted.at_s is not None or after < before:
+                self._jump = after
+                self._jumps += 1
+            self.changed.set()
+        return Answer(self.status())
