@@ -99,6 +99,9 @@ class Server:
             self._answer(query, received_ns)
 
     def _answer(self, query: Any, received_ns: int) -> None:
+        if self._is_meant_for_another(query):
+            query.drop()
+            return
         try:
             answers = self._handler(self._request(query, received_ns))
         except Exception as error:
@@ -117,6 +120,11 @@ class Server:
             self._fail(query, error)
         else:
             self._send(query, answers)
+
+    def _is_meant_for_another(self, query: Any) -> bool:
+        """A wildcard question to another stream may reach who serves a key with wildcards; what it lacks gives it away."""
+        carries = bytes_of(query.payload) or bytes_of(query.attachment)
+        return self._stream.request is not None and "*" in str(query.key_expr) and not carries
 
     def _send(self, query: Any, answers: Answers) -> None:
         try:
@@ -165,6 +173,8 @@ class Server:
         key = str(query.key_expr)
         if "*" in key:  # asked of many: each answers on a key of its own
             key = self._key if "*" not in self._key else self._connection.key(self._stream, **answer.ids)
+            if not query.key_expr.intersects(zenoh.KeyExpr(key)):
+                return  # it was meant for another stream, whose keys may be spelled like this one's
         header = encode(answer.message)
         check_size(key, header, answer.payload)
         encoding = encoding_of(type(answer.message))  # priority and congestion control are the query's

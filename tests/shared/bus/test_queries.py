@@ -12,9 +12,19 @@ import zenoh
 from surveilnav.bus import Answer, Refused, Unanswered
 from surveilnav.bus.connection import encoding_of
 from surveilnav.bus.wire import encode
-from surveilnav.contract import CAMERA_SLOT, MAP_LAYER, MISSION_CANCEL, MISSION_GOAL, ROBOT_STATUS, schema_of
-from surveilnav.geometry import Grid
-from surveilnav.messages import Ack, Command, LayerHeader, MissionAck, MissionGoal, SlotClaim
+from surveilnav.contract import (
+    CAMERA_INFO,
+    CAMERA_REQUEST,
+    CAMERA_SLOT,
+    JUDGED,
+    MAP_LAYER,
+    MISSION_CANCEL,
+    MISSION_GOAL,
+    ROBOT_STATUS,
+    schema_of,
+)
+from surveilnav.geometry import Grid, Pinhole
+from surveilnav.messages import Ack, CameraInfo, Command, LayerHeader, MissionAck, MissionGoal, SlotClaim
 from tests.waiting import until, until_heard
 
 
@@ -159,6 +169,29 @@ def test_a_question_to_all_reaches_each_owner_of_a_key(make_node):
         return {(a.ids["slot"], a.message.message) for a in client.ask_all(CAMERA_SLOT, claim, timeout_s=0.5)}
 
     until(lambda: slots() == {("2", "2"), ("5", "5")})
+
+
+def test_a_question_to_another_stream_is_passed_over(make_node):
+    """Who serves all keys of a stream also gets "truth/*/judged/*": "truth/camera/judged/info" fits "*/camera/*/info"."""
+    client, server = make_node("cli", "c"), make_node("replay", "r")
+    asked = []
+
+    def tell(request):
+        asked.append(request)
+        info = CameraInfo(
+            stamp_ns=1, camera="c0", floor="0", intrinsics=Pinhole.from_hfov(8, 8, 1.0), position_m=(0.0, 0.0, 1.0), views=[],
+            mounting_offset_m=1.0,
+        )  # fmt: skip
+        return [Answer(info, ids={"floor": "0", "camera": "c0"})]
+
+    server.serve(CAMERA_INFO, tell)
+    server.serve(CAMERA_REQUEST, tell)
+    until(lambda: client.ask_all(CAMERA_INFO, timeout_s=0.5))
+    before = len(asked)
+    assert client.ask_all(JUDGED, timeout_s=0.5) == []
+    assert len(asked) == before + 1, "the question reached the one, not the other"
+    assert not server.traffic.rejected()
+    assert client.ask_all(CAMERA_INFO, timeout_s=0.5), "it answers still"
 
 
 MAP = {"floor": "0", "layer": "cloud"}

@@ -39,7 +39,7 @@ function Actions({ mission }) {
 
 export function MissionCard({ mission: m }) {
   const now = useNow(), plan = one("plan", m.id);
-  const elapsed = m.state === "paused" || m.stale ? m.elapsed_s : secondsSince(m.started, now);
+  const elapsed = m.state === "paused" || m.stale || one("replay", "") ? m.elapsed_s : secondsSince(m.started, now);
   return html`<article class="card ${m.stale ? "stale" : ""}" data-mission=${m.id} aria-label="Mission for ${m.target}">
     <div class="row head"><h3>${m.target}</h3><${StateBadge} mission=${m} /><span class="grow"></span><${MissionId} id=${m.id} /></div>
     ${m.asked && html`<p class="soft">asked for as “${m.asked}”</p>`}
