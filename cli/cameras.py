@@ -1,4 +1,4 @@
-"""``surveilnav cameras``: which there are, and pausing or forgetting one."""
+"""``surveilnav cameras``: which there are, pausing or forgetting one, and deleting past pictures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from surveilnav.client import Client
     from surveilnav.client.resources import Camera
 
-app = typer.Typer(invoke_without_command=True, help="List cameras; pause, resume or forget one.")
+app = typer.Typer(invoke_without_command=True, help="List cameras; pause, resume or forget one, delete past pictures.")
 
 
 def _ids(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -70,6 +70,18 @@ def forget(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
         print_json({"id": id, "forgotten": True})
     else:
         results.print(f"{id}: forgotten, until it announces itself again", markup=False)
+
+
+@app.command("delete-pictures")
+def delete_pictures(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """Delete all past pictures now. Maps, objects and recordings stay."""
+    with gateway(url) as asked:
+        keepers = asked.forget_pictures()
+    if as_json:
+        print_json(items(keepers))
+    else:
+        for keeper in keepers:
+            results.print(f"{keeper['keeper']}: {keeper['message']}", markup=False)
 
 
 def _known(asked: Client, typed: str) -> str:

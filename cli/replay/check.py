@@ -27,12 +27,14 @@ _MOST_MAPS_BYTES = 2 << 30
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """``recorded``: what the maps came to when the mission ended ("" where the recording doesn't tell); ``replayed``: what
-    they come to now. ``views``: so many were integrated, after a snapshot of maps of ``began_with`` views."""
+    they come to now. ``views``: so many were integrated, after a snapshot of maps of ``began_with`` views. ``ended``: whether
+    the recording has its end."""
 
     recorded: str
     replayed: str
     views: int
     began_with: int
+    ended: bool
 
     @property
     def same(self) -> bool:
@@ -41,7 +43,10 @@ class Outcome:
 
     def in_words(self) -> str:
         """What was found, with both digests."""
-        recorded = self.recorded or "unknown: the recording was cut off before the mission's end"
+        unknown = (
+            "fusion didn't tell when the mission ended" if self.ended else "the recording was cut off before its end"
+        )
+        recorded = self.recorded or f"unknown: {unknown}"
         verdict = "the same maps, bit for bit" if self.same else "NOT the same maps"
         if not self.recorded:
             verdict = "nothing to compare with"
@@ -57,7 +62,7 @@ def check(path: Path) -> Outcome:
     Raises:
         RecordingError: it can't be read, or holds no maps.
     """
-    joint, began_with, views, recorded = None, 0, 0, ""
+    joint, began_with, views, recorded, ended = None, 0, 0, "", False
     for found in told(path):
         match found:
             case Maps():
@@ -66,10 +71,10 @@ def check(path: Path) -> Outcome:
             case Heard(stream=stream, message=message, payload=payload) if stream is VIEW_LOG and joint is not None:
                 views += _take(joint, message, payload)
             case End():
-                recorded = found.facts.get("digest", "")
+                recorded, ended = found.facts.get("digest", ""), True
     if joint is None:
         raise RecordingError(f"{path} holds no maps: fusion kept no log (SURVEILNAV_FUSION__STORE), or wasn't there")
-    return Outcome(recorded, digest(freeze(joint)), views, began_with)
+    return Outcome(recorded, digest(freeze(joint)), views, began_with, ended)
 
 
 def maps_of(maps: Maps) -> JointMap:

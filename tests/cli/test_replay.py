@@ -65,6 +65,13 @@ def test_an_empty_recording_comes_to_what_it_began_with(tmp_path):
     assert [type(t) for t in told(path)][:2] == [Begin, Maps]
 
 
+@pytest.mark.parametrize(("end", "why"), [([("end", {"mission": "m1"})], "fusion didn't tell"), ([], "was cut off")])
+def test_why_nothing_can_be_compared_is_said(tmp_path, end, why):
+    outcome = check(file_of(tmp_path / "a.mcap", *MAPS, *end))
+    assert why in outcome.in_words()
+    assert outcome.as_dict()["ended"] is bool(end)
+
+
 @pytest.mark.parametrize(("claimed", "said"), [("", "nothing to compare with"), ("0" * 32, "NOT the same maps")])
 def test_maps_that_aren_t_what_was_recorded_are_told_apart(tmp_path, claimed, said):
     outcome = check(file_of(tmp_path / "a.mcap", *MAPS, ("end", {"digest": claimed})))

@@ -85,6 +85,13 @@ def write_card(path: Path, network: Compact, steps: int, views_seen: int) -> Car
     return card
 
 
+def write_weights(path: Path, kept: dict[str, Any]) -> None:
+    """Writes the mean weights of a checkpoint, in half precision, without what only the same run could go on with."""
+    halved = {name: x.half() if x.dtype.is_floating_point else x for name, x in kept["mean"].items()}
+    with replacing(path) as file:
+        torch.save({"step": kept["step"], "shape": kept["shape"], "mean": halved}, file)
+
+
 def load_network(checkpoint: Path) -> Compact:
     """The mean network of a checkpoint."""
     return _network_of(torch.load(checkpoint, map_location="cpu", weights_only=True))
@@ -104,11 +111,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--checkpoint", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--batch", type=int, default=16, help="views a step of the training")
+    parser.add_argument("--weights", type=Path, help="also write what another run can begin with (train --start)")
     args = parser.parse_args(argv)
     kept = torch.load(args.checkpoint, map_location="cpu", weights_only=True)
     network = _network_of(kept)
     export(network, args.out)
     card = write_card(args.out, network, kept["step"], kept["step"] * args.batch)
+    if args.weights:
+        write_weights(args.weights, kept)
     print(f"{args.out}: {card.bytes / 1e6:.2f} MB, {card.parameters} parameters, sha256 {card.sha256}")
 
 

@@ -67,6 +67,14 @@ def test_a_mission_is_shown_paused_resumed_and_cancelled(typed, mission):
     assert typed("missions", "cancel", mission)[:2] == (0, f"{mission}: cancelled\n")
 
 
+def test_past_pictures_are_deleted_and_each_keeper_says_so(typed, building):
+    code, out, _ = typed("cameras", "delete-pictures")
+    assert code == 0
+    assert [line.partition(":")[0] for line in out.splitlines()] == ["gateway", "f1"]
+    told = json.loads(typed("cameras", "delete-pictures", "--json")[1])
+    assert [k["keeper"] for k in told["items"]] == ["gateway", "f1"]
+
+
 def test_an_id_needs_only_its_beginning(typed, mission):
     assert json.loads(typed("missions", "show", mission[:-1], "--json")[1])["id"] == mission
     assert typed("cameras", "pause", "c")[:2] == (0, "c1: paused\n")

@@ -14,6 +14,7 @@ from surveilnav.perception.boxes import Boxes, merged, overlaps
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 from training.detector import classes
 from training.detector.data import CANVAS, SMALL_CANVAS, Views, _framed, collate, plain, repeat_factors, varied
+from training.detector.export import write_weights
 from training.detector.network import Shape, boxes_of, places
 from training.detector.pack import Pack
 from training.detector.train import Plan, Training
@@ -126,6 +127,11 @@ def test_a_run_begins_with_the_weights_of_another(pack: Pack, tmp_path: Path) ->
     assert other.step == 0
     for a, b in zip(first.mean.parameters(), other.network.parameters(), strict=True):
         assert torch.equal(a, b)
+    write_weights(tmp_path / "halved.pt", torch.load(first.checkpoint, weights_only=True))
+    assert (tmp_path / "halved.pt").stat().st_size < first.checkpoint.stat().st_size / 4
+    halved = Training(plan, views, tmp_path / "third", TINY, start=tmp_path / "halved.pt")
+    for a, b in zip(first.mean.parameters(), halved.network.parameters(), strict=True):
+        torch.testing.assert_close(a, b, atol=1e-3, rtol=1e-3)
 
 
 @pytest.mark.slow
