@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.boxes import Boxes, merged_rows
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS, depth_channels
+from surveilnav.perception.detectors.guided_mask import guided_mask
 from surveilnav.perception.detectors.onnx_file import LOWEST
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.sensing.packing import MAX_NAMES
@@ -38,7 +39,8 @@ class Answer:
     """All that the network says of one picture at L places.
 
     ``scores`` (L, C); ``xyxy`` (L, 4) [pixels of the picture]; ``coefficients`` (L, K); ``embeddings`` (L, D);
-    ``prototypes`` (K, H / 4, W / 4) of the letterbox; ``image`` (D,); ``near`` (C + R,); ``ratio``: letterbox / picture.
+    ``prototypes`` (K, H / 4, W / 4) of the letterbox; ``image`` (D,); ``near`` (C + R,); ``ratio``: letterbox / picture;
+    ``depth_m`` (height, width) of the picture.
     """
 
     scores: Floats
@@ -49,17 +51,13 @@ class Answer:
     image: Floats
     near: Floats
     ratio: float
+    depth_m: Floats
 
     def mask(self, place: int, cells: tuple[int, int, int, int]) -> NDArray[np.bool_]:
         """(y1 - y0, x1 - x0) the mask of a place in ``cells`` (x0, y0, x1, y1) [pixels of the picture]."""
         k, h, w = self.prototypes.shape
         logits = (self.coefficients[place] @ self.prototypes.reshape(k, -1)).reshape(h, w).astype(np.float32)
-        x0, y0, x1, y1 = cells
-        scale = self.ratio / MASK_STRIDE  # from the picture's pixels to the prototypes'
-        move = np.array([[scale, 0, scale * (x0 + 0.5) - 0.5], [0, scale, scale * (y0 + 0.5) - 0.5]], np.float64)
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        inside = cv2.warpAffine(logits, move, (x1 - x0, y1 - y0), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(inside > 0)
+        return guided_mask(logits, self.depth_m, cells, self.ratio / MASK_STRIDE)
 
 
 class CompactNetwork:
@@ -114,7 +112,7 @@ class CompactNetwork:
         xyxy = np.concatenate([points - ltrb[:, :2], points + ltrb[:, 2:]], axis=1) / ratio
         return Answer(
             out["scores"], xyxy.astype(np.float32), out["coefficients"], out["embeddings"], out["prototypes"],
-            out["image"], out["near"], ratio,
+            out["image"], out["near"], ratio, view.depth_m,
         )  # fmt: skip
 
     _outputs = ("scores", "ltrb", "coefficients", "embeddings", "prototypes", "image", "near")
