@@ -1,7 +1,7 @@
-"""What ``compact`` finds in views that training never saw, beside a COCO detector on the same views.
+"""What ``compact`` finds in views that training never saw, beside COCO detectors on the same views.
 
     python -m training.detector.evaluate --network runs/compact/compact.onnx --views data/views/val \\
-        [--beside yolox-nano] [--threads 1] [--card]
+        [--beside yolox-nano onnx-coco] [--threads 1] [--card]
 
 AP50 by class, robot and camera views apart; an object counts if it shows at least ``--min-pixels`` pixels as sensed. Mask
 IoU is with true boxes. Times are of whole calls at equal pixels (416 x 416), taken in turn in one run.
@@ -28,6 +28,8 @@ from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.models.card import Measured, card_of, save_card
+from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.presets import Networks, onnx_coco
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
 from training.detector import classes
@@ -101,8 +103,24 @@ class _Merged:
         return merged(self._network.detect(view.rgb), _SAME_THING_IOU)
 
 
-def beside(name: str, threads: int) -> _Merged:
-    """A COCO detector by name, from ``SURVEILNAV_MODELS_DIR`` or the cache."""
+class _Pair:
+    """The detectors of ``onnx-coco`` that have to agree, as they are used."""
+
+    name = "onnx-coco"
+
+    def __init__(self, threads: int) -> None:
+        backend = onnx_coco(Networks(threads=threads, download=False), "to compare with")
+        assert isinstance(backend, Pipeline), "made of three parts"
+        self._detector = backend.detector
+
+    def detect(self, view: RgbdView) -> Boxes:
+        return self._detector.detect([view.rgb], [()])[0]
+
+
+def beside(name: str, threads: int) -> Finds:
+    """A COCO detector by name, or ``onnx-coco``, from ``SURVEILNAV_MODELS_DIR`` or the cache."""
+    if name == _Pair.name:
+        return _Pair(threads)
     return _Merged(coco.load(models.find(name, download=False), models.family(name), Runtime(threads=threads)))
 
 
@@ -125,13 +143,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="training.detector.evaluate", description=__doc__.partition("\n")[0])
     parser.add_argument("--network", type=Path, required=True, help="the ONNX file")
     parser.add_argument("--views", type=Path, required=True, help="packs made with --as-sensed")
-    parser.add_argument("--beside", default="yolox-nano", help="a COCO detector; empty: none")
+    parser.add_argument("--beside", nargs="*", default=["yolox-nano", "onnx-coco"], help="COCO detectors")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--min-pixels", type=int, default=400)
     parser.add_argument("--card", action="store_true", help="write what is found into the card beside the network")
     args = parser.parse_args(argv)
     own = CompactNetwork(session(args.network, Runtime(threads=args.threads)))
-    detectors: list[Finds] = [own, *([beside(args.beside, args.threads)] if args.beside else [])]
+    equal = CompactNetwork(session(args.network, Runtime(threads=args.threads)), side_px=_SIDE)
+    detectors: list[Finds] = [own, *(beside(name, args.threads) for name in args.beside)]
     packs = read_packs(args.views, own.classes)
     tallies: dict[tuple[str, str], Tally] = {}
     masks: defaultdict[str, list[float]] = defaultdict(list)
@@ -146,7 +165,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 tally.add(view, detector.detect(sensed(view)))
     for line in lines(tallies, {kind: float(np.mean(values)) for kind, values in masks.items() if values}, dict(views)):
         print(line)
-    ms = times_ms(detectors)
+    ms = times_ms([equal, *detectors[1:]])
     print(f"processor ms at 416 x 416, {args.threads} threads:", ", ".join(f"{name} {t:.1f}" for name, t in ms.items()))
     if args.card:
         card = card_of(args.network)
