@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import random
 import re
 import threading
 from collections.abc import Iterator
@@ -206,3 +207,48 @@ def test_a_page_of_yesterday_gets_files_of_today_for_now(client):
 )
 def test_other_files_arent_given_out(client, name):
     assert client.get(f"/static/{name}").status_code == 404
+
+
+def test_a_page_cut_off_a_hundred_times_shows_what_is(client, building, monkeypatch):
+    """Things change all the while; the page reads some bytes, is gone, and goes on from its last id. At the end it knows the same
+    as a page that was never cut off, and was never told to begin anew."""
+    monkeypatch.setattr("services.gateway.live._LOOK_S", 0.02)
+    monkeypatch.setattr(Live, "beat_s", 0.1)
+    chance, known, last_id, resets = random.Random(7), {}, None, 0
+    enough = threading.Event()
+
+    def moves() -> None:
+        while not enough.wait(0.05):
+            building.put_sources()
+
+    mover = threading.Thread(target=moves, daemon=True)
+    mover.start()
+    with watching(client, "/api/v1/live") as whole:
+        until(lambda: ("building", "") in whole.known)
+        for _ in range(100):
+            left = chance.randint(1, 3_000)
+            with client.stream("GET", "/api/v1/live", headers={"Last-Event-ID": last_id} if last_id else {}) as answer:
+                text = ""
+                for chunk in answer.iter_text():
+                    text, left = text + chunk, left - len(chunk)
+                    if left < 0 or "event: beat" in text:
+                        break
+            for block in text.split("\n\n")[:-1]:  # what a cut leaves unfinished isn't one
+                fields = dict(line.split(": ", 1) for line in block.split("\n"))
+                resets += fields.get("event") == "reset"
+                if fields.get("event") not in (None, "reset", "beat"):
+                    row = json.loads(fields["data"])
+                    known[fields["event"], row["id"]] = row["state"]
+                last_id = fields.get("id", last_id)
+        enough.set()
+        mover.join()
+        changes = lambda: {k: v for k, v in whole.known.items() if k[0] in ("robot", "camera", "mission", "floor")}  # noqa: E731
+        with client.stream("GET", "/api/v1/live", headers={"Last-Event-ID": last_id}) as answer:
+            watcher = Watcher()
+            watcher.known = known
+            thread = threading.Thread(target=lambda: _read(watcher, answer), daemon=True)
+            thread.start()
+            until(lambda: {k: known.get(k) for k in changes()} == changes(), "the page shows something else")
+            watcher.ended = True
+            thread.join(10)
+    assert resets == 1, "the first time"
