@@ -32,8 +32,6 @@ _MOST = 300
 #: Of the picture; smaller boxes are specks.
 _SMALLEST_PX = 4.0
 _GREY = 114
-#: A longer side of more is a large picture.
-LARGE_PX = 900
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +63,7 @@ class Answer:
 class CompactNetwork:
     """The network in an ONNX file (``training.detector.export``).
 
-    ``side_px``: the longer side of what it sees of a picture, ``large_side_px``: of one with more than ``LARGE_PX``, as cameras
-    have them, which show much at once. Both are multiples of 32.
+    ``side_px``: the longer side of what it sees of a picture; a multiple of 32.
 
     Attributes:
         classes, rooms: C names of things, R of kinds of rooms.
@@ -79,8 +76,8 @@ class CompactNetwork:
 
     name = "compact"
 
-    def __init__(self, session: onnxruntime.InferenceSession, side_px: int = 320, large_side_px: int = 416) -> None:
-        self._session, self._side, self._large_side = session, side_px, large_side_px
+    def __init__(self, session: onnxruntime.InferenceSession, side_px: int = 320) -> None:
+        self._session, self._side = session, side_px
         for what, wanted, there in (
             ("output", self._outputs, session.get_outputs()), ("input", ("picture", "depth"), session.get_inputs()),
         ):  # fmt: skip
@@ -109,7 +106,7 @@ class CompactNetwork:
 
     def answer(self, view: RgbdView) -> Answer:
         """Everything it says of a view. Without depth it says less."""
-        box, ratio = letterboxed(view.rgb, self._large_side if max(view.rgb.shape[:2]) > LARGE_PX else self._side)
+        box, ratio = letterboxed(view.rgb, self._side)
         seen = {"picture": box[None], "depth": _letterboxed_depth(view, ratio, *box.shape[:2])[None]}
         out = dict(zip(self._outputs, self._session.run(self._outputs, seen), strict=True))
         points = places(*box.shape[:2])

@@ -140,22 +140,6 @@ def test_a_network_that_sees_no_depth_is_refused(tmp_path: Path) -> None:
         opened(path)
 
 
-@pytest.mark.parametrize(("side_px", "seen_px"), [(900, 320), (901, 416)])
-def test_of_a_large_picture_more_is_seen(
-    network: CompactNetwork, monkeypatch: pytest.MonkeyPatch, side_px: int, seen_px: int
-) -> None:
-    given: list[dict[str, np.ndarray]] = []
-    run = network._session.run
-    monkeypatch.setattr(network, "_session", SimpleNamespace(run=lambda out, x: given.append(x) or run(out, x)))
-    view = RgbdView(
-        np.zeros((side_px, side_px, 3), np.uint8),
-        np.ones((side_px, side_px), np.float32),
-        Pinhole.from_hfov(side_px, side_px, 1.7),
-    )
-    network.answer(view)
-    assert given[0]["picture"].shape == (1, seen_px, seen_px, 3)
-
-
 def test_depth_lies_where_its_picture_lies(network: CompactNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
     """Half of the view's right side is near; so is the same half of the letterbox, and what fills it up has no depth."""
     given: list[dict[str, np.ndarray]] = []
