@@ -63,9 +63,10 @@ class Boxes:
 
 def overlaps(a: NDArray[np.float32], b: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(IoU, share of the smaller box that lies in the other), both (len(a), len(b)), of boxes (., 4)."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    common = np.clip(high - low, 0, None).prod(axis=-1)
+    across, along = (
+        np.maximum(np.minimum.outer(a[:, k + 2], b[:, k + 2]) - np.maximum.outer(a[:, k], b[:, k]), 0) for k in (0, 1)
+    )
+    common = across * along
     area_a, area_b = (a[:, 2:] - a[:, :2]).prod(axis=1), (b[:, 2:] - b[:, :2]).prod(axis=1)
     union = area_a[:, None] + area_b[None, :] - common
     smaller = np.minimum(area_a[:, None], area_b[None, :])
@@ -88,16 +89,19 @@ def merged_rows(boxes: Boxes, iou: float, inside: float = 2.0, most: int = 300) 
     if not len(boxes):
         return boxes, order
     iou_of, inside_of = overlaps(boxes.xyxy, boxes.xyxy)
-    label = boxes.scores.argmax(axis=1)
-    taken = np.zeros(len(boxes), bool)
+    same = iou_of >= iou
+    if inside <= 1.0:
+        label = boxes.scores.argmax(axis=1)
+        same |= (inside_of >= inside) & (label[:, None] == label[None, :])
+    np.fill_diagonal(same, val=True)
+    free = np.ones(len(boxes), bool)
     keep, scores = [], []
     for i in range(len(boxes)):
-        if taken[i]:
-            continue
-        group = ~taken & ((iou_of[i] >= iou) | ((inside_of[i] >= inside) & (label == label[i])))
-        taken |= group
-        keep.append(i)
-        scores.append(boxes.scores[group].max(axis=0))
+        if free[i]:
+            group = np.flatnonzero(same[i] & free)
+            free[group] = False
+            keep.append(i)
+            scores.append(boxes.scores[i] if len(group) == 1 else boxes.scores[group].max(axis=0))
     return Boxes(boxes.xyxy[keep], np.array(scores), boxes.words), order[keep]
 
 
