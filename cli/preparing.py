@@ -125,10 +125,8 @@ def _fetch_models(perception: str, seed: int, console: Console) -> tuple[str, st
 
 
 def _models_of(perception: str) -> tuple[str, ...]:
-    """What a backend needs of the catalogue; ``auto`` takes the detectors of COCO only where our own network is missing."""
-    if perception != BackendName.AUTO:
-        return _MODELS.get(perception, ())
-    return () if models.is_here(BackendName.COMPACT) else _MODELS[BackendName.ONNX_COCO]
+    """What a backend needs of the catalogue; ``auto``: the detectors of COCO."""
+    return _MODELS.get(BackendName.ONNX_COCO if perception == BackendName.AUTO else perception, ())
 
 
 def compile_loops(on_progress: Callable[[int, int, str], None]) -> None:

@@ -36,7 +36,7 @@ class PerceptionSettings(BaseSettings):
     )
     threads: int = Field(default=1, ge=1, le=64, description="threads of each network")
     simulated: bool = Field(
-        default=False, description="whether the building is: auto then takes compact, which learnt from rendered homes"
+        default=False, description="whether the building is: auto may then take what learnt from rendered homes"
     )
     seed: int = Field(default=0, description="of the backend simulated")
     download: bool = Field(default=True, description="whether missing weights of up to 100 MB may be downloaded")

@@ -20,7 +20,7 @@ def choose_backend(
 
     Args:
         seed, harder: of ``simulated``.
-        simulated: whether the building is: "auto" then takes ``compact``, which learnt from such ones.
+        simulated: whether the building is: "auto" may then take what learnt from such ones.
         networks: see ``surveilnav.perception.presets.Networks``.
 
     Raises:

@@ -13,8 +13,9 @@ from surveilnav.perception.presets import PRESETS, Networks
 
 #: What "auto" takes, the first that runs.
 BEST: tuple[BackendName, ...] = (BackendName.ONNX_COCO, BackendName.COMPACT)
-#: The same in simulated buildings: ``compact`` learnt from their like.
-BEST_IN_SIMULATION: tuple[BackendName, ...] = (BackendName.COMPACT, BackendName.ONNX_COCO)
+#: The same in simulated buildings. ``compact`` learnt from their like; it comes first here as soon as it finds as much as
+#: ``onnx-coco`` does (``docs/understand/compact.md`` has both).
+BEST_IN_SIMULATION: tuple[BackendName, ...] = (BackendName.ONNX_COCO, BackendName.COMPACT)
 
 #: Makes a backend that is told why it runs.
 Maker = Callable[[str], Backend]
@@ -59,12 +60,7 @@ def _best(networks: Networks, names: Sequence[BackendName], stand_in: Maker | No
         if name == BackendName.COMPACT and not _has_compact():
             continue
         try:
-            why = (
-                "the best in simulated buildings"
-                if name == BEST_IN_SIMULATION[0] == names[0]
-                else "the best that runs here"
-            )
-            return PRESETS[name](networks, "; ".join([why, *faults]))
+            return PRESETS[name](networks, "; ".join(["the best that runs here", *faults]))
         except PerceptionError as error:
             faults.append(f"{name} can't run: {error}")
     if stand_in is None:
