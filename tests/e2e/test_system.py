@@ -48,7 +48,7 @@ def test_garbage_on_every_key_stops_nothing(running):
     ids = {
         "building": s.node.building, "floor": "0", "camera": s.building.plan.cameras[0].name, "robot": "r1", "view": "0",
         "worker": "perception-1", "mission": mission, "layer": "value", "node": "robot-r1", "slot": "0", "source": "robot-r1",
-        "supervisor": "up", "recorder": "recorder", "keeper": "fusion",
+        "supervisor": "up", "recorder": "recorder", "keeper": "fusion", "player": "replay",
     }  # fmt: skip
     keys = {stream: stream.key_for(**{f: ids[f] for f in stream.fields}) for stream in STREAMS}
     s.search("tv", mission=mission)
