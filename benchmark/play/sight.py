@@ -27,7 +27,7 @@ from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
 from surveilnav.geometry import Matrix4, Pinhole, Pose
 from surveilnav.messages import CameraInfo, CameraSummary, CameraViewInfo, FrameHeader, Observation
 from surveilnav.perception.backend import Backend
-from surveilnav.robot_body import CAMERA_HEIGHT_M
+from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.sensing.packing import decode_frame, encode_rgbd
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
 
@@ -140,20 +140,18 @@ class Sight:
         T_world_camera = robot.camera_pose_of(state)
         key = (seed, f"robot/{ROBOT}", 0, state.seq) if seed else (f"robot/{ROBOT}", 0, state.seq)
         if self.way == "depth":
-            rendered = self._depth(
-                T_world_camera, robot.CAMERA, robot.DEPTH_RANGE_M, DepthNoise.robot(), "robot", state.seq
-            )
+            rendered = self._depth(T_world_camera, robot.CAMERA, DEPTH_RANGE_M, DepthNoise.robot(), "robot", state.seq)
             view = PosedView(
                 f"robot/{ROBOT}", 0, state.seq, state.seq, state.floor, T_world_camera, self._lens(robot.CAMERA),
-                CAMERA_HEIGHT_M, rendered.rgb, rendered.depth_m, robot.DEPTH_RANGE_M,
+                CAMERA_HEIGHT_M, rendered.rgb, rendered.depth_m, DEPTH_RANGE_M,
             )  # fmt: skip
             return Sighted(view, self._perceive(view, rendered, key), 0)
-        rendered = self.building.robot_view(T_world_camera, robot.CAMERA, robot.DEPTH_RANGE_M, state.seq)
-        payload, image, depth = encode_rgbd(rendered.rgb, rendered.depth_m, depth_range_m=robot.DEPTH_RANGE_M)
+        rendered = self.building.robot_view(T_world_camera, robot.CAMERA, DEPTH_RANGE_M, state.seq)
+        payload, image, depth = encode_rgbd(rendered.rgb, rendered.depth_m, depth_range_m=DEPTH_RANGE_M)
         header = Observation(
             stamp_ns=state.seq, source=f"robot/{ROBOT}", view=0, seq=state.seq, floor=state.floor,
             T_world_camera=Pose.from_matrix(T_world_camera), camera=robot.CAMERA,
-            mounting_offset_m=CAMERA_HEIGHT_M, depth_range_m=robot.DEPTH_RANGE_M, image=image, depth=depth,
+            mounting_offset_m=CAMERA_HEIGHT_M, depth_range_m=DEPTH_RANGE_M, image=image, depth=depth,
             T_world_base=Pose.from_matrix(robot.base_pose_of(state)), last_action=state.last_action,  # type: ignore[arg-type]
             collided=state.collided, path_m=state.path_m,
         )  # fmt: skip

@@ -12,7 +12,7 @@ from cli.options import AsJson, console, print_json, results
 
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording (.mcap), also one that was cut off.")],
-    speed: Annotated[
+    speed: Annotated[  # the limits of surveilnav.messages, which help shan't wait for
         float, typer.Option(min=0.01, max=1000, metavar="N", help="So many times as fast as it happened.")
     ] = 1.0,
     port: Annotated[int, typer.Option(min=1, max=65535, metavar="N", help="The gateway's port.")] = 8080,

@@ -9,10 +9,7 @@ import time
 from cli.replay.clock import ReplayClock
 from surveilnav import contract
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
-from surveilnav.messages import ReplayControl, ReplayStatus
-
-#: Faster than a hundred times nobody sees anything; the command's own limits are these.
-SLOWEST, FASTEST = 0.01, 1000.0
+from surveilnav.messages import FASTEST_REPLAY, SLOWEST_REPLAY, ReplayControl, ReplayStatus
 
 
 class ReplayControls:
@@ -63,8 +60,8 @@ class ReplayControls:
         wanted: ReplayControl = request.message
         if wanted.at_s is not None and not math.isfinite(wanted.at_s):
             raise Refused("bad_moment", "at_s is no number")
-        if wanted.speed is not None and not SLOWEST <= wanted.speed <= FASTEST:
-            raise Refused("bad_speed", f"speed is {SLOWEST:g} to {FASTEST:g}, got {wanted.speed:g}")
+        if wanted.speed is not None and not SLOWEST_REPLAY <= wanted.speed <= FASTEST_REPLAY:
+            raise Refused("bad_speed", f"speed is {SLOWEST_REPLAY:g} to {FASTEST_REPLAY:g}, got {wanted.speed:g}")
         with self._lock:
             now_s = time.monotonic()
             before = self._clock.at_s(now_s)

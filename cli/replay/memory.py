@@ -65,15 +65,15 @@ class Memory:
                 last.clear()
             self._pictures.clear()
 
-    def newest(self) -> list[Heard]:
-        """What was last put of everything."""
+    def newest(self, *, regular: bool) -> list[Heard]:
+        """What was last put of everything, or only of streams that have a rate, which grow stale while nothing happens."""
         with self._lock:
-            return [h for stream, last in self._last.items() if "put" in stream.kind for h in last.values()]
-
-    def repeated(self) -> list[Heard]:
-        """What is told again and again while nothing happens, so that it doesn't grow stale."""
-        with self._lock:
-            return [h for stream, last in self._last.items() if stream.rate_hz is not None for h in last.values()]
+            return [
+                h
+                for stream, last in self._last.items()
+                if "put" in stream.kind and (stream.rate_hz is not None or not regular)
+                for h in last.values()
+            ]
 
     def _announce(self, kind: str, id: str) -> None:
         if (kind, id) not in self._present:

@@ -59,14 +59,9 @@ class Player:
         """Begins anew: nothing was told yet."""
         self._memory.forget()
 
-    def tell_all(self) -> None:
-        """Says what was last said of everything."""
-        for heard in self._memory.newest():
-            self._put(heard.stream, heard.ids, heard.message)
-
-    def repeat(self) -> None:
-        """Says again what would grow stale."""
-        for heard in self._memory.repeated():
+    def tell_again(self, *, regular: bool) -> None:
+        """Says what was last said of everything, or only of what is said ``regular``ly and would grow stale."""
+        for heard in self._memory.newest(regular=regular):
             self._put(heard.stream, heard.ids, heard.message)
 
     def close(self) -> None:
@@ -161,7 +156,7 @@ class _Playing:
                 repeated_s = time.monotonic()
                 stack.check()
                 self._controls.tell()
-                self._player.repeat()
+                self._player.tell_again(regular=True)
             if wait_s > 0:
                 self._controls.changed.wait(min(wait_s, _REPEAT_S / 2))
 
@@ -174,7 +169,7 @@ class _Playing:
         while self._next is not None and self._moment(self._next) <= moment_s and not stopping.is_set():
             self._tell_next(quietly=True)
         self._told_s = moment_s
-        self._player.tell_all()
+        self._player.tell_again(regular=False)
 
     def _moment(self, found: Told) -> float:
         """When something happened [s from the start]; what has no time of its own, when the last thing did."""

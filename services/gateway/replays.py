@@ -31,27 +31,27 @@ class Replays:
 
     def shown(self) -> Replay | None:
         """The replay; None: this is a building."""
-        there = self._node.alive("replay")
-        for id, row in self._state.replays.newest("player").items():
-            if id in there:
-                return Replay.from_status(row.message, row.received_ns, self._state.replays.old(row))
-        return None
+        row = self._newest()
+        return None if row is None else Replay.from_status(row.message, row.received_ns, self._state.replays.old(row))
 
     def one(self) -> Replay:
         """The replay; 404 if this is a building."""
         if (found := self.shown()) is None:
-            raise Problem(
-                404, "no_replay", "this is no recording: `surveilnav replay FILE` shows one, on a gateway of its own"
-            )
+            raise _no_replay()
         return found
 
     def change(self, wanted: ReplayChange) -> Replay:
         """Has it play, stand still, go to a moment, or change its speed."""
-        self.one()
-        player = next(iter(self._node.alive("replay")), "")
+        if (shown := self._newest()) is None:
+            raise _no_replay()
         control = ReplayControl(stamp_ns=clock_ns(), **wanted.model_dump())
-        row = ask(self._node, "replay", contract.REPLAY_CONTROL, control, player=player)
+        row = ask(self._node, "replay", contract.REPLAY_CONTROL, control, player=shown.ids["player"])
         return Replay.from_status(row.message, row.received_ns, stale=False)
+
+    def _newest(self) -> Received[ReplayStatus] | None:
+        """What the player that is there told last."""
+        there = self._node.alive("replay")
+        return next((row for id, row in self._state.replays.newest("player").items() if id in there), None)
 
     def _on_status(self, row: Received[ReplayStatus]) -> None:
         jumps, player = row.message.jumps, row.ids["player"]
@@ -59,3 +59,8 @@ class Replays:
             for one in self._all:
                 one.clear()
         self._jumps[player] = jumps
+
+
+def _no_replay() -> Problem:
+    detail = "this is no recording: `surveilnav replay FILE` shows one, on a gateway of its own"
+    return Problem(404, "no_replay", detail)

@@ -102,11 +102,9 @@ class BuildingState:
 
     def clear(self) -> None:
         """Forgets all that may be told again otherwise: everything but where the replay is."""
-        for known in (
-            self.missions, self.plans, self.judged, self.cameras, self.summaries, self.robots, self.loads, self.revisions,
-            self.recorders, self.services, self.traffic,
-        ):  # fmt: skip
-            known.clear()
+        for known in vars(self).values():
+            if isinstance(known, LastKnown) and known is not self.replays:
+                known.clear()
 
     def alive(self, kind: str) -> bool:
         """Whether any node of the kind is there."""

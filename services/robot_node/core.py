@@ -21,9 +21,8 @@ from surveilnav.robot_body import CAMERA_HEIGHT_M, LOOK_RAD, STAIR_REACH_M, STEP
 StateName = Literal["ready", "moving", "stopped", "halted", "error"]
 
 MAX_PITCH_RAD = math.radians(60.0)
-#: Habitat's ObjectNav sensor: 640x480 at 79 degrees, depth from 0.5 to 5 m.
+#: Habitat's ObjectNav sensor: 640x480 at 79 degrees.
 CAMERA = Pinhole.from_hfov(640, 480, math.radians(79.0))
-DEPTH_RANGE_M = (0.5, 5.0)
 #: A robot stops this far before a contact, so that it never stands in the blocked cell itself.
 _CLEARANCE_M = 1e-3
 

@@ -18,6 +18,8 @@ HEIGHT_M = 1.0
 CLIMB_M = 0.1
 #: Its camera's height above the floor.
 CAMERA_HEIGHT_M = 0.88
+#: What its depth camera measures (nearest, farthest).
+DEPTH_RANGE_M = (0.5, 5.0)
 #: How far ``move_forward`` goes, and ``turn_left``, ``turn_right``, ``look_up`` and ``look_down`` turn.
 STEP_M = 0.25
 TURN_RAD = math.radians(30.0)

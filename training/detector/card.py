@@ -55,7 +55,7 @@ names that come nearest.
   simulator's noise, from sensors that reach 5 m (robots) and 10 m (cameras).
 - It knows our furniture libraries' taste: European homes of about 2010, offices and flats made of the same pieces.
 - Things that show fewer than 24 pixels in a training view weren't objects. Far, thin and cut things are found least.
-- Its chances hold for rendered views of `train`; elsewhere they are a guess.
+- Its chances hold for rendered buildings with `train`'s furniture; elsewhere they are a guess.
 - It isn't made to find, count or tell apart people. `person` stands for the figures in the libraries.
 
 ## Credits

@@ -167,9 +167,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 tally.add(view, detector.detect(sensed(view)))
     for line in lines(tallies, {kind: float(np.mean(values)) for kind, values in masks.items() if values}, dict(views)):
         print(line)
-    ms = times_ms(
-        [equal, *detectors[1:]], next(p.view(i) for p in packs for i, v in enumerate(p.views) if v.kind == "camera")
-    )
+    ms = times_ms([equal, *detectors[1:]], packs[0].view(len(packs[0].views) - 1))
     print(f"processor ms at 416 x 416, {args.threads} threads:", ", ".join(f"{name} {t:.1f}" for name, t in ms.items()))
     if args.card:
         card = card_of(args.network)

@@ -15,8 +15,10 @@ from simulator.furniture.labels import word_for
 from simulator.render.depth_noise import DepthNoise
 from simulator.render.picture import Lighting, Rendered
 from simulator.render.renderer import Renderer
+from simulator.simulation import CAMERA_DEPTH_RANGE_M
 from simulator.world.navigation import NavigationMap
 from simulator.world.scene import Instance, Room, Scene
+from surveilnav import robot_body
 from surveilnav.config import cache_dir
 from training.detector.classes import Classes
 from training.detector.poses import SENSOR_SIZES, TRAINING_SIZES, Kind, PoseSource, ViewPose
@@ -33,7 +35,7 @@ _TRIES = 8
 _CRAMPED_M = 0.6
 #: What sensors do to depth, and the range that they measure [m].
 _NOISE = {"robot": DepthNoise.robot(), "camera": DepthNoise.camera()}
-DEPTH_RANGE_M: dict[Kind, tuple[float, float]] = {"robot": (0.5, 5.0), "camera": (0.3, 10.0)}
+DEPTH_RANGE_M: dict[Kind, tuple[float, float]] = {"robot": robot_body.DEPTH_RANGE_M, "camera": CAMERA_DEPTH_RANGE_M}
 #: The point that a view looks at lies at most so far away.
 _LOOKS_AT_M = 4.0
 

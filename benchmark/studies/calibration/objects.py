@@ -33,17 +33,18 @@ from services.fusion.core.evidence import Evidence
 from services.fusion.core.objects import ObjectMap
 from services.fusion.core.posterior_confirmation import PosteriorConfirmation
 from simulator.furniture.labels import TARGETS
+from simulator.simulation import CAMERA_DEPTH_RANGE_M
 from surveilnav.perception.chances import ChanceTable, Floats, with_chances
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.robot_body import CAMERA_HEIGHT_M
+from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
 
 EVERY = 25  # views of the robot from one look at the map to the next
 _STOREY_M = 1.0  # floors are at least so far apart
-_RANGES_M = {"robot": (0.5, 5.0), "camera": (0.3, 10.0)}
+_RANGES_M = {"robot": DEPTH_RANGE_M, "camera": CAMERA_DEPTH_RANGE_M}
 _NO_PICTURE = np.zeros((0, 0, 3), np.uint8)
 _BINS = (0.0, 0.1, 0.25, 0.4, 0.6, 0.8, 0.9, 1.0)
 _CLOSE = 1e-3

@@ -16,7 +16,7 @@ from simulator.simulation import SimulatedBuilding
 from simulator.world.goals import find_goals, judge, sample_start
 from surveilnav.errors import ConfigError, TargetError
 from surveilnav.messages import Stair
-from surveilnav.robot_body import CAMERA_HEIGHT_M
+from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.sensing.views import TrueInstances
 
 #: Of a building's notes so many are told to whoever asks for the robot.
@@ -65,11 +65,9 @@ class SimulatedBody:
         """The rendered view of the state it is in, with its instance ids."""
         state = self._state
         T_world_camera = core.camera_pose_of(state)
-        view = self._building.robot_view(T_world_camera, core.CAMERA, core.DEPTH_RANGE_M, state.seq)
+        view = self._building.robot_view(T_world_camera, core.CAMERA, DEPTH_RANGE_M, state.seq)
         truth = TrueInstances(view.instance_ids, self._labels, T_world_camera)
-        return Look(
-            state, T_world_camera, core.CAMERA, CAMERA_HEIGHT_M, core.DEPTH_RANGE_M, view.rgb, view.depth_m, truth
-        )
+        return Look(state, T_world_camera, core.CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M, view.rgb, view.depth_m, truth)
 
 
 class SimulatedJudge:

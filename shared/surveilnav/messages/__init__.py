@@ -29,6 +29,8 @@ from surveilnav.messages.node import Ack, ErrorReply, ServiceList, ServiceState,
 from surveilnav.messages.perception import Detection, InferReply, InferRequest, ModelIds, TextReply, WorkerLoad
 from surveilnav.messages.pictures import ForgetPictures, PicturesForgotten
 from surveilnav.messages.recording import (
+    FASTEST_REPLAY,
+    SLOWEST_REPLAY,
     LoggedView,
     MapSnapshot,
     RecorderStatus,
@@ -44,12 +46,12 @@ from surveilnav.messages.truth import Judged, Truth
 from surveilnav.messages.view import FrameHeader, Part
 
 __all__ = [
-    "ACTIONS", "DEFAULT_LAYERS", "FINISHED_STATES", "Ack", "CameraInfo", "CameraRequest", "CameraSummary",
-    "CameraUse", "CameraViewInfo", "Candidate", "Command", "CommandReply", "Detection", "ErrorReply",
-    "ForgetPictures", "FrameHeader", "Halt", "HaltReply", "InferReply", "InferRequest", "Judged", "LayerHeader",
-    "LoggedView", "MapSnapshot", "MissionAck", "MissionCancel", "MissionGoal", "MissionPause", "MissionStatus",
-    "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part", "PicturesForgotten", "Plan",
-    "RecorderStatus", "Recording", "RecordingList", "RecordingPart", "RecordingRemoval", "ReplayControl",
-    "ReplayStatus", "Revision", "RobotStatus", "ServiceList", "ServiceState", "SlotClaim", "Stair", "TextReply",
-    "TrafficReport", "TrafficRow", "Truth", "ViewPicture", "WorkerLoad",
+    "ACTIONS", "DEFAULT_LAYERS", "FASTEST_REPLAY", "FINISHED_STATES", "SLOWEST_REPLAY", "Ack", "CameraInfo",
+    "CameraRequest", "CameraSummary", "CameraUse", "CameraViewInfo", "Candidate", "Command", "CommandReply",
+    "Detection", "ErrorReply", "ForgetPictures", "FrameHeader", "Halt", "HaltReply", "InferReply", "InferRequest",
+    "Judged", "LayerHeader", "LoggedView", "MapSnapshot", "MissionAck", "MissionCancel", "MissionGoal",
+    "MissionPause", "MissionStatus", "ModelIds", "ObjectEvent", "ObjectList", "ObjectRecord", "Observation", "Part",
+    "PicturesForgotten", "Plan", "RecorderStatus", "Recording", "RecordingList", "RecordingPart", "RecordingRemoval",
+    "ReplayControl", "ReplayStatus", "Revision", "RobotStatus", "ServiceList", "ServiceState", "SlotClaim", "Stair",
+    "TextReply", "TrafficReport", "TrafficRow", "Truth", "ViewPicture", "WorkerLoad",
 ]  # fmt: skip

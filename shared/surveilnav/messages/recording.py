@@ -93,6 +93,10 @@ class RecordingRemoval(Message, frozen=True, kw_only=True):
     id: str
 
 
+#: How many times as fast as it happened a recording may be shown.
+SLOWEST_REPLAY, FASTEST_REPLAY = 0.01, 1000.0
+
+
 class ReplayStatus(Message, frozen=True, kw_only=True):
     """A recording that is shown again. ``at_s`` of ``duration_s`` was told; ``speed``: so many times as fast as it happened;
     ``began_ns``: when it did. ``jumps``: how often it was taken to another moment: what was heard before may lie in its future.

@@ -6,10 +6,8 @@ import json
 import random
 import socket
 import threading
-from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import count
-from typing import NamedTuple
 
 import httpx
 import msgspec
@@ -21,27 +19,10 @@ from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Node, clock_ns
 from surveilnav.geometry import Pose, base_pose
+from tests.services.gateway.streams import Told, blocks, within
 from tests.waiting import until
 
 URL = "/api/v1/events"
-
-
-class Told(NamedTuple):
-    id: str
-    kind: str
-    data: dict
-
-
-def blocks(chunks: Iterator[str]) -> Iterator[Told]:
-    """The whole events of a stream: what a cut leaves unfinished isn't one."""
-    text = ""
-    for chunk in chunks:
-        text += chunk
-        while "\n\n" in text:
-            block, text = text.split("\n\n", 1)
-            fields = dict(line.split(": ", 1) for line in block.split("\n"))
-            if "event" in fields:
-                yield Told(fields["id"], fields["event"], json.loads(fields["data"]))
 
 
 class Listener:
@@ -185,15 +166,6 @@ def test_a_client_cut_off_a_hundred_times_misses_nothing(client, building):
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))  # nothing twice, nothing left out
     assert [t.data["id"] for t in got if t.data["id"].startswith("cut-")] == put
     assert len(put) > 100
-
-
-def within(budget: int, chunks: Iterator[str]) -> Iterator[str]:
-    """The first ``budget`` characters."""
-    for chunk in chunks:
-        yield chunk[:budget]
-        budget -= len(chunk)
-        if budget <= 0:
-            return
 
 
 def test_another_run_of_the_gateway_tells_to_read_anew(router, start_gateway, client):

@@ -20,6 +20,7 @@ from services.gateway.live import Live
 from services.gateway.tiles import Tiles
 from surveilnav import contract
 from surveilnav.bus import Node, clock_ns
+from tests.services.gateway.streams import blocks, within
 from tests.waiting import until
 
 
@@ -226,20 +227,15 @@ def test_a_page_cut_off_a_hundred_times_shows_what_is(client, building, monkeypa
     with watching(client, "/api/v1/live") as whole:
         until(lambda: ("building", "") in whole.known)
         for _ in range(100):
-            left = chance.randint(1, 3_000)
+            budget = chance.randint(1, 3_000)
             with client.stream("GET", "/api/v1/live", headers={"Last-Event-ID": last_id} if last_id else {}) as answer:
-                text = ""
-                for chunk in answer.iter_text():
-                    text, left = text + chunk, left - len(chunk)
-                    if left < 0 or "event: beat" in text:
+                for told in blocks(within(budget, answer.iter_text())):
+                    last_id = told.id
+                    resets += told.kind == "reset"
+                    if told.kind == "beat":
                         break
-            for block in text.split("\n\n")[:-1]:  # what a cut leaves unfinished isn't one
-                fields = dict(line.split(": ", 1) for line in block.split("\n"))
-                resets += fields.get("event") == "reset"
-                if fields.get("event") not in (None, "reset", "beat"):
-                    row = json.loads(fields["data"])
-                    known[fields["event"], row["id"]] = row["state"]
-                last_id = fields.get("id", last_id)
+                    if told.kind != "reset":
+                        known[told.kind, told.data["id"]] = told.data["state"]
         enough.set()
         mover.join()
         changes = lambda: {k: v for k, v in whole.known.items() if k[0] in ("robot", "camera", "mission", "floor")}  # noqa: E731

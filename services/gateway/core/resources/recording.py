@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from services.gateway.core.resources import examples
 from services.gateway.core.resources.base import ROOT, Resource, Text, Time
-from surveilnav.messages import RecorderStatus, ReplayStatus
+from surveilnav.messages import FASTEST_REPLAY, SLOWEST_REPLAY, RecorderStatus, ReplayStatus
 from surveilnav.messages import Recording as Kept
 
 
@@ -82,5 +82,7 @@ class ReplayChange(BaseModel):
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"at_s": 12.5, "playing": True}})
 
     at_s: float | None = Field(None, ge=0, le=1e9, allow_inf_nan=False, description="the moment to go on from")
-    speed: float | None = Field(None, ge=0.01, le=1000, allow_inf_nan=False, description="so many times as fast")
+    speed: float | None = Field(
+        None, ge=SLOWEST_REPLAY, le=FASTEST_REPLAY, allow_inf_nan=False, description="so many times as fast"
+    )
     playing: bool | None = Field(None, description="false: it stands still")

@@ -45,13 +45,14 @@ def guided_mask(
         for n, side in ((h, depth_m.shape[0]), (w, depth_m.shape[1]))
     ]
     coarse = _log_depth(depth_m[np.ix_(*middles)])
+    beside = [(np.clip(j + right, 0, w - 1), _nearness(right - dx)) for right in _AROUND]
     for down in _AROUND:
         r, near_y = np.clip(i + down, 0, h - 1), _nearness(down - dy)
-        for right in _AROUND:
-            at = np.ix_(r, np.clip(j + right, 0, w - 1))
+        for c, near_x in beside:
+            at = np.ix_(r, c)
             off = (fine - coarse[at]) / np.float32(_LOG_DEPTH)
             # next to nothing, but not nothing: where no cell is at its distance, the nearest speak
-            weight = near_y[:, None] * _nearness(right - dx)[None, :] * (np.exp(-0.5 * off * off) + np.float32(1e-6))
+            weight = near_y[:, None] * near_x[None, :] * (np.exp(-0.5 * off * off) + np.float32(1e-6))
             total += weight * logits[at]
             weights += weight
     mask = (total / weights > 0).astype(np.uint8)

@@ -15,6 +15,7 @@ from services.robot_node.config import RobotSettings
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.world.goals import find_goals
 from surveilnav.errors import ConfigError
+from surveilnav.robot_body import DEPTH_RANGE_M
 from surveilnav.stored import write_parts
 
 
@@ -62,7 +63,7 @@ def test_it_moves_by_the_core_and_sees_where_it_stands():
     assert (look.rgb == 1).all(), "the noise of the picture belongs to the sequence number"
     assert (look.T_world_camera == core.camera_pose_of(body.state)).all()
     assert (look.camera, look.mounting_offset_m, look.depth_range_m) == (
-        core.CAMERA, core.CAMERA_HEIGHT_M, core.DEPTH_RANGE_M,
+        core.CAMERA, core.CAMERA_HEIGHT_M, DEPTH_RANGE_M,
     )  # fmt: skip
     assert (look.truth.ids == 5).all()
     assert look.truth.labels == {5: "bed"}
