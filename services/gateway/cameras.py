@@ -18,7 +18,7 @@ class Cameras:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
-        self.thumbnails = Thumbnails()
+        self.thumbnails: Thumbnails[bytes] = Thumbnails()
 
     def all(self) -> list[Camera]:
         """Every camera, with what the maps hold of it and what it last saw."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -20,21 +18,38 @@ from services.gateway.state import BuildingState
 from services.gateway.thumbnails import Thumbnails
 from surveilnav import contract
 from surveilnav.errors import WireError
+from surveilnav.messages import Revision
 from surveilnav.sensing.layers import unpack_cloud, unpack_layer
 
 _CACHED_PICTURES = 64
+_FAILURE_S = 0.2  # so long all who ask get the same refusal
 _CLOUD_S = 10.0
 Form = Literal["png", "npy"]
 
 
 class _Key(NamedTuple):
-    """What a picture or array shows. ``stamp_ns``: of the revision; a fusion that started anew counts from 1 again."""
+    """What a picture or array shows."""
 
     floor: str
     layer: str
     form: Form
     target: str
+
+
+class Kept(NamedTuple):
+    """A picture, the revision that it shows, and the newest that the gateway knew then. ``stamp_ns``: of that, where both are
+    one; else 0. A fusion that started anew counts from 1 again."""
+
+    drawn: Drawn
+    revision: int
+    known: int
     stamp_ns: int
+
+    def shows(self, newest: Revision, least: int | None) -> bool:
+        """Whether it shows the newest revision, or one from ``least`` on."""
+        return self.stamp_ns == newest.stamp_ns or (
+            least is not None and least <= self.revision and self.known <= newest.revision
+        )
 
 
 class Maps:
@@ -43,9 +58,8 @@ class Maps:
     def __init__(self, state: BuildingState, cameras: Cameras, sources: Sources, missions: Missions) -> None:
         self._state, self._node = state, state.node
         self._cameras, self._sources, self._missions = cameras, sources, missions
-        self._pictures: OrderedDict[_Key, tuple[Drawn, int]] = OrderedDict()
-        self._pictures_lock = threading.Lock()
-        self._clouds = Thumbnails(_CLOUD_S, most=4)
+        self._layers: Thumbnails[Kept] = Thumbnails(_FAILURE_S, _CACHED_PICTURES)
+        self._clouds: Thumbnails[bytes] = Thumbnails(_CLOUD_S, most=4)
 
     def floors(self) -> list[Floor]:
         """Every floor that has a map, a camera or a robot."""
@@ -69,20 +83,20 @@ class Maps:
         """Where a layer lies in the world."""
         return Layer.of(floor, layer, target, *self.layer(floor, layer, target, "npy"), self._state.root)
 
-    def layer(self, floor: str, layer: str, target: str, form: Form = "png") -> tuple[Drawn, int]:
-        """A layer as a picture or an array, and the revision that it shows. Asked of fusion only if the floor's maps
-        changed."""
+    def layer(
+        self, floor: str, layer: str, target: str, form: Form = "png", least: int | None = None
+    ) -> tuple[Drawn, int]:
+        """A layer as a picture or an array, and the revision that it shows. Fusion is asked, once for all who wait, only if
+        the floor's maps changed. ``least``: a kept one of this revision or a later one will do."""
         if layer not in layers.COLOURS:
             raise Problem(404, "unknown_layer", f"no picture of {layer!r}; layers: {', '.join(layers.COLOURS)}")
         target = (target or self._searched(floor)) if layer == "value" else ""
-        revision = self._state.revisions.newest("floor").get(floor)
-        key = _Key(floor, layer, form, target, revision.message.stamp_ns if revision else 0)
-        if revision and (cached := self._cached(key)):
-            return cached
-        drawn = self._drawn(key)
-        if revision and drawn[1] == revision.message.revision:
-            self._cache(key, drawn)
-        return drawn
+        row = self._state.revisions.newest("floor").get(floor)
+        key, newest = _Key(floor, layer, form, target), row.message if row else None
+        kept = self._layers.get(
+            key, lambda: self._drawn(key, newest), lambda kept: newest is not None and kept.shows(newest, least)
+        )
+        return kept.drawn, kept.revision
 
     def cloud(self, floor: str, most: int) -> bytes:
         """The joint cloud as numpy's .npy, float32 (N, 6), at most so many points, at most ten seconds old: fusion sends all
@@ -103,8 +117,8 @@ class Maps:
             raise Problem(422, "no_target", "the value layer belongs to a target: add ?target=..., or submit a mission")
         return missions[0].target
 
-    def _drawn(self, key: _Key) -> tuple[Drawn, int]:
-        floor, layer, form, target, _ = key
+    def _drawn(self, key: _Key, newest: Revision | None) -> Kept:
+        floor, layer, form, target = key
         parameters = {"target": target} if target else None
         row = ask_known(
             self._node, "floor", floor, "fusion", contract.MAP_LAYER, parameters=parameters, floor=floor, layer=layer
@@ -114,16 +128,6 @@ class Maps:
         except WireError as error:
             raise Problem(502, "bad_layer", f"fusion sent a {layer} layer that can't be read: {error}") from error
         drawn = (layers.render if form == "png" else layers.as_array)(layer, row.message.grid, cells)
-        return replace(drawn, views_left_out=row.message.views_left_out), row.message.revision
-
-    def _cached(self, key: _Key) -> tuple[Drawn, int] | None:
-        with self._pictures_lock:
-            if key in self._pictures:
-                self._pictures.move_to_end(key)
-            return self._pictures.get(key)
-
-    def _cache(self, key: _Key, drawn: tuple[Drawn, int]) -> None:
-        with self._pictures_lock:
-            self._pictures[key] = drawn
-            if len(self._pictures) > _CACHED_PICTURES:
-                self._pictures.popitem(last=False)
+        revision, known = row.message.revision, newest.revision if newest else 0
+        stamp_ns = newest.stamp_ns if newest and known == revision else 0
+        return Kept(replace(drawn, views_left_out=row.message.views_left_out), revision, known, stamp_ns)

@@ -9,9 +9,13 @@ from services.gateway.core.problems import Problem
 from services.gateway.core.resources import Object
 from services.gateway.core.resources.object import ObjectEvent
 from services.gateway.state import BuildingState
+from services.gateway.thumbnails import Thumbnails
 from surveilnav import contract
 from surveilnav.bus import Received
-from surveilnav.messages import ObjectList
+from surveilnav.messages import ObjectList, ObjectRecord
+
+#: So long one answer of fusion serves all who ask for lists: it has much else to do while a robot searches.
+_FRESH_S = 1.0
 
 
 class Objects:
@@ -19,12 +23,16 @@ class Objects:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
+        self._lists: Thumbnails[list[Received[ObjectList]]] = Thumbnails(_FRESH_S, most=64)
 
-    def all(self, wanted: ObjectFilter, text: str = "") -> list[Object]:
+    def records(self, wanted: ObjectFilter, text: str = "") -> list[ObjectRecord]:
         """The objects wanted, by floor, last seen first. With a text: those first that fit it best, by what their
-        pictures looked like."""
-        rows = self._object_lists(wanted.floor, {"text": text} if text else None)
-        return [Object.from_record(r) for r in wanted.chosen(r for row in rows for r in row.message.objects)]
+        pictures looked like. Without, they are at most a second old."""
+        if text:
+            rows = self._object_lists(wanted.floor, {"text": text})
+        else:
+            rows = self._lists.get(wanted.floor, lambda: self._object_lists(wanted.floor, None))
+        return wanted.chosen(r for row in rows for r in row.message.objects)
 
     def _object_lists(self, floor: str | None, parameters: dict[str, str] | None) -> list[Received[ObjectList]]:
         """What fusion holds of one floor, or of all."""

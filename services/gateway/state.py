@@ -31,7 +31,8 @@ class LastKnown:
         self._table = node.table(stream, on_message=lambda row: self.on_message(row))
         self._asked: dict[str, Received[Any]] = {}
         self._asked_s = time.monotonic()
-        self._lock = threading.Lock()
+        self._lock, self._asking = threading.Lock(), threading.Lock()
+        self._dropped = 0  # so often something was: what was asked for before is void
 
     def rows(self) -> list[Received[Any]]:
         """The newest row of every key, in the order of the keys."""
@@ -43,13 +44,25 @@ class LastKnown:
         return [merged[key] for key in sorted(merged)]
 
     def _asked_rows(self) -> dict[str, Received[Any]]:
+        # whoever comes while another asks takes what is known: an answer may take its time
+        if self._stream.rate_hz is None and self._asking.acquire(blocking=False):
+            try:
+                self._ask_again()
+            finally:
+                self._asking.release()
         with self._lock:
-            if self._stream.rate_hz is None and time.monotonic() - self._asked_s > REFRESH_S:
-                for row in self._node.ask_all(self._stream, timeout_s=1.0):
-                    if row.key in self._asked or len(self._asked) < self._capacity:
-                        self._asked[row.key] = row
-                self._asked_s = time.monotonic()
             return dict(self._asked)
+
+    def _ask_again(self) -> None:
+        if time.monotonic() - self._asked_s <= REFRESH_S:
+            return
+        dropped = self._dropped
+        answers = self._node.ask_all(self._stream, timeout_s=1.0)
+        with self._lock:
+            for row in answers if dropped == self._dropped else ():
+                if row.key in self._asked or len(self._asked) < self._capacity:
+                    self._asked[row.key] = row
+            self._asked_s = time.monotonic()
 
     def newest(self, field: str) -> dict[str, Received[Any]]:
         """The newest row by one id of its key, in the order of the ids. A message that names another isn't believed."""
@@ -62,6 +75,7 @@ class LastKnown:
     def forget(self, field: str, id: str) -> None:
         """Drops what is known of one owner; it comes back if that announces itself again."""
         with self._lock:
+            self._dropped += 1
             for key in [k for k, row in self._asked.items() if row.ids[field] == id]:
                 del self._asked[key]
         self._table.forget(field, id)
@@ -69,7 +83,7 @@ class LastKnown:
     def clear(self) -> None:
         """Drops everything: it lies in the future of a replay that was taken back."""
         with self._lock:
-            self._asked = {}
+            self._asked, self._dropped = {}, self._dropped + 1
         self._table.clear()
 
     def old(self, row: Received[Any]) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 from surveilnav import messages as m
@@ -79,8 +80,7 @@ class Stream:
 
     def ids_of(self, key: str) -> dict[str, str] | None:
         """The ids in a concrete key, or None if it isn't one of this stream's."""
-        pattern = re.escape(ROOT + "/") + re.sub(r"\\\{(\w+)\\\}", rf"(?P<\1>{ID})", re.escape(self.key))
-        match = re.fullmatch(pattern, key)
+        match = _pattern(self.key).fullmatch(key)
         return match.groupdict() if match else None
 
     @property
@@ -92,6 +92,11 @@ class Stream:
     def schema(self) -> str:
         """Name and minor version of the message, put into Zenoh's encoding."""
         return schema_of(self.message)
+
+
+@cache  # one for each stream
+def _pattern(key: str) -> re.Pattern[str]:
+    return re.compile(re.escape(ROOT + "/") + re.sub(r"\\\{(\w+)\\\}", rf"(?P<\1>{ID})", re.escape(key)))
 
 
 def schema_of(message: type[Message]) -> str:

@@ -44,8 +44,8 @@ READS = (
 
 
 def load(port: int, pages: int, requests_hz: float, tiles: str, until_s: float) -> dict[str, Any]:
-    """Asks as pages and programs do until the clock says ``until_s``; latencies [ms] of what programs read."""
-    taken: list[float] = []
+    """Asks as pages and programs do until the clock says ``until_s``; what programs read, and how long each took [ms]."""
+    taken: list[tuple[str, float]] = []
     failed: list[str] = []
     each_s = 8 / requests_hz
     threads = [threading.Thread(target=_page, args=(port, tiles, until_s, failed), daemon=True) for _ in range(pages)]
@@ -63,30 +63,31 @@ def load(port: int, pages: int, requests_hz: float, tiles: str, until_s: float) 
 def _page(port: int, tiles: str, until_s: float, failed: list[str]) -> None:
     watcher = threading.Thread(target=_stream, args=(port, f"/api/v1/tiles?{tiles}", until_s, None), daemon=True)
     watcher.start()
-    changed = threading.Event()
-    threading.Thread(target=_stream, args=(port, "/api/v1/live", until_s, changed), daemon=True).start()
+    changed, told = threading.Event(), [0]
+    threading.Thread(target=_stream, args=(port, "/api/v1/live", until_s, (changed, told)), daemon=True).start()
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     tags: dict[str, str] = {}
     while time.time() < until_s:
         if changed.wait(0.2):
             changed.clear()
             for layer in LAYERS:
-                _get(connection, f"/api/v1/floors/0/layers/{layer}.png", failed, tags)
+                _get(connection, f"/api/v1/floors/0/layers/{layer}.png?least={told[0]}", failed, tags)
             time.sleep(1.0)
 
 
-def _stream(port: int, path: str, until_s: float, changed: threading.Event | None) -> None:
-    """Reads what comes; ``changed`` is set when a floor's state came."""
+def _stream(port: int, path: str, until_s: float, floor: tuple[threading.Event, list[int]] | None) -> None:
+    """Reads what comes; an event is set when a floor's state came, and its revision noted."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
     with contextlib.suppress(OSError, http.client.HTTPException):
         connection.request("GET", path)
         answer = connection.getresponse()
         while time.time() < until_s and (line := answer.readline()):
-            if changed is not None and line.startswith(b"event: floor"):
-                changed.set()
+            if floor is not None and line.startswith(b"event: floor"):
+                floor[1][0] = json.loads(answer.readline().removeprefix(b"data: "))["state"]["revision"] or 0
+                floor[0].set()
 
 
-def _program(port: int, after_s: float, each_s: float, until_s: float, taken: list[float], failed: list[str]) -> None:
+def _program(port: int, after_s: float, each_s: float, until_s: float, taken: list[tuple[str, float]], failed: list[str]) -> None:
     time.sleep(after_s)
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     due_s = time.time()
@@ -97,7 +98,7 @@ def _program(port: int, after_s: float, each_s: float, until_s: float, taken: li
             return
         began_s = time.perf_counter()
         _get(connection, f"/api/v1/{read}", failed)
-        taken.append(1e3 * (time.perf_counter() - began_s))
+        taken.append((read, 1e3 * (time.perf_counter() - began_s)))
 
 
 def _get(
@@ -244,12 +245,14 @@ def report(
     args: argparse.Namespace, quiet: list[Search], loaded: list[Search], told: dict[str, Any], used: float, memory: list[float]
 ) -> None:  # fmt: skip
     """Prints the table."""
-    p50, p95, p99 = np.percentile(told["ms"], [50, 95, 99])
+    p50, p95, p99 = np.percentile([ms for _, ms in told["ms"]], [50, 95, 99])
     print(
         f"{args.pages} pages, {len(told['ms']) / args.seconds:.0f} reads/s for {args.seconds:.0f} s; {told['n_failed']} failed"
     )
     print(*told["failed"], sep="\n")
     print(f"a read: p50 {p50:.0f} ms, p95 {p95:.0f} ms, p99 {p99:.0f} ms")
+    by_read = {read: np.percentile([ms for r, ms in told["ms"] if r == read], 95) for read in READS}
+    print("p95 by what is read: " + ", ".join(f"{read} {ms:.0f}" for read, ms in by_read.items()))
     print(
         f"gateway: {100 * used:.0f} % of a core; memory {memory[0]:.0f} MB before, "
         + ", ".join(f"{m:.0f}" for m in memory[1:])

@@ -18,7 +18,7 @@ from training.detector.furniture import DRAWN, drawn_piece
 from training.detector.materials import colour, painted, patterned
 
 #: Of all pieces: drawn anew where their class is one of ``DRAWN``; in other colours.
-_DRAWN_SHARE, _RECOLOURED_SHARE = 0.5, 0.6
+_DRAWN_SHARE, _RECOLOURED_SHARE = 0.7, 0.6
 #: Of walls, floors and ceilings.
 _REPAINTED_SHARE = 0.5
 #: Standard deviation of the logarithm of each side.

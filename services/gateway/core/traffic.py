@@ -83,7 +83,7 @@ def sum_traffic(reports: Iterable[TrafficReport]) -> Traffic:
 
 
 def _node(report: TrafficReport) -> NodeTraffic:
-    real = [r for r in report.rows if not any(stream.ids_of(r.key) for stream in contract.SIMULATION)]
+    real = [r for r in report.rows if not _is_simulation(r.key)]
     offered = [r for r in real if r.direction == "offered"]
     delivered = [r for r in real if r.direction == "delivered"]
     return NodeTraffic(
@@ -98,6 +98,11 @@ def _node(report: TrafficReport) -> NodeTraffic:
         sum(r.n_bytes for r in report.rows) - sum(r.n_bytes for r in real),
         report.rejected,
     )
+
+
+@lru_cache(maxsize=50_000)
+def _is_simulation(key: str) -> bool:
+    return any(stream.ids_of(key) for stream in contract.SIMULATION)
 
 
 @lru_cache(maxsize=50_000)

@@ -10,7 +10,7 @@ from services.gateway.core.object_filter import ObjectFilter
 from services.gateway.core.resources import ROOT, Items, Object
 from services.gateway.looks import Looks
 from services.gateway.objects import Objects
-from services.gateway.routes.paging import Id, Limit, Offset, page_of
+from services.gateway.routes.paging import Id, Limit, Offset
 from surveilnav.contract import ID_PATTERN
 
 _Number = Annotated[int, Path(ge=0, le=2**31 - 1)]
@@ -35,7 +35,9 @@ def router(found: Objects, looks: Looks) -> APIRouter:
         understands (one with a closed set refuses others); those that look most like them first, with their
         ``relevance``."""
         wanted = ObjectFilter(floor, label, status, min_confidence)
-        return page_of(found.all(wanted, text.strip()), limit, offset)
+        records = found.records(wanted, text.strip())
+        shown = [Object.from_record(r) for r in records[offset : offset + limit]]
+        return Items(items=shown, total=len(records))
 
     @router.get("/floors/{id}/objects/{object}")
     def one_object(id: Id, object: _Number) -> Object:

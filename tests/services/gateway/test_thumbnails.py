@@ -79,3 +79,17 @@ def test_old_ones_are_dropped_and_one_that_is_being_made_stays():
     go.set()
     viewer.join(10)
     assert (made, kept.get("c2", lambda: b"anew")) == ([b"slow"], b"slow")
+
+
+def test_a_kept_one_serves_whoever_finds_it_enough_however_old_it_is():
+    kept = Thumbnails(fresh_s=-1.0)
+    assert kept.get("floor", lambda: 7, lambda revision: revision >= 7) == 7
+    assert kept.get("floor", lambda: 9, lambda revision: revision >= 7) == 7
+    assert kept.get("floor", lambda: 9, lambda revision: revision >= 8) == 9
+
+    def fails():
+        raise ValueError("no fusion")
+
+    with pytest.raises(ValueError, match="no fusion"):
+        kept.get("floor", fails, lambda revision: revision >= 10)
+    assert kept.get("floor", lambda: 10, lambda revision: revision >= 10) == 10, "a refusal isn't kept"

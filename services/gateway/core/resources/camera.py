@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from datetime import datetime
+from functools import lru_cache
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from services.gateway.core.resources import examples
 from services.gateway.core.resources.base import ROOT, Number, Resource, finite
+from surveilnav.geometry import Pose
 from surveilnav.messages import CameraInfo, CameraUse, CameraViewInfo
 
 
@@ -23,7 +25,7 @@ class CameraView(BaseModel):
     @classmethod
     def from_info(cls, camera: str, info: CameraViewInfo, root: str = ROOT) -> CameraView:
         """A view of ``camera``: where its optical axis points in the world. ``root``: where addresses begin."""
-        axis = info.T_world_camera.matrix()[:3, 2]
+        axis = _optical_axis(info.T_world_camera)
         level = math.hypot(axis[0], axis[1])
         return cls(
             view=info.view,
@@ -31,6 +33,12 @@ class CameraView(BaseModel):
             pitch_rad=math.atan2(axis[2], level),
             picture=f"{root}/cameras/{camera}/views/{info.view}.jpg",
         )
+
+
+@lru_cache(maxsize=50_000)  # every reader asks for every camera
+def _optical_axis(T_world_camera: Pose) -> tuple[float, float, float]:
+    x, y, z = T_world_camera.matrix()[:3, 2].tolist()
+    return x, y, z
 
 
 class CameraCone(BaseModel):

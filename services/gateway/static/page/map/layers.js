@@ -48,7 +48,8 @@ export class FloorLayers {
 
   async #load(layer) {
     this.asked[layer] = this.#version(layer);
-    const answer = await fetch(address(`floors/${part(this.floor)}/layers/${layer}.png`)).catch(() => null);
+    const least = one("floor", this.floor)?.revision ?? 0; // what all pages were told: one picture serves them
+    const answer = await fetch(address(`floors/${part(this.floor)}/layers/${layer}.png?least=${least}`)).catch(() => null);
     if (!answer?.ok) {
       this.problems[layer] = await problemOf(answer);
       if (answer?.status !== 422) delete this.asked[layer]; // it may be there later
