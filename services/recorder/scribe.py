@@ -78,7 +78,7 @@ class Scribe:
             opened.file.note(name, facts)
             opened.file.attach(name, "application/zstd", data, clock_ns())
 
-        self._put(0, lambda: self._in_file(id, write))
+        self._put(len(data), lambda: self._in_file(id, write))
 
     def hear(self, ids: Collection[str], heard: Heard) -> bool:
         """Adds a message to files; False: there is no room, and it is counted."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import time
+import threading
+from contextlib import suppress
 from typing import Any
 
 from services.recorder.answers import Answers
@@ -19,6 +20,7 @@ from services.recorder.views import Views
 from surveilnav import contract
 from surveilnav.bus import Answer, Node, Received, clock_ns
 from surveilnav.contract import RECORDER_STATUS, Stream
+from surveilnav.errors import BusError
 from surveilnav.messages import RecorderStatus, Revision
 from surveilnav.perception.prompts import value_prompt
 
@@ -43,10 +45,10 @@ class RecorderService:
         self._drawings = Drawings(node, settings, fusion, self._scribe)
         self._recorded: dict[str, Recorded] = {}  # by mission
         self._status = node.publisher(RECORDER_STATUS, recorder=settings.id)
-        self._told_s = 0.0
         Answers(node, settings, self._folder)
         node.serve(RECORDER_STATUS, lambda _: Answer(self.status()), recorder=settings.id)
         self._tables = {stream: self._table(stream) for stream in _HEARD}
+        threading.Thread(target=self._tell, name="status", daemon=True).start()
 
     def step(self) -> bool:
         """One turn of the loop; True if there is more to do."""
@@ -60,10 +62,13 @@ class RecorderService:
         self._drawings.draw([one for one in written if one not in over], revisions)
         for one in over:
             self._end(one, revisions)
-        if time.monotonic() - self._told_s >= _STATUS_S:
-            self._told_s = time.monotonic()
-            self._status.put(self.status())
         return more
+
+    def _tell(self) -> None:
+        """Says how it is until the node ends, also while the loop waits for fusion."""
+        while not self._node.stopping.wait(_STATUS_S):
+            with suppress(BusError):  # a later one comes
+                self._status.put(self.status())
 
     def status(self) -> RecorderStatus:
         """How it is. It touches no disk, which may hang."""

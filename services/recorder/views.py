@@ -31,10 +31,10 @@ class Views:
             return False
         try:  # those under way first: maps that can't be had for a new one must not cost them their views
             more, self.problem = self._bring(following), ""
-            for one in [r for r in following if r.number is None]:
-                self._begin(one)
-                more = True
-            return more
+            new = [r for r in following if r.number is None]
+            if new and self._scribe.has_room:
+                self._begin(new)
+            return more or bool(new)
         except BusError as error:
             self.problem = f"views aren't recorded: {error}"
             self._again_s = time.monotonic() + _AGAIN_S
@@ -54,12 +54,13 @@ class Views:
             self._node.warn_seldom("a recording lacks the end of its maps", error=str(error))
         return {}
 
-    def _begin(self, one: Recorded) -> None:
-        """The maps as they are now: a recording's views are what came after them."""
+    def _begin(self, recorded: Iterable[Recorded]) -> None:
+        """The maps as they are now, once for all: a recording's views are what came after them."""
         header, data = self._fusion.snapshot()
         name = f"maps-{header.number}"
-        self._scribe.attach(one.id, name, data, {"config": header.config, "digest": header.digest})
-        one.number = header.number
+        for one in recorded:
+            self._scribe.attach(one.id, name, data, {"config": header.config, "digest": header.digest})
+            one.number = header.number
 
     def _bring(self, following: list[Recorded], up_to: int | None = None) -> bool:
         """A few views more, ``up_to`` that number; True if there may be others."""

@@ -205,9 +205,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help=f"{OUT}/chances.md, of other backends chances_<backend>.md")
     args = parser.parse_args(argv)
     try:
-        scenes = BUILDINGS_OF.get(args.backend, BUILDINGS)
-        backend = None if args.backend == DEFAULT else _with_vocabulary(args.backend)
-        buildings = [measured(SceneSpec(name, 0, "train"), args.views, backend) for name in scenes]
+        buildings, model = looks_for(args.backend, args.views)
     except SurveilNavError as error:
         print(f"chances: {error}", file=sys.stderr)
         return 2
@@ -215,16 +213,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"chances: {args.backend} found nothing in any view", file=sys.stderr)
         return 2
     rows = judged(buildings)
-    names = ", ".join(scenes)
+    names = ", ".join(b.name for b in buildings)
     n_views = sum(len(b.looks) for b in buildings)
-    model = args.backend if backend is None else backend.models.detector
     table = fit(rows, f"{len(rows.right)} detections of {model} in {n_views} views of {names}")
     path = DATA / "chances" / f"{args.backend}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(msgspec.json.format(msgspec.json.encode(table), indent=1) + b"\n")
-    out = args.out or OUT / ("chances.md" if backend is None else f"chances_{args.backend}.md")
+    out = args.out or OUT / ("chances.md" if args.backend == DEFAULT else f"chances_{args.backend}.md")
     out.write_text(page(rows, left_out(rows), table, args.backend), encoding="utf-8")
     return 0
+
+
+def looks_for(name: str, n_views: int) -> tuple[list[Looks], str]:
+    """What a backend found in the buildings that its chances are fitted in, measured where it isn't yet, and its detector.
+
+    Raises:
+        SurveilNavError: it can't run, or finds only what it is asked for.
+    """
+    backend = None if name == DEFAULT else _with_vocabulary(name)
+    scenes = [SceneSpec(building, 0, "train") for building in BUILDINGS_OF.get(name, BUILDINGS)]
+    return [measured(s, n_views, backend) for s in scenes], name if backend is None else backend.models.detector
 
 
 def _with_vocabulary(name: str) -> Backend:

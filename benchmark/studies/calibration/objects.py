@@ -1,8 +1,8 @@
 """How well the joint map's chances of objects hold, without searches.
 
-    python -m benchmark.studies.calibration.objects [--views 100] [--out docs/results/calibration/objects.md]
+    python -m benchmark.studies.calibration.objects [--backend compact] [--views 100]
 
-The views of ``benchmark.studies.calibration.chances``, with what ``onnx-coco`` found in their pixels, go through fusion's object
+The views of ``benchmark.studies.calibration.chances``, with what a backend found in their pixels, go through fusion's object
 map as in a search: all cameras first, then the robot's tour. Every so many views the map's objects are looked at: what they are
 believed to be, and what they truly are. Chances of detections come from a table of other buildings. The settings of
 ``PosteriorConfig`` are also fitted anew, each building left out in turn.
@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from benchmark.dataset.splits import SceneSpec
-from benchmark.studies.calibration.chances import BUILDINGS, fit, judged, true_owners
-from benchmark.studies.calibration.run import measured
+from benchmark.studies.calibration.chances import DEFAULT, fit, judged, looks_for, true_owners
+from benchmark.studies.calibration.run import OUT
 from benchmark.studies.calibration.views import Found, Look, Looks
 from services.fusion.core import ObjectConfig
 from services.fusion.core.config import PosteriorConfig
@@ -34,11 +33,10 @@ from services.fusion.core.objects import ObjectMap
 from services.fusion.core.posterior_confirmation import PosteriorConfirmation
 from simulator.furniture.labels import TARGETS
 from simulator.simulation import CAMERA_DEPTH_RANGE_M
+from surveilnav.errors import SurveilNavError
 from surveilnav.perception.chances import ChanceTable, Floats, with_chances
-from surveilnav.perception.embedders import class_space
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
-from surveilnav.perception.vocabulary import COCO
 from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
 
@@ -77,7 +75,7 @@ class Claim:
 
 def claims_of(number: int, building: Looks, table: ChanceTable, config: ObjectConfig) -> list[Claim]:
     """All claims about the objects of one building, at all times that they were looked at."""
-    floors_m, owners = _floors_m(building), _Owners()
+    floors_m, owners, names = _floors_m(building), _Owners(), _names(building)
     maps = {z_m: ObjectMap(f"{z_m:g}", z_m, 0.025, config) for z_m in floors_m}
     cameras = [look for look in building.looks if look.is_camera]
     tour = [look for look in building.looks if not look.is_camera]
@@ -85,7 +83,7 @@ def claims_of(number: int, building: Looks, table: ChanceTable, config: ObjectCo
     for i, look in enumerate([*cameras, *tour]):
         z_m = max((z for z in floors_m if z < look.T_world_camera.matrix()[2, 3] - 0.3), default=floors_m[0])
         view = _view(look, z_m, building)
-        found = with_chances(_seen(look, view), view.depth_m, view.camera, table, is_camera=look.is_camera)
+        found = with_chances(_seen(look, view, names), view.depth_m, view.camera, table, is_camera=look.is_camera)
         maps[z_m].integrate(view, found.detections)
         owners.note(z_m, maps[z_m], found.detections, true_owners(building, look))
         n_tour = i + 1 - len(cameras)
@@ -152,22 +150,30 @@ def _view(look: Look, z_m: float, building: Looks) -> PosedView:
     )  # fmt: skip
 
 
-def _seen(look: Look, view: PosedView) -> ViewPerception:
-    """What was found, with masks and embeddings as the backend makes them."""
+def _names(building: Looks) -> list[str]:
+    """All that anything was called."""
+    found = [d for look in building.looks for d in look.found]
+    return sorted({d.label for d in found} | {d.second for d in found if d.second})
+
+
+def _seen(look: Look, view: PosedView, names: Sequence[str]) -> ViewPerception:
+    """What was found, with masks of depth, and embeddings that say how much alike two detections were called."""
     boxes = np.array([d.box_px for d in look.found], np.float32).reshape(-1, 4)
     masks = DepthInBox().segment([RgbdView(view.rgb, view.depth_m, view.camera)], [boxes])[0]
     found = tuple(
-        Detected(d.label, d.score, d.box_px, mask, _embedding(d)) for d, mask in zip(look.found, masks, strict=True)
+        Detected(d.label, d.score, d.box_px, mask, _embedding(d, names))
+        for d, mask in zip(look.found, masks, strict=True)
     )
-    return ViewPerception("onnx-coco", found, class_space.embed_image([]), class_space.ClassSpace.model)
+    return ViewPerception("kept", found, np.ones(1, np.float32), "names")
 
 
-def _embedding(d: Found) -> NDArray[np.float32]:
-    scores = np.zeros(len(COCO), np.float32)
-    scores[COCO.index(d.label)] = d.certainty
+def _embedding(d: Found, names: Sequence[str]) -> NDArray[np.float32]:
+    shares = np.zeros(len(names), np.float32)
+    shares[names.index(d.label)] = d.certainty
     if d.second:
-        scores[COCO.index(d.second)] = 1.0 - d.certainty
-    return class_space.embed_object(scores)
+        shares[names.index(d.second)] = 1.0 - d.certainty
+    unit: NDArray[np.float32] = np.sqrt(shares / shares.sum())
+    return unit
 
 
 # --- how well it holds ----------------------------------------------------------------------------------------------
@@ -267,7 +273,10 @@ def left_out(claims: Sequence[Claim], misfit_factor: float) -> Floats:
 # --- the page -------------------------------------------------------------------------------------------------------
 
 
-def page(claims: Sequence[Claim], config: ObjectConfig, refitted: PosteriorConfig, others: Floats, source: str) -> str:
+def page(
+    claims: Sequence[Claim], config: ObjectConfig, refitted: PosteriorConfig, others: Floats, source: str,
+    backend: str = DEFAULT,
+) -> str:  # fmt: skip
     """What it says, in Markdown."""
     rule, factor = config.confirmation.posterior, config.false_positives.misfit_factor
     chance, score = chances_of(claims, rule, factor), scores_of(claims)
@@ -277,7 +286,8 @@ def page(claims: Sequence[Claim], config: ObjectConfig, refitted: PosteriorConfi
         f"Of what the map calls a target with chance p, about p is one: the expected calibration error is {ours.error:.3f}. "
         f"Of two objects, the right one has the higher chance {ours.auc:.0%} of the time. One rule and one threshold hold for "
         "all words.", "",
-        f"Source: {source}. Made by `python -m benchmark.studies.calibration.objects`. An object counts once, however often "
+        f"Source: {source}. Made by `python -m benchmark.studies.calibration.objects"
+        f"{'' if backend == DEFAULT else f' --backend {backend}'}`. An object counts once, however often "
         "the map was looked at. Chances of detections come from tables that never saw the building.", "",
         "| | log loss | AUC | calibration error |", "|---|---|---|---|",
         _row("mean score, as the paper's rule has it", figures(score, claims)),
@@ -322,10 +332,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="benchmark.studies.calibration.objects", description=__doc__.partition("\n")[0]
     )
+    parser.add_argument("--backend", default=DEFAULT, help="what looks at the pictures; it has a vocabulary")
     parser.add_argument("--views", type=int, default=100, help="of the robot, about, in every building")
-    parser.add_argument("--out", type=Path, default=Path("docs/results/calibration/objects.md"))
+    parser.add_argument("--out", type=Path, help=f"{OUT}/objects.md, of other backends objects_<backend>.md")
     args = parser.parse_args(argv)
-    buildings = [measured(SceneSpec(name, 0, "train"), args.views) for name in BUILDINGS]
+    try:
+        buildings, model = looks_for(args.backend, args.views)
+    except SurveilNavError as error:
+        print(f"objects: {error}", file=sys.stderr)
+        return 2
     rows, config = judged(buildings), ObjectConfig()
     claims = [
         claim
@@ -334,10 +349,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     ]
     factor = config.false_positives.misfit_factor
     n_views = sum(len(b.looks) for b in buildings)
-    source = f"what onnx-coco found in {n_views} views of {', '.join(BUILDINGS)}"
-    args.out.write_text(
-        page(claims, config, fitted(claims, factor), left_out(claims, factor), source), encoding="utf-8"
-    )
+    source = f"what {model} found in {n_views} views of {', '.join(b.name for b in buildings)}"
+    out = args.out or OUT / ("objects.md" if args.backend == DEFAULT else f"objects_{args.backend}.md")
+    text = page(claims, config, fitted(claims, factor), left_out(claims, factor), source, args.backend)
+    out.write_text(text, encoding="utf-8")
     return 0
 
 

@@ -129,6 +129,29 @@ def recorder(bus, tmp_path, tools) -> Iterator[Running]:
     running.close()
 
 
+def test_missions_that_begin_together_have_fusion_write_its_maps_once(bus, recorder):
+    bus.log = [1, 2, 3]
+    bus.snapshot = b"maps"  # one part
+    bus.put_status("m1", "active")
+    bus.put_status("m2", "active")
+    recorder.turn_until(lambda: len(recorder.states()) == 2 and bus.asked)
+    bus.log += [4]
+    bus.put_status("m1", "done", step=3)
+    bus.put_status("m2", "done", step=3)
+    asked = bus.asked
+    recorder.turn_until(lambda: recorder.states() == {"m1": "complete", "m2": "complete"})
+    maps = [t for path in recorder.folder.glob("*.mcap") for t in told(path) if isinstance(t, Maps)]
+    assert (asked, [t.snapshot for t in maps]) == (1, [b"maps"] * 2)
+
+
+def test_it_says_how_it_is_while_fusion_keeps_it_waiting(bus, recorder):
+    statuses = bus.planner.table(contract.RECORDER_STATUS)
+    bus.put_status("m1", "active")
+    recorder.turn_until(lambda: bus.asked)
+    before = clock_ns()  # from here on nobody turns the loop
+    recorder.tools.until(lambda: any(row.message.stamp_ns > before for row in statuses.rows()))
+
+
 def test_a_mission_is_recorded_from_its_maps_to_its_end(bus, recorder):
     bus.log = [1, 2, 3]
     bus.put_status("m1", "queued")
