@@ -20,6 +20,8 @@ from benchmark.runner.basis import Basis
 from benchmark.runner.row import HEADER, EpisodeRecord, key_of_row, record_of_row, row_of
 from benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
+from surveilnav.perception import models
+from surveilnav.perception.names import BackendName
 
 VERSION = 4
 SETTINGS_FILE, SEARCHES_FILE, BROKEN_FILE = "settings.json", "searches.csv", "broken.jsonl"
@@ -155,7 +157,13 @@ def read(folder: Path) -> list[EpisodeRecord]:
 
 def facts_of(settings: RunSettings, basis: Basis) -> dict[str, Any]:
     """What makes a run this run, as ``settings.json`` says it."""
-    return {"version": VERSION, **basis._asdict(), "settings": msgspec.to_builtins(settings)}
+    return {"version": VERSION, **basis._asdict(), **_weights(settings), "settings": msgspec.to_builtins(settings)}
+
+
+def _weights(settings: RunSettings) -> dict[str, str]:
+    """Which weights look, where new ones come under the old name: those of the package. PerceptionError: they are gone."""
+    name = settings.perception
+    return {"weights": models.model_id(name, models.find(name, download=False))} if name == BackendName.COMPACT else {}
 
 
 def read_facts(folder: Path) -> dict[str, Any] | None:
@@ -194,6 +202,8 @@ def _difference(there: dict[str, Any] | None, settings: RunSettings, basis: Basi
         return "on another dataset"
     if kept.get("program") != asked["program"]:
         return "by a program that searches otherwise"
+    if kept.get("weights") != asked.get("weights"):
+        return f"seen with {kept.get('weights')}, now there is {asked.get('weights')}"
     was, now = kept.get("settings"), asked["settings"]
     if not isinstance(was, dict):
         return "of which the settings aren't said"

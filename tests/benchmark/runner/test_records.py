@@ -139,6 +139,15 @@ def test_runs_cant_be_mixed(tmp_path, settings, basis, said):
         Records(tmp_path, settings, basis)
 
 
+def test_searches_with_other_weights_of_one_name_arent_mixed(tmp_path, monkeypatch):
+    settings = RunSettings(perception="compact")
+    Records(tmp_path, settings, BASIS).add(RECORD)
+    Records(tmp_path, settings, BASIS)
+    monkeypatch.setattr(module.models, "model_id", lambda name, path: f"{name}@deadbeef")
+    with pytest.raises(ConfigError, match=r"seen with compact@[0-9a-f]{8}, now there is compact@deadbeef"):
+        Records(tmp_path, settings, BASIS)
+
+
 def test_a_folder_without_an_episode_takes_any_run(tmp_path):
     wrong = Records(tmp_path, RunSettings(max_steps=50), BASIS)
     wrong.add_broken(Broken(scene="flat-s0", episode_id="2", error="Traceback"))
