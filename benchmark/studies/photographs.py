@@ -4,7 +4,8 @@
     python -m benchmark.studies.photographs --picture docs/images/photographs.jpg    # the table goes to stdout
 
 What a photograph shows was written down by eye, as COCO's class names. A name counts as right if the photograph shows
-such a thing, wherever its box is: there are no true boxes.
+such a thing, wherever its box is: there are no true boxes. ``compact`` is beside COCO's detectors, also on what it has no
+name for; photographs have no depth, so it has none either.
 """
 
 from __future__ import annotations
@@ -21,16 +22,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import ConfigError
+from surveilnav.geometry import Pinhole
 from surveilnav.perception import models
 from surveilnav.perception.boxes import Boxes, merged
 from surveilnav.perception.detectors.coco import load
+from surveilnav.perception.detectors.compact import CompactNetwork
+from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.vocabulary import COCO
 
 CELL_PX = (300, 230)
 SAME_THING_IOU = 0.5
 LEAST_SCORE = 0.4
 JPEG_QUALITY = 74
+_COMPACT = "compact"
+_HFOV_RAD = 1.0  # a photograph doesn't tell
 Picture = NDArray[np.uint8]
 
 
@@ -78,23 +84,33 @@ def read(photograph: Photograph) -> Picture:
 
 
 def detectors_here() -> list[str]:
-    """The detectors of COCO's classes that lie whole on this machine."""
-    seen = {name: models.survey(name) for name in models.COCO_DETECTORS}
+    """The detectors that lie whole on this machine."""
+    seen = {name: models.survey(name) for name in (*models.COCO_DETECTORS, _COMPACT)}
     return [name for name, what in seen.items() if what.path and not what.fault]
 
 
 def boxes_of(name: str, pictures: Iterable[Picture]) -> list[Boxes]:
     """One box per thing of at least ``LEAST_SCORE``, for each picture."""
-    detector = load(models.find(name, download=False), models.family(name), Runtime("cpu"))
-    found = [merged(detector.detect(picture), SAME_THING_IOU) for picture in pictures]
+    path, runtime = models.find(name, download=False), Runtime("cpu")
+    if name == _COMPACT:
+        network = CompactNetwork(session(path, runtime))
+        found = [network.detect(_without_depth(picture)) for picture in pictures]
+    else:
+        detector = load(path, models.family(name), runtime)
+        found = [merged(detector.detect(picture), SAME_THING_IOU) for picture in pictures]
     return [boxes.where(boxes.best >= LEAST_SCORE) for boxes in found]
+
+
+def _without_depth(picture: Picture) -> RgbdView:
+    height, width = picture.shape[:2]
+    return RgbdView(picture, np.zeros((height, width), np.float32), Pinhole.from_hfov(width, height, _HFOV_RAD))
 
 
 def named(boxes: Boxes) -> list[tuple[str, float]]:
     """Class names with their best scores, the best first."""
     best: dict[str, float] = {}
     for scores in boxes.scores:
-        label = COCO[int(scores.argmax())]
+        label = boxes.words[int(scores.argmax())]
         best[label] = max(best.get(label, 0.0), float(scores.max()))
     return sorted(best.items(), key=lambda item: -item[1])
 
@@ -107,7 +123,7 @@ def drawn(picture: Picture, boxes: Boxes, title: str) -> Picture:
     for xyxy, scores in zip(boxes.xyxy, boxes.scores, strict=True):
         a, b = (tuple(int(v) for v in corner) for corner in (xyxy * scale).reshape(2, 2))
         cv2.rectangle(small, a, b, (255, 220, 0), 2)
-        text = f"{COCO[int(scores.argmax())]} {scores.max():.2f}"
+        text = f"{boxes.words[int(scores.argmax())]} {scores.max():.2f}"
         _write(small, text, (max(a[0], 0) + 3, min(max(a[1], 0) + 14, size[1] - 24)), 0.42)
     _write(small, title, (4, size[1] - 6), 0.38)
     cell = np.full((CELL_PX[1], CELL_PX[0], 3), 255, np.uint8)

@@ -65,4 +65,5 @@ def test_detectors_find_what_photographs_of_this_environment_show(models_dir):
     admiral = next(p for p in PHOTOGRAPHS if p.name == "admiral")
     for name in photographs.detectors_here():
         (found,) = photographs.boxes_of(name, [read(admiral)])
-        assert dict(named(found))["person"] > 0.8
+        people = dict(named(found)).get("person", 0.0)
+        assert people == 0.0 if name == "compact" else people > 0.8  # of people compact knows nothing
