@@ -6,8 +6,8 @@ from services.gateway.asking import ask
 from services.gateway.core.cones import floor_outline
 from services.gateway.core.problems import Problem
 from services.gateway.core.resources import ROOT, Camera, CameraCone
+from services.gateway.single_flight import SingleFlight
 from services.gateway.state import BuildingState
-from services.gateway.thumbnails import Thumbnails
 from surveilnav import contract
 from surveilnav.bus import clock_ns
 from surveilnav.messages import CameraInfo, CameraRequest
@@ -18,7 +18,7 @@ class Cameras:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
-        self.thumbnails: Thumbnails[bytes] = Thumbnails()
+        self.thumbnails: SingleFlight[bytes] = SingleFlight()  # by camera and view
 
     def all(self) -> list[Camera]:
         """Every camera, with what the maps hold of it and what it last saw."""

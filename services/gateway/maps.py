@@ -13,16 +13,16 @@ from services.gateway.core.layers import Drawn
 from services.gateway.core.problems import Problem
 from services.gateway.core.resources import Floor, Layer
 from services.gateway.missions import Missions
+from services.gateway.single_flight import SingleFlight
 from services.gateway.sources import Sources
 from services.gateway.state import BuildingState
-from services.gateway.thumbnails import Thumbnails
 from surveilnav import contract
 from surveilnav.errors import WireError
-from surveilnav.messages import Revision
 from surveilnav.sensing.layers import unpack_cloud, unpack_layer
 
-_CACHED_PICTURES = 64
-_FAILURE_S = 0.2  # so long all who ask get the same refusal
+#: So long one picture of a layer serves all who look: its maps change with every step of a robot.
+_LAYER_S = 0.5
+_MOST_LAYERS = 64
 _CLOUD_S = 10.0
 Form = Literal["png", "npy"]
 
@@ -36,30 +36,19 @@ class _Key(NamedTuple):
     target: str
 
 
-class Kept(NamedTuple):
-    """A picture, the revision that it shows, and the newest that the gateway knew then. ``stamp_ns``: of that, where both are
-    one; else 0. A fusion that started anew counts from 1 again."""
-
-    drawn: Drawn
-    revision: int
-    known: int
-    stamp_ns: int
-
-    def shows(self, newest: Revision, least: int | None) -> bool:
-        """Whether it shows the newest revision, or one from ``least`` on."""
-        return self.stamp_ns == newest.stamp_ns or (
-            least is not None and least <= self.revision and self.known <= newest.revision
-        )
-
-
 class Maps:
     """What fusion holds of the building, floor by floor."""
 
     def __init__(self, state: BuildingState, cameras: Cameras, sources: Sources, missions: Missions) -> None:
         self._state, self._node = state, state.node
         self._cameras, self._sources, self._missions = cameras, sources, missions
-        self._layers: Thumbnails[Kept] = Thumbnails(_FAILURE_S, _CACHED_PICTURES)
-        self._clouds: Thumbnails[bytes] = Thumbnails(_CLOUD_S, most=4)
+        self._layers: SingleFlight[tuple[Drawn, int]] = SingleFlight(_LAYER_S, _MOST_LAYERS)
+        self._clouds: SingleFlight[bytes] = SingleFlight(_CLOUD_S, most=4)
+
+    def clear(self) -> None:
+        """Begins anew: a replay was taken to another moment."""
+        self._layers.clear()
+        self._clouds.clear()
 
     def floors(self) -> list[Floor]:
         """Every floor that has a map, a camera or a robot."""
@@ -83,20 +72,13 @@ class Maps:
         """Where a layer lies in the world."""
         return Layer.of(floor, layer, target, *self.layer(floor, layer, target, "npy"), self._state.root)
 
-    def layer(
-        self, floor: str, layer: str, target: str, form: Form = "png", least: int | None = None
-    ) -> tuple[Drawn, int]:
-        """A layer as a picture or an array, and the revision that it shows. Fusion is asked, once for all who wait, only if
-        the floor's maps changed. ``least``: a kept one of this revision or a later one will do."""
+    def layer(self, floor: str, layer: str, target: str, form: Form = "png") -> tuple[Drawn, int]:
+        """A layer as a picture or an array, at most half a second old, and the revision that it shows."""
         if layer not in layers.COLOURS:
             raise Problem(404, "unknown_layer", f"no picture of {layer!r}; layers: {', '.join(layers.COLOURS)}")
         target = (target or self._searched(floor)) if layer == "value" else ""
-        row = self._state.revisions.newest("floor").get(floor)
-        key, newest = _Key(floor, layer, form, target), row.message if row else None
-        kept = self._layers.get(
-            key, lambda: self._drawn(key, newest), lambda kept: newest is not None and kept.shows(newest, least)
-        )
-        return kept.drawn, kept.revision
+        key = _Key(floor, layer, form, target)
+        return self._layers.get(key, lambda: self._drawn(key))
 
     def cloud(self, floor: str, most: int) -> bytes:
         """The joint cloud as numpy's .npy, float32 (N, 6), at most so many points, at most ten seconds old: fusion sends all
@@ -117,7 +99,7 @@ class Maps:
             raise Problem(422, "no_target", "the value layer belongs to a target: add ?target=..., or submit a mission")
         return missions[0].target
 
-    def _drawn(self, key: _Key, newest: Revision | None) -> Kept:
+    def _drawn(self, key: _Key) -> tuple[Drawn, int]:
         floor, layer, form, target = key
         parameters = {"target": target} if target else None
         row = ask_known(
@@ -128,6 +110,4 @@ class Maps:
         except WireError as error:
             raise Problem(502, "bad_layer", f"fusion sent a {layer} layer that can't be read: {error}") from error
         drawn = (layers.render if form == "png" else layers.as_array)(layer, row.message.grid, cells)
-        revision, known = row.message.revision, newest.revision if newest else 0
-        stamp_ns = newest.stamp_ns if newest and known == revision else 0
-        return Kept(replace(drawn, views_left_out=row.message.views_left_out), revision, known, stamp_ns)
+        return replace(drawn, views_left_out=row.message.views_left_out), row.message.revision

@@ -8,14 +8,14 @@ from services.gateway.core.object_filter import ObjectFilter
 from services.gateway.core.problems import Problem
 from services.gateway.core.resources import Object
 from services.gateway.core.resources.object import ObjectEvent
+from services.gateway.single_flight import SingleFlight
 from services.gateway.state import BuildingState
-from services.gateway.thumbnails import Thumbnails
 from surveilnav import contract
 from surveilnav.bus import Received
 from surveilnav.messages import ObjectList, ObjectRecord
 
-#: So long one answer of fusion serves all who ask for lists: it has much else to do while a robot searches.
-_FRESH_S = 1.0
+#: So long one answer of fusion serves all who list objects: it has much else to do while a robot searches.
+_LIST_S = 1.0
 
 
 class Objects:
@@ -23,11 +23,15 @@ class Objects:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
-        self._lists: Thumbnails[list[Received[ObjectList]]] = Thumbnails(_FRESH_S, most=64)
+        self._lists: SingleFlight[list[Received[ObjectList]]] = SingleFlight(_LIST_S, most=64)
+
+    def clear(self) -> None:
+        """Has fusion asked anew: its objects changed, or a replay was taken to another moment."""
+        self._lists.clear()
 
     def records(self, wanted: ObjectFilter, text: str = "") -> list[ObjectRecord]:
         """The objects wanted, by floor, last seen first. With a text: those first that fit it best, by what their
-        pictures looked like. Without, they are at most a second old."""
+        pictures looked like. Without, all who ask within a second get one answer, unless an object changed meanwhile."""
         if text:
             rows = self._object_lists(wanted.floor, {"text": text})
         else:

@@ -7,7 +7,7 @@ import threading
 from services.gateway.core.problems import Problem
 from services.gateway.core.resources import PictureKeeper
 from services.gateway.looks import Looks
-from services.gateway.thumbnails import Thumbnails
+from services.gateway.single_flight import SingleFlight
 from surveilnav import contract
 from surveilnav.bus import Node, clock_ns
 from surveilnav.messages import ForgetPictures
@@ -20,7 +20,7 @@ _THUMBNAIL_S = 60.0
 class Pictures:
     """Tidies the gateway's own, on a thread until the node ends; asks all others that keep any."""
 
-    def __init__(self, node: Node, thumbnails: Thumbnails, looks: Looks) -> None:
+    def __init__(self, node: Node, thumbnails: SingleFlight[bytes], looks: Looks) -> None:
         self._node, self._thumbnails, self._looks = node, thumbnails, looks
         node.alive("fusion")  # the first call starts watching
         threading.Thread(target=self._run, name="tidy", daemon=True).start()

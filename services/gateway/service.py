@@ -51,8 +51,8 @@ class Gateway:
         self.recordings = Recordings(self._state)
         self.events = Events()
         self.costs = MissionCosts(self._state, self.missions)
-        self._watch = Watch(self._state, self.cameras, self.sources, self.events, self.costs)
-        self.replays = Replays(self._state, (self._state, self.costs, self._watch))
+        self._watch = Watch(self._state, self.cameras, self.sources, self.events, self.costs, self.objects.clear)
+        self.replays = Replays(self._state, (self._state, self.costs, self._watch, self.maps, self.objects))
         self.live = Live(node, self._shown())
         self.tiles = Tiles(node, self.cameras)
 

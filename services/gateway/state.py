@@ -32,7 +32,7 @@ class LastKnown:
         self._asked: dict[str, Received[Any]] = {}
         self._asked_s = time.monotonic()
         self._lock, self._asking = threading.Lock(), threading.Lock()
-        self._dropped = 0  # so often something was: what was asked for before is void
+        self._dropped = 0  # how often something was
 
     def rows(self) -> list[Received[Any]]:
         """The newest row of every key, in the order of the keys."""
@@ -59,7 +59,9 @@ class LastKnown:
         dropped = self._dropped
         answers = self._node.ask_all(self._stream, timeout_s=1.0)
         with self._lock:
-            for row in answers if dropped == self._dropped else ():
+            if dropped != self._dropped:
+                return  # some of them may be what was dropped
+            for row in answers:
                 if row.key in self._asked or len(self._asked) < self._capacity:
                     self._asked[row.key] = row
             self._asked_s = time.monotonic()

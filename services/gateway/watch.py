@@ -32,10 +32,18 @@ class Watch:
     """Compares the state of the building with what it was, on a thread of its own, until the node ends."""
 
     def __init__(
-        self, state: BuildingState, cameras: Cameras, sources: Sources, events: Events, costs: MissionCosts
+        self,
+        state: BuildingState,
+        cameras: Cameras,
+        sources: Sources,
+        events: Events,
+        costs: MissionCosts,
+        on_objects: Callable[[], None] = lambda: None,
     ) -> None:
+        """``on_objects`` is called before it is told that objects changed: who kept them asks anew."""
         self._state, self._node = state, state.node
         self._all_cameras, self._sources, self._events, self._costs = cameras, sources, events, costs
+        self._on_objects = on_objects
         self._lock = threading.Lock()  # missions are told of by the bus's thread, too
         self._presence: Tracked[bool] = Tracked(changes.of_presence)
         self.clear()
@@ -115,7 +123,9 @@ class Watch:
         self._objects_at[floor] = now_s, stamp_ns
         self.objects[floor] = {f"{floor}/{o.id}": Object.from_record(o) for o in row.message.objects}
         tracked = self._objects.setdefault(floor, Tracked(changes.of_object))
-        self._tell("object", tracked.update({str(o.id): o for o in row.message.objects}), Event.of_object)
+        if changed := tracked.update({str(o.id): o for o in row.message.objects}):
+            self._on_objects()
+            self._tell("object", changed, Event.of_object)
 
     def _tell(self, kind: str, found: list[Change[Any]], event: Callable[[Change[Any], int], Event]) -> None:
         for change in found:

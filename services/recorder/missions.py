@@ -29,6 +29,10 @@ class Recorded:
         if status.state in FINISHED_STATES and self.until_ns is None:
             self.until_ns = now_ns + _SETTLE_NS
 
+    def is_over(self, now_ns: int) -> bool:
+        """Whether its file is to be closed."""
+        return self.until_ns is not None and now_ns >= self.until_ns
+
 
 def is_under_way(status: MissionStatus) -> bool:
     """Whether there is something to record: it has a robot and isn't over."""

@@ -51,6 +51,7 @@ class Scribe:
         self._room = threading.Condition()
         self._waiting: deque[tuple[int, Callable[[], None]]] = deque()
         self._waiting_bytes, self._ended = 0, False
+        self._attaching = 0
         self._files: dict[str, _Open] = {}
         self.failed: dict[str, str] = {}
         self.dropped, self.full, self.n_bytes, self.free_bytes = 0, "", 0, 0
@@ -71,14 +72,29 @@ class Scribe:
         """Opens a file."""
         self._put(0, lambda: self._begin(id, facts))
 
-    def attach(self, id: str, name: str, data: bytes, facts: Mapping[str, str]) -> None:
-        """Adds maps to a file, and facts about them."""
+    @property
+    def is_attaching(self) -> bool:
+        """Whether maps wait to be written: they are large, and the queue doesn't count them."""
+        return self._attaching > 0
+
+    def attach(self, ids: Collection[str], name: str, data: bytes, facts: Mapping[str, str]) -> None:
+        """Adds maps to files, and facts about them."""
 
         def write(opened: _Open) -> None:
             opened.file.note(name, facts)
             opened.file.attach(name, "application/zstd", data, clock_ns())
 
-        self._put(len(data), lambda: self._in_file(id, write))
+        def attach() -> None:
+            try:
+                for id in ids:
+                    self._in_file(id, write)
+            finally:
+                with self._room:
+                    self._attaching -= 1
+
+        with self._room:
+            self._attaching += 1
+        self._put(0, attach)
 
     def hear(self, ids: Collection[str], heard: Heard) -> bool:
         """Adds a message to files; False: there is no room, and it is counted."""

@@ -58,7 +58,7 @@ class RecorderService:
         more = self._views.follow(written)
         self._meanings.follow(written)
         revisions = [row.message for row in self._tables[contract.MAP_REVISION].rows()]
-        over = [one for one in self._recorded.values() if one.until_ns is not None and clock_ns() >= one.until_ns]
+        over = [one for one in self._recorded.values() if one.is_over(clock_ns())]
         self._drawings.draw([one for one in written if one not in over], revisions)
         for one in over:
             self._end(one, revisions)
@@ -67,7 +67,7 @@ class RecorderService:
     def _tell(self) -> None:
         """Says how it is until the node ends, also while the loop waits for fusion."""
         while not self._node.stopping.wait(_STATUS_S):
-            with suppress(BusError):  # a later one comes
+            with suppress(BusError):  # a later one will come
                 self._status.put(self.status())
 
     def status(self) -> RecorderStatus:
@@ -107,9 +107,8 @@ class RecorderService:
         self._scribe.begin(one.id, facts)
         self._recorded[mission] = one
         for stream, table in self._tables.items():  # what was put before
-            for row in table.rows():
-                if row.ids.get("mission") in (None, mission):
-                    self._scribe.hear([one.id], Heard(stream, row.key, row.message, row.payload, clock_ns()))
+            for row in [r for r in table.rows() if r.ids.get("mission") in (None, mission)]:
+                self._scribe.hear([one.id], Heard(stream, row.key, row.message, row.payload, clock_ns()))
 
     def _end(self, one: Recorded, revisions: list[Revision]) -> None:
         maps = {}

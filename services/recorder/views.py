@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from services.recorder.core.drawer import Heard
 from services.recorder.fusion import Fusion
@@ -32,9 +32,10 @@ class Views:
         try:  # those under way first: maps that can't be had for a new one must not cost them their views
             more, self.problem = self._bring(following), ""
             new = [r for r in following if r.number is None]
-            if new and self._scribe.has_room:
+            if new and not self._scribe.is_attaching:
                 self._begin(new)
-            return more or bool(new)
+                more = True
+            return more
         except BusError as error:
             self.problem = f"views aren't recorded: {error}"
             self._again_s = time.monotonic() + _AGAIN_S
@@ -54,12 +55,14 @@ class Views:
             self._node.warn_seldom("a recording lacks the end of its maps", error=str(error))
         return {}
 
-    def _begin(self, recorded: Iterable[Recorded]) -> None:
+    def _begin(self, recorded: Sequence[Recorded]) -> None:
         """The maps as they are now, once for all: a recording's views are what came after them."""
         header, data = self._fusion.snapshot()
         name = f"maps-{header.number}"
+        self._scribe.attach(
+            [one.id for one in recorded], name, data, {"config": header.config, "digest": header.digest}
+        )
         for one in recorded:
-            self._scribe.attach(one.id, name, data, {"config": header.config, "digest": header.digest})
             one.number = header.number
 
     def _bring(self, following: list[Recorded], up_to: int | None = None) -> bool:

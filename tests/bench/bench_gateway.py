@@ -63,31 +63,32 @@ def load(port: int, pages: int, requests_hz: float, tiles: str, until_s: float) 
 def _page(port: int, tiles: str, until_s: float, failed: list[str]) -> None:
     watcher = threading.Thread(target=_stream, args=(port, f"/api/v1/tiles?{tiles}", until_s, None), daemon=True)
     watcher.start()
-    changed, told = threading.Event(), [0]
-    threading.Thread(target=_stream, args=(port, "/api/v1/live", until_s, (changed, told)), daemon=True).start()
+    changed = threading.Event()
+    threading.Thread(target=_stream, args=(port, "/api/v1/live", until_s, changed), daemon=True).start()
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     tags: dict[str, str] = {}
     while time.time() < until_s:
         if changed.wait(0.2):
             changed.clear()
             for layer in LAYERS:
-                _get(connection, f"/api/v1/floors/0/layers/{layer}.png?least={told[0]}", failed, tags)
+                _get(connection, f"/api/v1/floors/0/layers/{layer}.png", failed, tags)
             time.sleep(1.0)
 
 
-def _stream(port: int, path: str, until_s: float, floor: tuple[threading.Event, list[int]] | None) -> None:
-    """Reads what comes; an event is set when a floor's state came, and its revision noted."""
+def _stream(port: int, path: str, until_s: float, changed: threading.Event | None) -> None:
+    """Reads what comes; ``changed`` is set when a floor's state came."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
     with contextlib.suppress(OSError, http.client.HTTPException):
         connection.request("GET", path)
         answer = connection.getresponse()
         while time.time() < until_s and (line := answer.readline()):
-            if floor is not None and line.startswith(b"event: floor"):
-                floor[1][0] = json.loads(answer.readline().removeprefix(b"data: "))["state"]["revision"] or 0
-                floor[0].set()
+            if changed is not None and line.startswith(b"event: floor"):
+                changed.set()
 
 
-def _program(port: int, after_s: float, each_s: float, until_s: float, taken: list[tuple[str, float]], failed: list[str]) -> None:
+def _program(
+    port: int, after_s: float, each_s: float, until_s: float, taken: list[tuple[str, float]], failed: list[str]
+) -> None:
     time.sleep(after_s)
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     due_s = time.time()

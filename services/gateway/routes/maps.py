@@ -23,10 +23,6 @@ _NPY: dict[int | str, dict[str, Any]] = {
 }
 LayerName = Annotated[str, Path(max_length=64)]
 Target = Annotated[str, Query(max_length=200)]
-Least = Annotated[
-    int | None,
-    Query(ge=0, le=2**63 - 1, description="a kept picture of this revision of the floor, or a later one, will do"),
-]
 
 
 def router(found: Maps) -> APIRouter:
@@ -38,16 +34,14 @@ def router(found: Maps) -> APIRouter:
         return page_of(found.floors(), limit, offset)
 
     @router.get("/floors/{id}/layers/{layer}.png", response_class=Response, responses=_PNG)
-    def picture(
-        id: Id, layer: LayerName, target: Target = "", least: Least = None, if_none_match: IfNoneMatch = ""
-    ) -> Response:
-        """A map layer, north up, one pixel a cell: occupancy (slate), explored (pale blue), frontier (orange), or
-        value (viridis from the lowest to the highest value, for ``target``; default: the newest mission's). All
-        else is transparent. ``X-Surveilnav-Grid`` holds the world position of the lower left corner, the cell
-        size [m], rows and columns; ``X-Surveilnav-Range`` the ends of the value scale;
+    def picture(id: Id, layer: LayerName, target: Target = "", if_none_match: IfNoneMatch = "") -> Response:
+        """A map layer, at most half a second old, north up, one pixel a cell: occupancy (slate), explored (pale blue),
+        frontier (orange), or value (viridis from the lowest to the highest value, for ``target``; default: the newest
+        mission's). All else is transparent. ``X-Surveilnav-Grid`` holds the world position of the lower left corner, the
+        cell size [m], rows and columns; ``X-Surveilnav-Range`` the ends of the value scale;
         ``X-Surveilnav-Views-Left-Out`` how many views another model looked at, if any.
         """
-        drawn, revision = found.layer(id, layer, target.strip(), least=least)
+        drawn, revision = found.layer(id, layer, target.strip())
         return answer(drawn.data, "image/png", _headers(drawn, revision), if_none_match)
 
     @router.get("/floors/{id}/layers/{layer}.npy", response_class=Response, responses=_NPY)

@@ -134,6 +134,8 @@ def test_missions_that_begin_together_have_fusion_write_its_maps_once(bus, recor
     bus.snapshot = b"maps"  # one part
     bus.put_status("m1", "active")
     bus.put_status("m2", "active")
+    heard = recorder.service._tables[contract.MISSION_STATUS]
+    recorder.tools.until(lambda: len(heard.rows()) == 2)  # before the loop turns
     recorder.turn_until(lambda: len(recorder.states()) == 2 and bus.asked)
     bus.log += [4]
     bus.put_status("m1", "done", step=3)

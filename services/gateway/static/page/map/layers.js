@@ -48,13 +48,14 @@ export class FloorLayers {
 
   async #load(layer) {
     this.asked[layer] = this.#version(layer);
-    const least = one("floor", this.floor)?.revision ?? 0; // what all pages were told: one picture serves them
-    const answer = await fetch(address(`floors/${part(this.floor)}/layers/${layer}.png?least=${least}`)).catch(() => null);
+    const answer = await fetch(address(`floors/${part(this.floor)}/layers/${layer}.png`)).catch(() => null);
     if (!answer?.ok) {
       this.problems[layer] = await problemOf(answer);
       if (answer?.status !== 422) delete this.asked[layer]; // it may be there later
       return;
     }
+    // who looks shares a picture that may be of a moment ago: what it lacks is asked for a second later
+    if (Number(answer.headers.get("x-surveilnav-revision")) !== one("floor", this.floor)?.revision) delete this.asked[layer];
     delete this.problems[layer];
     const [x, y, size, rows, columns] = answer.headers.get("x-surveilnav-grid").split(" ").map(Number);
     const bitmap = await createImageBitmap(await answer.blob());

@@ -6,11 +6,11 @@ import threading
 
 import pytest
 
-from services.gateway.thumbnails import _MOST, Thumbnails
+from services.gateway.single_flight import _MOST, SingleFlight
 
 
 def test_many_at_once_have_one_made():
-    kept, made, go = Thumbnails(fresh_s=60.0), [], threading.Event()
+    kept, made, go = SingleFlight(fresh_s=60.0), [], threading.Event()
 
     def make():
         assert go.wait(10)
@@ -29,7 +29,7 @@ def test_many_at_once_have_one_made():
 
 
 def test_a_camera_that_doesnt_answer_is_asked_once_for_all_who_wait():
-    kept, asked = Thumbnails(fresh_s=60.0), []
+    kept, asked = SingleFlight(fresh_s=60.0), []
 
     def fails():
         asked.append(1)
@@ -42,7 +42,7 @@ def test_a_camera_that_doesnt_answer_is_asked_once_for_all_who_wait():
 
 
 def test_an_old_one_is_made_anew_and_a_failure_isnt_kept():
-    kept = Thumbnails(fresh_s=-1.0)
+    kept = SingleFlight(fresh_s=-1.0)
     assert [kept.get("c1", lambda i=i: bytes([i])) for i in range(3)] == [b"\0", b"\1", b"\2"]
 
     def fails():
@@ -54,14 +54,14 @@ def test_an_old_one_is_made_anew_and_a_failure_isnt_kept():
 
 
 def test_not_more_than_so_many_are_kept():
-    kept = Thumbnails(fresh_s=60.0)
+    kept = SingleFlight(fresh_s=60.0)
     for i in range(3 * _MOST):
         kept.get(i, lambda: b"")
     assert len(kept._kept) == _MOST
 
 
 def test_old_ones_are_dropped_and_one_that_is_being_made_stays():
-    kept = Thumbnails(fresh_s=60.0)
+    kept = SingleFlight(fresh_s=60.0)
     made, go, began = [], threading.Event(), threading.Event()
 
     def slowly():
@@ -81,15 +81,22 @@ def test_old_ones_are_dropped_and_one_that_is_being_made_stays():
     assert (made, kept.get("c2", lambda: b"anew")) == ([b"slow"], b"slow")
 
 
-def test_a_kept_one_serves_whoever_finds_it_enough_however_old_it_is():
-    kept = Thumbnails(fresh_s=-1.0)
-    assert kept.get("floor", lambda: 7, lambda revision: revision >= 7) == 7
-    assert kept.get("floor", lambda: 9, lambda revision: revision >= 7) == 7
-    assert kept.get("floor", lambda: 9, lambda revision: revision >= 8) == 9
+def test_after_clear_nobody_gets_what_was_asked_for_before():
+    kept = SingleFlight(fresh_s=60.0)
+    made, go, began = [], threading.Event(), threading.Event()
 
-    def fails():
-        raise ValueError("no fusion")
+    def slowly():
+        began.set()
+        assert go.wait(10)
+        return b"before"
 
-    with pytest.raises(ValueError, match="no fusion"):
-        kept.get("floor", fails, lambda revision: revision >= 10)
-    assert kept.get("floor", lambda: 10, lambda revision: revision >= 10) == 10, "a refusal isn't kept"
+    kept.get("list", lambda: b"before")
+    viewer = threading.Thread(target=lambda: made.append(kept.get("other", slowly)))
+    viewer.start()
+    assert began.wait(10)
+    kept.clear()
+    assert kept.get("list", lambda: b"after") == b"after"
+    assert kept.get("other", lambda: b"after") == b"after"
+    go.set()
+    viewer.join(10)
+    assert (made, kept.get("other", lambda: b"anew")) == ([b"before"], b"after")

@@ -1,0 +1,62 @@
+"""What is remembered of a stream that is put on change, while it is asked for again; on a node that is none."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+from services.gateway import state
+from services.gateway.state import LastKnown
+from surveilnav.contract import CAMERA_INFO
+
+
+def row(camera: str) -> SimpleNamespace:
+    return SimpleNamespace(
+        key=camera, ids={"camera": camera}, message=SimpleNamespace(camera=camera, stamp_ns=1), received_ns=1
+    )
+
+
+class FakeNode:
+    """Answers when the test lets it."""
+
+    def __init__(self) -> None:
+        self.asked, self.go = threading.Event(), threading.Event()
+        self.answers = [row("c1"), row("c2")]
+
+    def table(self, stream, on_message):
+        return SimpleNamespace(rows=list, clear=lambda: None, forget=lambda field, id: None)
+
+    def ask_all(self, stream, timeout_s):
+        self.asked.set()
+        assert self.go.wait(10)
+        return self.answers
+
+
+def asking(monkeypatch) -> tuple[LastKnown, FakeNode, threading.Thread]:
+    """One reader asks, and waits for the answer."""
+    monkeypatch.setattr(state, "REFRESH_S", 0.0)
+    node = FakeNode()
+    known = LastKnown(node, CAMERA_INFO)
+    reader = threading.Thread(target=known.rows)
+    reader.start()
+    assert node.asked.wait(10)
+    return known, node, reader
+
+
+def test_who_reads_while_another_asks_doesnt_wait(monkeypatch):
+    known, node, reader = asking(monkeypatch)
+    assert known.rows() == []
+    node.go.set()
+    reader.join(10)
+    assert list(known.newest("camera")) == ["c1", "c2"]
+
+
+def test_what_was_dropped_meanwhile_doesnt_come_back_with_the_answer(monkeypatch):
+    known, node, reader = asking(monkeypatch)
+    known.clear()
+    monkeypatch.setattr(state, "REFRESH_S", 60.0)
+    node.go.set()
+    reader.join(10)
+    assert known.rows() == []
+    monkeypatch.setattr(state, "REFRESH_S", 0.0)
+    assert list(known.newest("camera")) == ["c1", "c2"], "and is asked for anew"
