@@ -89,7 +89,12 @@ def write_weights(path: Path, kept: dict[str, Any]) -> None:
     """Writes the mean weights of a checkpoint, in half precision, without what only the same run could go on with."""
     halved = {name: x.half() if x.dtype.is_floating_point else x for name, x in kept["mean"].items()}
     with replacing(path) as file:
-        torch.save({"step": kept["step"], "shape": kept["shape"], "mean": halved}, file)
+        torch.save({"step": steps_of(kept), "shape": kept["shape"], "mean": halved}, file)
+
+
+def steps_of(kept: dict[str, Any]) -> int:
+    """All steps that made a checkpoint's weights, those of the run that it began with among them."""
+    return int(kept["step"]) + int(kept.get("steps_before", 0))
 
 
 def load_network(checkpoint: Path) -> Compact:
@@ -116,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     kept = torch.load(args.checkpoint, map_location="cpu", weights_only=True)
     network = _network_of(kept)
     export(network, args.out)
-    card = write_card(args.out, network, kept["step"], kept["step"] * args.batch)
+    card = write_card(args.out, network, steps_of(kept), steps_of(kept) * args.batch)
     if args.weights:
         write_weights(args.weights, kept)
     print(f"{args.out}: {card.bytes / 1e6:.2f} MB, {card.parameters} parameters, sha256 {card.sha256}")

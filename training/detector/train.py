@@ -81,11 +81,14 @@ class Training:
         torch.manual_seed(plan.seed)
         names = classes.load()
         self.plan, self.views, self.out, self.step = plan, views, out, 0
+        self.steps_before = 0
         self.device = torch.device(device)
         self.shape = shape or Shape()
         network = Compact(len(names.names), len(names.rooms), self.shape)
         if start is not None:
-            network.load_state_dict(torch.load(start, map_location="cpu", weights_only=True)["mean"])
+            begun = torch.load(start, map_location="cpu", weights_only=True)
+            network.load_state_dict(begun["mean"])
+            self.steps_before = int(begun["step"]) + int(begun.get("steps_before", 0))
         self.network = network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.mean = copy.deepcopy(self.network).eval().requires_grad_(False)
         self.optimiser = torch.optim.AdamW(_groups(self.network, plan.decay), lr=plan.rate)
@@ -99,7 +102,7 @@ class Training:
         if not self.checkpoint.exists():
             return
         kept = torch.load(self.checkpoint, map_location=self.device, weights_only=True)
-        self.step = kept["step"]
+        self.step, self.steps_before = kept["step"], kept.get("steps_before", 0)
         self.network.load_state_dict(kept["network"])
         self.mean.load_state_dict(kept["mean"])
         self.optimiser.load_state_dict(kept["optimiser"])
@@ -108,6 +111,7 @@ class Training:
         """Writes the checkpoint, whole or not at all."""
         kept = {
             "step": self.step,
+            "steps_before": self.steps_before,
             "shape": asdict(self.shape),
             "network": self.network.state_dict(),
             "mean": self.mean.state_dict(),

@@ -14,7 +14,7 @@ from surveilnav.perception.boxes import Boxes, merged, overlaps
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 from training.detector import classes
 from training.detector.data import CANVAS, SMALL_CANVAS, Views, _framed, collate, plain, repeat_factors, varied
-from training.detector.export import write_weights
+from training.detector.export import steps_of, write_weights
 from training.detector.network import Shape, boxes_of, places
 from training.detector.pack import Pack
 from training.detector.train import Plan, Training
@@ -132,6 +132,9 @@ def test_a_run_begins_with_the_weights_of_another(pack: Pack, tmp_path: Path) ->
     halved = Training(plan, views, tmp_path / "third", TINY, start=tmp_path / "halved.pt")
     for a, b in zip(first.mean.parameters(), halved.network.parameters(), strict=True):
         torch.testing.assert_close(a, b, atol=1e-3, rtol=1e-3)
+    halved.run(until=1)
+    again = Training(plan, views, tmp_path / "third", TINY)
+    assert steps_of(torch.load(again.checkpoint, weights_only=True)) == 3, "those of the first run count, too"
 
 
 @pytest.mark.slow
