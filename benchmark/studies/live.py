@@ -84,7 +84,9 @@ def page(rows: Sequence[dict[str, Any]], command: str) -> str:
     lines += [*_in_words(pairs), "", f"Made by `{command}`.", "", *_table(pairs), "", *_every(pairs)]
     skipped = sorted({(r["building"], r["seed"], r["target"], r["skipped"]) for r in rows if "skipped" in r})
     if skipped:
-        lines += ["", "## Not played", ""] + [f"- {b}, seed {s}, {t}: {why.partition(';')[0]}" for b, s, t, why in skipped]
+        lines += ["", "## Not played", ""] + [
+            f"- {b}, seed {s}, {t}: {why.partition(';')[0]}" for b, s, t, why in skipped
+        ]
     return "\n".join([*lines, ""])
 
 
