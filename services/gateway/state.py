@@ -32,7 +32,7 @@ class LastKnown:
         self._asked: dict[str, Received[Any]] = {}
         self._asked_s = time.monotonic()
         self._lock, self._asking = threading.Lock(), threading.Lock()
-        self._dropped = 0  # how often something was
+        self._dropped = 0  # counts calls of ``forget`` and ``clear``
 
     def rows(self) -> list[Received[Any]]:
         """The newest row of every key, in the order of the keys."""

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from simulator.render.depth_noise import DepthNoise
 from simulator.render.picture import PICTURES_VERSION, Lighting, Rendered, within
 from surveilnav.geometry import Matrix4, Pinhole
+from surveilnav.sensing.packing import byte_planes, of_byte_planes
 from surveilnav.stored import read_parts, write_parts
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def _encode(rendered: Rendered) -> list[bytes]:
     rows = np.diff(steps, axis=0, prepend=np.zeros((1, steps.shape[1]), np.uint16)).astype("<u2")
     ids = rendered.instance_ids.astype("<u2")
     pack = zstandard.ZstdCompressor(level=3).compress
-    return [jpeg.tobytes(), pack(_planes(rows)), pack(_planes(ids))]
+    return [jpeg.tobytes(), pack(byte_planes(rows)), pack(byte_planes(ids))]
 
 
 def _decode(parts: Sequence[bytes], camera: Pinhole) -> Rendered:
@@ -162,17 +163,9 @@ def _decode(parts: Sequence[bytes], camera: Pinhole) -> Rendered:
     return Rendered(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), depth_m, _from_planes(ids, shape))
 
 
-def _planes(values: NDArray[np.uint16]) -> bytes:
-    return values.view(np.uint8).reshape(-1, 2).T.tobytes()
-
-
 def _from_planes(packed: bytes, shape: tuple[int, int]) -> NDArray[np.uint16]:
     size = 2 * shape[0] * shape[1]
-    raw = np.frombuffer(zstandard.ZstdDecompressor().decompress(packed, max_output_size=size), dtype=np.uint8)
-    if raw.size != size:
-        raise ValueError(f"an entry of {shape} pixels holds {size} bytes, got {raw.size}")
-    low, high = raw.reshape(2, *shape)
-    values = high.astype(np.uint16)
-    values <<= 8
-    values |= low
-    return values
+    raw = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+    if len(raw) != size:
+        raise ValueError(f"an entry of {shape} pixels holds {size} bytes, got {len(raw)}")
+    return of_byte_planes(raw, shape)

@@ -28,6 +28,7 @@ from surveilnav.perception.models.card import Card, save_card
 from surveilnav.stored import replacing
 from training.detector import classes
 from training.detector.network import Compact, Shape, n_parameters
+from training.detector.train import steps_of
 
 OUTPUTS = ("scores", "ltrb", "coefficients", "embeddings", "prototypes", "image", "near")
 _OPSET = 17
@@ -90,11 +91,6 @@ def write_weights(path: Path, kept: dict[str, Any]) -> None:
     halved = {name: x.half() if x.dtype.is_floating_point else x for name, x in kept["mean"].items()}
     with replacing(path) as file:
         torch.save({"step": steps_of(kept), "shape": kept["shape"], "mean": halved}, file)
-
-
-def steps_of(kept: dict[str, Any]) -> int:
-    """All steps that made a checkpoint's weights, those of the run that it began with among them."""
-    return int(kept["step"]) + int(kept.get("steps_before", 0))
 
 
 def load_network(checkpoint: Path) -> Compact:

@@ -88,7 +88,7 @@ class Training:
         if start is not None:
             begun = torch.load(start, map_location="cpu", weights_only=True)
             network.load_state_dict(begun["mean"])
-            self.steps_before = int(begun["step"]) + int(begun.get("steps_before", 0))
+            self.steps_before = steps_of(begun)
         self.network = network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.mean = copy.deepcopy(self.network).eval().requires_grad_(False)
         self.optimiser = torch.optim.AdamW(_groups(self.network, plan.decay), lr=plan.rate)
@@ -162,6 +162,11 @@ class Training:
         _blend(self.mean, self.network, self.plan.keeps_at(self.step))
         self.step += 1
         return {name: float(part.detach()) for name, part in {**parts, "loss": loss}.items()}
+
+
+def steps_of(kept: dict[str, Any]) -> int:
+    """All steps that made a checkpoint's weights, those of the run that it began with among them."""
+    return int(kept["step"]) + int(kept.get("steps_before", 0))
 
 
 def _groups(network: nn.Module, decay: float) -> list[dict[str, Any]]:

@@ -209,9 +209,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SurveilNavError as error:
         print(f"chances: {error}", file=sys.stderr)
         return 2
-    if not any(look.found for building in buildings for look in building.looks):
-        print(f"chances: {args.backend} found nothing in any view", file=sys.stderr)
-        return 2
     rows = judged(buildings)
     names = ", ".join(b.name for b in buildings)
     n_views = sum(len(b.looks) for b in buildings)
@@ -228,11 +225,14 @@ def looks_for(name: str, n_views: int) -> tuple[list[Looks], str]:
     """What a backend found in the buildings that its chances are fitted in, measured where it isn't yet, and its detector.
 
     Raises:
-        SurveilNavError: it can't run, or finds only what it is asked for.
+        SurveilNavError: it can't run, finds only what it is asked for, or found nothing.
     """
     backend = None if name == DEFAULT else _with_vocabulary(name)
     scenes = [SceneSpec(building, 0, "train") for building in BUILDINGS_OF.get(name, BUILDINGS)]
-    return [measured(s, n_views, backend) for s in scenes], name if backend is None else backend.models.detector
+    buildings = [measured(scene, n_views, backend) for scene in scenes]
+    if not any(look.found for building in buildings for look in building.looks):
+        raise PerceptionError(f"{name} found nothing in any view")
+    return buildings, name if backend is None else backend.models.detector
 
 
 def _with_vocabulary(name: str) -> Backend:

@@ -31,10 +31,9 @@ def router(found: Objects, looks: Looks) -> APIRouter:
         limit: Limit = 100,
         offset: Offset = 0,
     ) -> Items[Object]:
-        """Objects with what last happened to them, by floor, last seen first; all who ask within a second may get one answer.
-        ``text``: words that a perception worker
-        understands (one with a closed set refuses others); those that look most like them first, with their
-        ``relevance``."""
+        """Objects with what last happened to them, by floor, last seen first. All who ask within a second may get one answer.
+        ``text``: words that a perception worker understands (one with a closed set refuses others); those that look most
+        like them first, with their ``relevance``."""
         wanted = ObjectFilter(floor, label, status, min_confidence)
         records = found.records(wanted, text.strip())
         shown = [Object.from_record(r) for r in records[offset : offset + limit]]

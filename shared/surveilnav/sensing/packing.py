@@ -213,8 +213,7 @@ def encode_depth(depth_m: NDArray[np.floating], depth_range_m: tuple[float, floa
     delta[1:, 0] -= q[:-1, 0]
     signed = delta.view(np.int16)
     folded = ((signed << 1) ^ (signed >> 15)).view(np.uint16)
-    planes = folded.astype(np.uint8), (folded >> 8).astype(np.uint8)  # low bytes, then high bytes
-    return zstandard.ZstdCompressor(level=1).compress(np.stack(planes).tobytes())
+    return zstandard.ZstdCompressor(level=1).compress(byte_planes(folded))
 
 
 def decode_depth(data: bytes, width_px: int, height_px: int, depth_range_m: tuple[float, float]) -> NDArray[np.float32]:
@@ -228,13 +227,24 @@ def decode_depth(data: bytes, width_px: int, height_px: int, depth_range_m: tupl
         near, far = _checked_range(depth_range_m)
     except ValueError as error:
         raise WireError(str(error)) from None
-    planes = np.frombuffer(_unzstd(data, 2 * width_px * height_px), np.uint8).reshape(2, height_px, width_px)
-    folded = planes[1].astype(np.uint16)
-    folded <<= 8
-    folded |= planes[0]
+    folded = of_byte_planes(_unzstd(data, 2 * width_px * height_px), (height_px, width_px))
     delta = (folded >> 1) ^ (-(folded & 1).view(np.int16)).view(np.uint16)
     delta[:, 0] = np.cumsum(delta[:, 0], dtype=np.uint16)
     return _depth_table(near, far)[np.cumsum(delta, axis=1, dtype=np.uint16)]
+
+
+def byte_planes(values: NDArray[np.uint16]) -> bytes:
+    """All low bytes, then all high ones: smooth pictures become runs, which compress well."""
+    return np.stack([values.astype(np.uint8), (values >> 8).astype(np.uint8)]).tobytes()
+
+
+def of_byte_planes(data: bytes, shape: tuple[int, int]) -> NDArray[np.uint16]:
+    """The values of ``byte_planes``. ValueError: ``data`` isn't of that shape."""
+    low, high = np.frombuffer(data, np.uint8).reshape(2, *shape)
+    values = high.astype(np.uint16)
+    values <<= 8
+    values |= low
+    return values
 
 
 def _depth_table(near_m: float, far_m: float) -> NDArray[np.float32]:

@@ -14,10 +14,10 @@ from surveilnav.perception.boxes import Boxes, merged, overlaps
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 from training.detector import classes
 from training.detector.data import CANVAS, SMALL_CANVAS, Views, _framed, collate, plain, repeat_factors, varied
-from training.detector.export import steps_of, write_weights
+from training.detector.export import write_weights
 from training.detector.network import Shape, boxes_of, places
 from training.detector.pack import Pack
-from training.detector.train import Plan, Training
+from training.detector.train import Plan, Training, steps_of
 from training.detector.views import TrainingView
 
 NAMES = classes.load()
