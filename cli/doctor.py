@@ -71,14 +71,14 @@ def _assets() -> Finding:
 
 
 def _built_in() -> Finding:
-    """Our own network, which ``auto`` takes where the detectors of COCO can't be had."""
+    """Our own network, which ``auto`` takes in simulated buildings, and where the detectors of COCO can't be had."""
     seen = survey(BackendName.COMPACT)
     if seen.fault:
         return Finding("compact", "missing", seen.fault, "install SurveilNav again, or unset SURVEILNAV_COMPACT")
     if seen.path is None:
         return Finding("compact", "note", "its weights don't come with this version: auto takes another detector")
     what = f"{model_id(BackendName.COMPACT, seen.path)}, {seen.path.stat().st_size / 1e6:.1f} MB"
-    return Finding("compact", "ok", f"{what}: what auto takes without a network")
+    return Finding("compact", "ok", f"{what}: what auto takes in simulated buildings")
 
 
 def _models() -> Finding:

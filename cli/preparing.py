@@ -17,7 +17,7 @@ from simulator.furniture.assets import PACKAGES, ensure_assets, is_here
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.sources import EXAMPLE_HOMES, PARAMETRIC
 from simulator.truth.choose import choose_backend
-from surveilnav.errors import AssetError, PerceptionError
+from surveilnav.errors import AssetError
 from surveilnav.perception import models
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.presets import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS, PAPER
@@ -108,25 +108,13 @@ def _fetch_furniture(building: str, console: Console) -> None:
 
 
 def _fetch_models(perception: str, seed: int, console: Console) -> tuple[str, str]:
-    """(backend, why it was chosen), after its models were fetched and it was loaded once. PerceptionError: it can't be had;
-    ``auto`` then takes another, and says so."""
-    for name in _models_of(perception):
-        if models.is_here(name):
-            continue
-        try:
+    """(backend, why it was chosen), after its models were fetched and it was loaded once. PerceptionError: it can't be had."""
+    for name in _MODELS.get(perception, ()):
+        if not models.is_here(name):
             with downloading(console) as on_progress:
                 models.pull(name, on_progress=on_progress)
-        except PerceptionError:
-            if perception != BackendName.AUTO:
-                raise
-            break
     backend = choose_backend(perception, seed=seed, simulated=True, download=False)
     return backend.name, backend.why
-
-
-def _models_of(perception: str) -> tuple[str, ...]:
-    """What a backend needs of the catalogue; ``auto``: the detectors of COCO."""
-    return _MODELS.get(BackendName.ONNX_COCO if perception == BackendName.AUTO else perception, ())
 
 
 def compile_loops(on_progress: Callable[[int, int, str], None]) -> None:

@@ -163,6 +163,15 @@ class SimulatedBuilding:
             seed=noise_seed(self.settings.seed, camera.name, view),
         )  # fmt: skip
 
+    def camera_content(self, camera: PlannedCamera, view: int) -> str:
+        """A hash of all that ``camera_view`` and its instances depend on."""
+        clean = self.views.key_of(
+            self.plan.scene_hash, camera.views[view].matrix(), self.plan.intrinsics, self.settings.lighting,  # type: ignore[arg-type]
+        )  # fmt: skip
+        noise = repr(DepthNoise.camera()) if self.settings.depth_noise else ""
+        seed = noise_seed(self.settings.seed, camera.name, view)
+        return hashlib.sha256(repr((clean, noise, seed, CAMERA_DEPTH_RANGE_M)).encode()).hexdigest()
+
     def robot_view(
         self, T_world_camera: Matrix4, camera: Pinhole, depth_range_m: tuple[float, float], seq: int
     ) -> Rendered:

@@ -28,6 +28,11 @@ class CameraSettings(BaseSettings):
     least_floors: int = Field(
         2, ge=1, description="it looks only in buildings of so many floors: a floor is chosen among several"
     )
+    kept_mb: int = Field(
+        4000,
+        ge=0,
+        description="disk for frames and own looks of simulated views, all cameras together; 0: none are kept",
+    )
     look_period_s: float = Field(1.0, gt=0, description="it looks at one of its views in so long")
     threads: int = Field(1, ge=1, le=64, description="threads of its own perception's networks")
     download: bool = Field(True, description="whether missing weights may be downloaded")

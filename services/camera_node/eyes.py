@@ -14,14 +14,18 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
+import msgspec
+
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
+from services.camera_node.kept import Kept
 from services.camera_node.sources.masked import masked
 from services.camera_node.sources.source import Source
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.perception.backend import Backend
+from surveilnav.perception.identity import package_id, small_weights
 from surveilnav.sensing.views import looks_straight_down
 
 _NICE = 10
@@ -60,6 +64,7 @@ class Eyes:
     ) -> None:  # fmt: skip
         source = masked(source, settings)
         self._node, self._source, self._settings, self._load, self._busy = node, source, settings, load, busy
+        self._kept, self._how = Kept(source, settings), ""
         self._views = [v for v, pose in enumerate(source.views) if not looks_straight_down(pose.matrix())]
         self._seen: dict[int, core.Seen] = {}
         self._backend: Backend | None = None
@@ -93,7 +98,7 @@ class Eyes:
     def _look(self, now_s: float) -> None:
         """Looks at one view, if any is new and the last look was long enough ago."""
         versions = {v: version for v in self._views if (version := self._source.version(v)) is not None}
-        view = core.view_to_look_at(self._seen, versions)
+        view = self._first_unknown(versions)
         if view is None and now_s - self._looked_s > _RELEASE_S:
             self._backend = None
         too_soon = now_s - self._looked_s < self._settings.look_period_s or now_s - self._failed_s < _RETRY_S
@@ -112,6 +117,16 @@ class Eyes:
         self._seen[view] = seen
         self._looked_s = time.monotonic()
 
+    def _first_unknown(self, versions: Mapping[int, int]) -> int | None:
+        """The next view to look at. What an earlier run saw in a view that shows the same isn't looked at again."""
+        self._how = self._how or f"seen by {self._settings.perception}, {package_id()} with {small_weights()}"
+        while (view := core.view_to_look_at(self._seen, versions)) is not None:
+            parts = self._kept.get(view, self._how)
+            if parts is None:
+                return view
+            self._seen[view] = core.Seen(versions[view], msgspec.json.decode(parts[0], type=dict[str, float]))
+        return None
+
     def _perceive(self, backend: Backend, view: int) -> core.Seen:
         picture = self._source.latest(view)
         truth = picture.truth if backend.needs_truth else None  # oracle and simulated; a real backend never gets it
@@ -120,6 +135,8 @@ class Eyes:
         labels: dict[str, float] = {}
         for found in seen.detections:
             labels[found.label] = max(float(found.worth), labels.get(found.label, 0.0))
+        if not backend.needs_truth:  # who is told the truth depends on more than the picture
+            self._kept.put(view, self._how, [msgspec.json.encode(labels)])
         return core.Seen(picture.version, labels)
 
     def _tell(self, now_s: float) -> None:

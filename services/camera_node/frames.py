@@ -1,14 +1,16 @@
-"""A camera's views as bytes: each version is encoded once, however often it is put."""
+"""A camera's views as bytes: each version is encoded once, however often it is put, and a simulated one in all runs once."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import cv2
+import msgspec
 
+from services.camera_node.kept import Kept
 from services.camera_node.sources.source import Source
 from surveilnav.messages import Part
-from surveilnav.sensing.packing import encode_jpeg, encode_rgbd
+from surveilnav.sensing.packing import DEPTH_QUANTUM_PER_M, encode_jpeg, encode_rgbd
 
 _THUMBNAIL_QUALITY = 80
 
@@ -26,20 +28,33 @@ class Encoded:
 class EncodedViews:
     """The views of one source, encoded when they are wanted."""
 
-    def __init__(self, source: Source, jpeg_quality: int) -> None:
-        self._source, self._jpeg_quality = source, jpeg_quality
+    def __init__(self, source: Source, jpeg_quality: int, kept: Kept) -> None:
+        self._source, self._jpeg_quality, self._kept = source, jpeg_quality, kept
+        self._how = f"frame, JPEG {jpeg_quality}, depth {DEPTH_QUANTUM_PER_M}"
         self._newest: dict[int, Encoded] = {}
 
     def newest(self, view: int) -> Encoded:
         """The latest picture of a view that has one, encoded unless it was before."""
-        known = self._newest.get(view)
-        if known is None or known.version != self._source.version(view):
-            picture = self._source.latest(view)
-            payload, image, depth = encode_rgbd(
-                picture.rgb, picture.depth_m, depth_range_m=self._source.depth_range_m, jpeg_quality=self._jpeg_quality
-            )
-            known = self._newest[view] = Encoded(picture.version, payload, image, depth)
+        known, version = self._newest.get(view), self._source.version(view)
+        if known is None or known.version != version:
+            known = self._newest[view] = self._before(view, version) or self._encoded(view)
         return known
+
+    def _before(self, view: int, version: int | None) -> Encoded | None:
+        """What another run encoded of the same view."""
+        parts = self._kept.get(view, self._how)
+        if parts is None or version is None:
+            return None
+        image, depth = msgspec.msgpack.decode(parts[1], type=tuple[Part, Part])
+        return Encoded(version, parts[0], image, depth)
+
+    def _encoded(self, view: int) -> Encoded:
+        picture = self._source.latest(view)
+        payload, image, depth = encode_rgbd(
+            picture.rgb, picture.depth_m, depth_range_m=self._source.depth_range_m, jpeg_quality=self._jpeg_quality
+        )
+        self._kept.put(view, self._how, [payload, msgspec.msgpack.encode((image, depth))])
+        return Encoded(picture.version, payload, image, depth)
 
     def thumbnail(self, view: int, width_px: int) -> bytes:
         """A small JPEG of a view that has a picture, at its own aspect ratio."""

@@ -24,14 +24,14 @@ class Embedding:
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
-        self._one_at_a_time, self._lock = threading.Lock(), threading.Lock()
+        self._one_at_a_time, self._lock = threading.RLock(), threading.Lock()
         self._texts: ByteCache[NDArray[np.float32]] = ByteCache(_CACHE_BYTES)
 
     def last_stage(self, batch: Sequence[Asked], works: Sequence[Work]) -> None:
         """Runs the last stage, and leaves the vectors of each view's prompts beside it."""
         with self._one_at_a_time:
             self._backend.stages[-1].run(works)
-            vectors = self._known({prompt for asked in batch for prompt in asked.request.prompts})
+            vectors = self.known({prompt for asked in batch for prompt in asked.request.prompts})
         for asked in batch:
             asked.vectors = {prompt: vectors[prompt] for prompt in asked.request.prompts if prompt in vectors}
 
@@ -51,17 +51,20 @@ class Embedding:
 
     def problem(self, texts: Sequence[str]) -> str:
         """What is wrong with the embeddings of texts; empty: nothing. A text without a place is none."""
-        vectors = self._known(texts)
+        vectors = self.known(texts)
         return probe.text_problem(list(vectors.values()), self._backend.embedding_dim)
 
-    def _known(self, texts: Iterable[str]) -> dict[str, NDArray[np.float32]]:
+    def known(self, texts: Iterable[str]) -> dict[str, NDArray[np.float32]]:
         """By text, its vector; texts that the space has no place for are left out."""
         known, new = self._remembered(texts)
-        with suppress(TargetError):
-            return known | self._embedded(new)
-        for text in new:
+        if not new:
+            return known
+        with self._one_at_a_time:
             with suppress(TargetError):
-                known |= self._embedded([text])
+                return known | self._embedded(new)
+            for text in new:
+                with suppress(TargetError):
+                    known |= self._embedded([text])
         return known
 
     def _embedded(self, texts: Sequence[str]) -> dict[str, NDArray[np.float32]]:

@@ -8,12 +8,10 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
-import msgspec
-
+from services.perception.answers import Answers
 from services.perception.asked import Asked
 from services.perception.config import PerceptionSettings
 from services.perception.core.answer import reply_to
-from services.perception.core.cache import AnswerCache, content_key
 from services.perception.core.checks import check_view
 from services.perception.core.queue import Job
 from services.perception.core.refusal import Refusal
@@ -29,13 +27,11 @@ _SWEEP_S = 0.05  # between two looks for views whose time is over
 
 
 class Views:
-    """Takes views in and answers them; ``line`` is where they wait, ``cached`` how many were answered from memory."""
+    """Takes views in and answers them; ``line`` is where they wait."""
 
     def __init__(self, node: Node, backend: Backend, embedding: Embedding, settings: PerceptionSettings) -> None:
-        self._node, self._backend, self._worker = node, backend, settings.worker
-        self._answers = AnswerCache(settings.cache_mb << 20)
-        self._lock = threading.Lock()
-        self.cached = 0
+        self._node, self._backend, self._embedding, self._worker = node, backend, embedding, settings.worker
+        self._answers = Answers(backend, settings)
         last, most = backend.stages[-1], settings.max_batch or backend.best_batch
         self.line = Line(
             (
@@ -50,6 +46,11 @@ class Views:
         self._truth = TruthChannel(node, backend.name, settings) if backend.needs_truth else None
         threading.Thread(target=self._sweep, name="sweep", daemon=True).start()
 
+    @property
+    def cached(self) -> int:
+        """How many were answered by what was known."""
+        return self._answers.hits
+
     def ask(self, request: InferRequest, payload: bytes, received_ns: int) -> Answer | Future[Any]:
         """The answer to a request, now or when its turn has come. WireError, Refused: it can't be."""
         try:
@@ -58,12 +59,10 @@ class Views:
             raise Refused(error.name, str(error)) from error
         asked = Asked(request, payload, only_embeds=not request.detects and self._backend.needs_prompts)
         if self._truth is None:  # who is told the truth answers by that and the view's name, not by the picture
-            asked.key = content_key(request, payload, self._backend.models)
-            with self._lock:
-                known = self._answers.get(asked.key)
-                self.cached += known is not None
+            asked.key = self._answers.key_of(request, payload)
+            known = self._answers.get(asked.key)
             if known is not None:
-                return Answer(_about(request, known))
+                return Answer(known.to(request, self._embedding.known(request.prompts), clock_ns()))
         self._let_in(asked.job(received_ns))
         return asked.answer
 
@@ -102,8 +101,7 @@ class Views:
             latency_ms=asked.busy_ms, stamp_ns=clock_ns(),
         )  # fmt: skip
         if asked.key:
-            with self._lock:
-                self._answers.put(asked.key, reply)
+            self._answers.put(asked.key, reply, seen.image_embedding)
         asked.reply = Answer(reply)
 
     def _sweep(self) -> None:
@@ -121,10 +119,3 @@ def _works(batch: list[Asked]) -> list[Work]:
     works = [asked.work for asked in batch if asked.work is not None]
     assert len(works) == len(batch), "decoded before"
     return works
-
-
-def _about(request: InferRequest, known: InferReply) -> InferReply:
-    """A reply given before, as one to this request."""
-    return msgspec.structs.replace(
-        known, stamp_ns=clock_ns(), source=request.source, view=request.view, seq=request.seq, latency_ms=0.0
-    )

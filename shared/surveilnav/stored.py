@@ -1,4 +1,5 @@
-"""Files that are whole or not there: parts with a checksum, written under another name and renamed."""
+"""Files that are whole or not there: parts with a checksum, written under another name and renamed; and folders of them that
+stay under a size."""
 
 from __future__ import annotations
 
@@ -57,6 +58,66 @@ def read_parts(path: Path, kind: bytes) -> list[bytes] | None:
     with contextlib.suppress(OSError):
         path.unlink(missing_ok=True)
     return None
+
+
+class FolderCache:
+    """What was made before and can be made again: an entry a file, at most ``max_bytes`` in all.
+
+    The least recently used go first. Any number of processes may share a folder; each sees what the others kept.
+    """
+
+    def __init__(self, folder: Path, kind: bytes, suffix: str, max_bytes: int) -> None:
+        """``kind``: of its files, as ``write_parts`` takes it; ``suffix``: of their names, with its dot."""
+        if max_bytes <= 0:
+            raise ValueError(f"a cache needs room, got max_bytes={max_bytes}")
+        self._folder, self._kind, self._suffix, self._max_bytes = folder, kind, suffix, max_bytes
+        self._bytes: int | None = None
+
+    def path_of(self, key: str) -> Path:
+        """The file of an entry. ``key``: a hash in hex."""
+        return self._folder / key[:2] / f"{key[2:]}{self._suffix}"
+
+    def get(self, key: str) -> list[bytes] | None:
+        """The parts of an entry; None: there is none. It counts as used."""
+        path = self.path_of(key)
+        parts = read_parts(path, self._kind)
+        if parts is not None:
+            with contextlib.suppress(OSError):
+                os.utime(path)  # the modification time is the time of last use
+        return parts
+
+    def put(self, key: str, parts: Sequence[bytes]) -> None:
+        """Keeps an entry. A full or read-only disk keeps nothing, and nothing fails."""
+        try:
+            size = write_parts(self.path_of(key), self._kind, parts)
+        except OSError:
+            return
+        if self._bytes is not None:
+            self._bytes += size
+        if self._bytes is None or self._bytes > self._max_bytes:
+            self._shrink(keep=self.path_of(key))
+
+    def drop(self, key: str) -> None:
+        """Forgets an entry that turned out to be wrong."""
+        self.path_of(key).unlink(missing_ok=True)
+
+    def _shrink(self, keep: Path) -> None:
+        """Deletes the least recently used entries until 90 % of the room is taken; recounts what others wrote."""
+        entries = []
+        for path in self._folder.glob(f"*/*{self._suffix}"):
+            with contextlib.suppress(FileNotFoundError):
+                stat = path.stat()
+                entries.append((stat.st_mtime_ns, str(path), stat.st_size))
+        total = sum(size for _, _, size in entries)
+        if total > self._max_bytes:
+            for _, name, size in sorted(entries):
+                if total <= 0.9 * self._max_bytes:
+                    break
+                if name == str(keep):
+                    continue
+                Path(name).unlink(missing_ok=True)
+                total -= size
+        self._bytes = total
 
 
 @contextlib.contextmanager

@@ -2,15 +2,12 @@
 
 An entry holds the *clean* picture of one pose: JPEG colours, depth in steps of 0.5 mm, instance ids. Depth range and
 noise are applied on reading (they are cheap, and deterministic in their seed), so views that differ only there share an
-entry. Entries are written whole under another name and renamed; each carries a checksum, and what is damaged is made
-again; the least recently used go first when the cache is full. Any number of processes may share a folder.
+entry. What is damaged is made again.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import os
 import struct
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -26,7 +23,7 @@ from simulator.render.depth_noise import DepthNoise
 from simulator.render.picture import PICTURES_VERSION, Lighting, Rendered, within
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.sensing.packing import byte_planes, of_byte_planes
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.stored import FolderCache
 
 if TYPE_CHECKING:
     from simulator.render.renderer import Renderer
@@ -40,12 +37,7 @@ class ViewCache:
     """Views in a folder, at most ``max_bytes`` in all. Counts its ``hits`` and ``misses``."""
 
     def __init__(self, cache_dir: Path, max_bytes: int = 2_000_000_000) -> None:
-        if max_bytes <= 0:
-            raise ValueError(f"a view cache needs room, got max_bytes={max_bytes}")
-        self._dir = Path(cache_dir) / "views"
-        self._dir.mkdir(parents=True, exist_ok=True)
-        self._max_bytes = max_bytes
-        self._bytes: int | None = None
+        self._files = FolderCache(Path(cache_dir) / "views", _FORMAT, ".view", max_bytes)
         self.hits = 0
         self.misses = 0
 
@@ -68,8 +60,8 @@ class ViewCache:
         Raises:
             ValueError: the renderer shows another scene, or uses another light, than the key says.
         """
-        path = self.path_of(scene_hash, T_world_camera, camera, lighting)
-        clean = self._load(path, camera)
+        key = self.key_of(scene_hash, T_world_camera, camera, lighting)
+        clean = self._load(key, camera)
         if clean is None:
             self.misses += 1
             renderer = renderer_factory()
@@ -79,63 +71,31 @@ class ViewCache:
                     f"{renderer.scene.content_hash!r} with {renderer.lighting} light"
                 )
             parts = _encode(renderer.render(T_world_camera, camera, depth_range_m=(0.0, 65535 * _DEPTH_STEP_M)))
-            self._keep(path, parts)
+            self._files.put(key, parts)
             clean = _decode(parts, camera)
         else:
             self.hits += 1
         depth_m = clean.depth_m if noise is None else noise.apply(clean.depth_m, camera, seed)
         return Rendered(clean.rgb, within(depth_m, depth_range_m), clean.instance_ids)
 
-    def path_of(self, scene_hash: str, T_world_camera: Matrix4, camera: Pinhole, lighting: Lighting) -> Path:
-        """The file of a view: named by everything that the clean picture depends on."""
+    def key_of(self, scene_hash: str, T_world_camera: Matrix4, camera: Pinhole, lighting: Lighting) -> str:
+        """A view's name: a hash of everything that the clean picture depends on."""
         digest = hashlib.sha256()
         digest.update(f"{_FORMAT!r} {PICTURES_VERSION} {scene_hash} {lighting}".encode())
         digest.update(np.ascontiguousarray(T_world_camera, dtype="<f8").round(9).tobytes())
         lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
         digest.update(struct.pack("<2i4d", camera.width_px, camera.height_px, *lens))
-        name = digest.hexdigest()
-        return self._dir / name[:2] / f"{name[2:]}.view"
+        return digest.hexdigest()
 
-    def _load(self, path: Path, camera: Pinhole) -> Rendered | None:
-        parts = read_parts(path, _FORMAT)
+    def _load(self, key: str, camera: Pinhole) -> Rendered | None:
+        parts = self._files.get(key)
         if parts is None:
             return None
         try:
-            rendered = _decode(parts, camera)
+            return _decode(parts, camera)
         except (ValueError, zstandard.ZstdError, cv2.error):
-            path.unlink(missing_ok=True)
+            self._files.drop(key)
             return None
-        with contextlib.suppress(OSError):
-            os.utime(path)  # the modification time is the time of last use
-        return rendered
-
-    def _keep(self, path: Path, parts: Sequence[bytes]) -> None:
-        try:
-            size = write_parts(path, _FORMAT, parts)
-        except OSError:
-            return  # a full or read-only disk makes a slow camera, not a dead one
-        if self._bytes is not None:
-            self._bytes += size
-        if self._bytes is None or self._bytes > self._max_bytes:
-            self._shrink(keep=path)
-
-    def _shrink(self, keep: Path) -> None:
-        """Deletes the least recently used entries until 90 % of the room is taken; recounts what others wrote."""
-        entries = []
-        for path in self._dir.glob("*/*.view"):
-            with contextlib.suppress(FileNotFoundError):
-                stat = path.stat()
-                entries.append((stat.st_mtime_ns, str(path), stat.st_size))
-        total = sum(size for _, _, size in entries)
-        if total > self._max_bytes:
-            for _, name, size in sorted(entries):
-                if total <= 0.9 * self._max_bytes:
-                    break
-                if name == str(keep):
-                    continue
-                Path(name).unlink(missing_ok=True)
-                total -= size
-        self._bytes = total
 
 
 def _encode(rendered: Rendered) -> list[bytes]:

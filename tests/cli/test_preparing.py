@@ -69,12 +69,12 @@ def test_it_makes_the_plan_that_up_asks_for(monkeypatch, arguments, cameras, are
     assert (asked[0].cameras, asked[0].area_per_camera_m2) == (cameras, area_m2)
 
 
-def test_without_models_auto_takes_another_and_a_name_is_a_mistake(asked, monkeypatch, tmp_path):
+def test_auto_needs_no_download_and_a_name_that_does_is_a_mistake_without(asked, monkeypatch, tmp_path):
     for variable in ("SURVEILNAV_MODELS_DIR", "SURVEILNAV_CACHE_DIR"):
         monkeypatch.setenv(variable, str(tmp_path))
     backend, why = preparing._fetch_models(BackendName.AUTO, 0, CONSOLE)
     assert (backend, "stand in" in why) == ("simulated", True)
-    assert asked == ["yolox-nano"], "one is enough to know"
+    assert asked == []
     with pytest.raises(PerceptionError, match="no network"):
         preparing._fetch_models(BackendName.PAPER, 0, CONSOLE)
 

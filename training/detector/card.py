@@ -19,7 +19,8 @@ _KINDS = {"robot": "robot views", "camera": "camera views"}
 _PAGE = """# The model `compact`
 
 One small network of our own finds things, cuts them out, and says how near a picture is to a word. It sees colour and depth.
-It comes with the package, so that a clone without a network has real eyes. `auto` takes it where `onnx-coco` can't be had.
+It comes with the package, so that a clone without a network has real eyes. `auto` takes it in simulated
+buildings, and where `onnx-coco` can't be had.
 `make docs` writes this page.
 
 ## What it knows

@@ -27,11 +27,13 @@ from training.detector.pack import Pack
 from training.detector.poses import Kind
 from training.detector.views import MIN_AREA_PX, MIN_SIDE_PX, TrainingView
 
-#: (width, height) of batches; multiples of 32. Training begins with small ones, which cost half.
+#: (width, height) of batches; multiples of 32. Training begins with small ones, which cost half: pieces of pictures, not
+#: small pictures, since things must be as large as they are in use.
 CANVAS: dict[Kind, tuple[int, int]] = {"robot": (320, 256), "camera": (320, 320)}
 SMALL_CANVAS: dict[Kind, tuple[int, int]] = {"robot": (192, 160), "camera": (224, 224)}
-_ROBOT_SHARE = 0.6
-_ZOOM = (0.75, 1.6)
+_ROBOT_SHARE = 0.5
+#: Of a picture that would fill the large canvas; on a small canvas whole things should show now and then.
+_ZOOM, _SMALL_ZOOM = (0.75, 1.6), (0.55, 1.5)
 _GREY = 114
 #: Chances of each way of varying.
 _CLUTTER, _BLUR, _NOISE, _JPEG = 0.3, 0.15, 0.3, 0.3
@@ -164,7 +166,8 @@ class _Shot:
 def _framed(view: TrainingView, canvas: tuple[int, int], rng: np.random.Generator) -> _Shot:
     """Mirrored or not, zoomed, and shifted so that picture and canvas overlap as far as they can."""
     height, width = view.ids.shape
-    zoom = canvas[0] / width * float(np.exp(rng.uniform(*np.log(_ZOOM))))
+    full = CANVAS["robot" if view.kind == "robot" else "camera"]
+    zoom = full[0] / width * float(np.exp(rng.uniform(*np.log(_ZOOM if canvas == full else _SMALL_ZOOM))))
     shift = [
         rng.uniform(min(0.0, room), max(0.0, room)) for room in (canvas[0] - zoom * width, canvas[1] - zoom * height)
     ]

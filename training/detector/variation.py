@@ -25,6 +25,10 @@ _REPAINTED_SHARE = 0.5
 _STRETCH = 0.12
 _MOST_STRETCH = 0.3
 _IN_FRONT_M = 0.7
+#: So often a drawn piece faces any of its ways, not the room: backs of tvs and couches show, too.
+_ANY_WAY_SHARE = 0.25
+#: Standard deviation of how far a drawn piece is turned from there [rad]; beds and toilets stand straight.
+_TURN_RAD = {"chair": 0.35, "potted plant": 1.0, "tv": 0.25, "couch": 0.08}
 
 
 def varied_scene(scene: Scene, seed: int) -> Scene:
@@ -112,7 +116,8 @@ def _drawn(scene: Scene, instance: Instance, rng: np.random.Generator) -> Mesh:
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     quarter = _facing(scene, instance, foot[:2], size, rng)
     w, d = (size[0], size[1]) if quarter % 2 == 0 else (size[1], size[0])
-    c, s = (1, 0, -1, 0)[quarter], (0, 1, 0, -1)[quarter]
+    turn = quarter * np.pi / 2 + rng.normal(0.0, _TURN_RAD.get(instance.label, 0.0))
+    c, s = np.cos(turn), np.sin(turn)
     T = np.eye(4)
     T[:2, :2], T[:3, 3] = [[c, -s], [s, c]], foot
     return drawn_piece(instance.label, (float(w), float(d), float(size[2])), rng).moved(T)
@@ -129,6 +134,8 @@ def _facing(
         is_wide = size[0] >= size[1]
         quarters = [q for q in quarters if (q % 2 == 0) == (is_wide == (along == 1))]
     order = rng.permutation(quarters)
+    if rng.random() < _ANY_WAY_SHARE:
+        return int(order[0])
     polygons = [np.array(r.polygon_m, np.float32) for r in scene.rooms if r.floor == instance.floor]
     inside = [p for p in polygons if cv2.pointPolygonTest(p, _point(middle), measureDist=False) >= 0]
     if not inside:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,6 +38,13 @@ class MaskedSource:
     def version(self, view: int) -> int | None:
         """The source's own."""
         return self._source.version(view)
+
+    def content(self, view: int) -> str:
+        """The source's own, and the view's zones."""
+        content = self._source.content(view)
+        if not content or view not in self.zones:
+            return content
+        return hashlib.sha256(repr((content, self.zones[view])).encode()).hexdigest()
 
     def latest(self, view: int) -> Picture:
         """The picture with its zones black, without depth, without instances."""

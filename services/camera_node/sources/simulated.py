@@ -27,6 +27,10 @@ class SimulatedSource:
         """Always 0: a rendered building doesn't change."""
         return 0
 
+    def content(self, view: int) -> str:
+        """All that a rendered view depends on is known."""
+        return self._building.camera_content(self._camera, view)
+
     def latest(self, view: int) -> Picture:
         """The view with its instance ids, from the cache if it was rendered before."""
         rendered = self._building.camera_view(self._camera, view)

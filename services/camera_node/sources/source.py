@@ -62,3 +62,10 @@ class Source(Protocol):
     def latest(self, view: int) -> Picture:
         """The latest picture of a view that has one."""
         ...
+
+    def content(self, view: int) -> str:
+        """A hash of all that a view's latest picture depends on, without making it, the same in every run.
+
+        Empty: nobody knows, as of a real camera; then nothing that is made of its pictures is kept between runs.
+        """
+        ...

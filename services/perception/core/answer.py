@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,3 +39,27 @@ def reply_to(
         relevance=relevance(seen.image_embedding, request.prompts, vectors), models=models,
         words=list(seen.words) if request.detects else [],
     )  # fmt: skip
+
+
+class Known(msgspec.Struct, frozen=True):
+    """What is kept of an answer: the reply, and the view's embedding (D,) float32 as it was before it was rounded for it."""
+
+    reply: InferReply
+    image: bytes
+
+    def to(self, request: InferRequest, vectors: Mapping[str, NDArray[np.float32]], stamp_ns: int) -> InferReply:
+        """The same answer to another request, with prompts of its own."""
+        return msgspec.structs.replace(
+            self.reply, stamp_ns=stamp_ns, source=request.source, view=request.view, seq=request.seq, latency_ms=0.0,
+            relevance=relevance(np.frombuffer(self.image, np.float32), request.prompts, vectors),
+        )  # fmt: skip
+
+
+def to_bytes(answer: Known) -> bytes:
+    """An answer to be kept."""
+    return bytes(memoryview(msgspec.msgpack.encode(answer)))  # a copy: the encoder's lies in a larger block
+
+
+def of_bytes(kept: bytes) -> Known:
+    """An answer that was kept. msgspec.DecodeError: it wasn't one."""
+    return msgspec.msgpack.decode(kept, type=Known)

@@ -8,7 +8,8 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from surveilnav.messages import InferReply, InferRequest, ModelIds
+from services.perception.core.answer import Known, of_bytes
+from surveilnav.messages import InferRequest, ModelIds
 
 V = TypeVar("V")
 
@@ -45,30 +46,32 @@ class ByteCache(Generic[V]):
 
 
 class AnswerCache:
-    """The answers used last, up to ``max_bytes``. Kept as they are sent: decoded, a mask takes several times as much."""
+    """The answers used last, up to ``max_bytes``. Kept as bytes: decoded, a mask takes several times as much."""
 
     def __init__(self, max_bytes: int) -> None:
         self._kept: ByteCache[bytes] = ByteCache(max_bytes)
 
-    def get(self, key: bytes) -> InferReply | None:
+    def get(self, key: bytes) -> Known | None:
         """The answer kept for a key; it counts as used."""
         known = self._kept.get(key)
-        return msgspec.msgpack.decode(known, type=InferReply) if known is not None else None
+        return of_bytes(known) if known is not None else None
 
-    def put(self, key: bytes, reply: InferReply) -> None:
-        """Keeps an answer, and lets go of what was used longest ago."""
-        encoded = bytes(memoryview(msgspec.msgpack.encode(reply)))  # a copy: the encoder's lies in a larger block
-        self._kept.put(key, encoded, len(encoded))
+    def put(self, key: bytes, answer: bytes) -> None:
+        """Keeps an answer (``to_bytes``), and lets go of what was used longest ago."""
+        self._kept.put(key, answer, len(answer))
 
 
-def content_key(request: InferRequest, payload: bytes, models: ModelIds) -> bytes:
+def content_key(request: InferRequest, payload: bytes, models: ModelIds, program: str = "") -> bytes:
     """The hash of all that an answer depends on: picture, depth, camera, prompts, models. Not who asks, nor when.
+
+    ``program``: what a worker is beside its models, the same for all that it is asked.
 
     A backend that is told the truth has no such key: it answers by the view's name and by what it was told.
     """
     digest = hashlib.blake2b(digest_size=16)
     asked = (
         request.camera, request.image, request.depth, request.depth_range_m, request.prompts, request.detects, models,
+        program,
     )  # fmt: skip
     digest.update(msgspec.msgpack.encode(asked))
     digest.update(payload)

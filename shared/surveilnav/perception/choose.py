@@ -13,9 +13,9 @@ from surveilnav.perception.presets import PRESETS, Networks
 
 #: What "auto" takes, the first that runs.
 BEST: tuple[BackendName, ...] = (BackendName.ONNX_COCO, BackendName.COMPACT)
-#: The same in simulated buildings. ``compact`` learnt from their like; it comes first here as soon as it finds as much as
-#: ``onnx-coco`` does (``docs/understand/compact.md`` has both).
-BEST_IN_SIMULATION: tuple[BackendName, ...] = (BackendName.ONNX_COCO, BackendName.COMPACT)
+#: The same in simulated buildings: ``compact`` learnt from their like, knows more classes and needs no download
+#: (``docs/understand/compact.md`` has what both find).
+BEST_IN_SIMULATION: tuple[BackendName, ...] = (BackendName.COMPACT, BackendName.ONNX_COCO)
 
 #: Makes a backend that is told why it runs.
 Maker = Callable[[str], Backend]

@@ -20,7 +20,7 @@ class Camera:
     """A source of 13 views that shows instance 1, a bed, in view 3, and nothing elsewhere.
 
     ``versions``: of each view, 0 at first; ``real``: it knows no instance ids; ``asked``: the views whose pictures
-    were asked for.
+    were asked for; ``scene``: what its views show, the same in every run; empty: nobody knows.
     """
 
     place = Place("c1", "0", (1.0, 2.0, 1.8), 1.8)
@@ -28,11 +28,14 @@ class Camera:
     intrinsics = Pinhole.from_hfov(SIDE, SIDE, math.radians(100.0))
     depth_range_m = (0.3, 10.0)
 
-    def __init__(self, real=False):
-        self.versions, self.real, self.asked = dict.fromkeys(range(13), 0), real, []
+    def __init__(self, real=False, scene=""):
+        self.versions, self.real, self.asked, self.scene = dict.fromkeys(range(13), 0), real, [], scene
 
     def version(self, view):
         return self.versions[view]
+
+    def content(self, view):
+        return f"{self.scene} {view}" if self.scene else ""
 
     def latest(self, view):
         self.asked.append(view)
@@ -44,7 +47,7 @@ class Camera:
 
 @pytest.fixture
 def make_camera():
-    """``make_camera(real=False)``: see ``Camera``."""
+    """``make_camera(real=False, scene="")``: see ``Camera``."""
     return Camera
 
 

@@ -194,10 +194,48 @@ def test_the_same_picture_is_looked_at_once(make_worker, scripted, request_of):
     assert backend.batches["detect"] == [[10]]
     assert (again.source, again.view, again.seq) == ("camera/c", 3, 8)
     assert (again.detections, again.relevance) == (first.detections, first.relevance)
-    worker.ask(request_of(10, prompts=["tv", "bed"]))
     worker.ask(request_of(20, prompts=["tv"]))
-    assert backend.batches["detect"] == [[10], [10], [20]]
+    assert backend.batches["detect"] == [[10], [20]]
     assert worker.service.load().cached == 1
+
+
+@pytest.mark.parametrize(("needs_prompts", "looks"), [(False, [[10]]), (True, [[10], [10]])])
+def test_other_prompts_need_another_look_only_where_they_are_what_is_found(
+    make_worker, scripted, request_of, needs_prompts, looks
+):
+    backend = scripted(needs_prompts=needs_prompts)
+    worker = make_worker(backend)
+    worker.ask(request_of(10, prompts=["tv"]))
+    other = worker.ask(request_of(10, prompts=["bed", "sofa"]))
+    assert backend.batches["detect"] == looks
+    assert other.relevance == {"bed": 0.0, "sofa": pytest.approx(0.6)}, "of these prompts, not of those before"
+
+
+@pytest.mark.parametrize(
+    ("source", "settings", "looks"),
+    [
+        ("camera/c", {"simulated": True}, [[10]]),
+        ("robot/r", {"simulated": True}, [[10], [10]]),
+        ("camera/c", {"simulated": False}, [[10], [10]]),
+        ("camera/c", {"simulated": True, "kept_mb": 0}, [[10], [10]]),
+    ],
+)
+def test_a_simulated_camera_view_is_looked_at_in_one_run_alone(
+    make_worker, scripted, request_of, tmp_path, monkeypatch, source, settings, looks
+):
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path))
+    backend = scripted()
+    first, second = (make_worker(backend, **settings).ask(request_of(10, source=source)) for _ in range(2))
+    assert backend.batches["detect"] == looks
+    assert first.detections == second.detections
+
+
+def test_a_worker_of_other_settings_looks_itself(make_worker, scripted, request_of, tmp_path, monkeypatch):
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path))
+    backend = scripted()
+    for threshold in (0.1, 0.2):
+        make_worker(backend, simulated=True, threshold=threshold).ask(request_of(10, source="camera/c"))
+    assert backend.batches["detect"] == [[10], [10]]
 
 
 def truth_about(view: int, seq: int, left_px: int = 10) -> tuple[Truth, bytes]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -75,14 +74,14 @@ def test_noise_and_range_are_applied_on_reading(tmp_path):
 
 def test_another_pose_lens_or_light_is_another_view(tmp_path):
     cache = ViewCache(tmp_path)
-    paths = {
-        cache.path_of("box", POSE, CAMERA, "flat"),
-        cache.path_of("box2", POSE, CAMERA, "flat"),
-        cache.path_of("box", camera_pose((0.5, 0.5, 1.2), 0.7001, -0.3), CAMERA, "flat"),
-        cache.path_of("box", POSE, dataclasses.replace(CAMERA, cx_px=CAMERA.cx_px + 0.5), "flat"),
-        cache.path_of("box", POSE, CAMERA, "baked"),
+    keys = {
+        cache.key_of("box", POSE, CAMERA, "flat"),
+        cache.key_of("box2", POSE, CAMERA, "flat"),
+        cache.key_of("box", camera_pose((0.5, 0.5, 1.2), 0.7001, -0.3), CAMERA, "flat"),
+        cache.key_of("box", POSE, dataclasses.replace(CAMERA, cx_px=CAMERA.cx_px + 0.5), "flat"),
+        cache.key_of("box", POSE, CAMERA, "baked"),
     }
-    assert len(paths) == 5
+    assert len(keys) == 5
 
 
 def test_a_renderer_of_another_scene_is_refused(tmp_path):
@@ -113,21 +112,6 @@ def test_damaged_entries_are_made_again(tmp_path, damage):
     assert same(made, get(cache, never))
 
 
-def test_the_least_recently_used_goes_first(tmp_path):
-    poses = [camera_pose((0.5, 0.5, 1.2), yaw, -0.3) for yaw in (0.1, 0.2, 0.3, 0.4)]
-    cache = ViewCache(tmp_path)
-    get(cache, pose=poses[0])
-    size = cache.path_of("box", poses[0], CAMERA, "flat").stat().st_size
-    small = ViewCache(tmp_path, max_bytes=int(3.7 * size))
-    for age, pose in enumerate(poses[:3]):
-        get(small, pose=pose)
-        os.utime(small.path_of("box", pose, CAMERA, "flat"), (1000 + age, 1000 + age))
-    get(small, never, pose=poses[0])  # used just now
-    get(small, pose=poses[3])
-    left = [small.path_of("box", pose, CAMERA, "flat").exists() for pose in poses]
-    assert left == [True, False, True, True]
-
-
 def test_a_folder_can_be_shared(tmp_path):
     """Several caches at once on one folder: nobody sees half an entry."""
     poses = [camera_pose((0.5, 0.5, 1.2), yaw, -0.3) for yaw in (0.1, 0.2, 0.3)]
@@ -146,5 +130,5 @@ def test_a_disk_that_cannot_be_written_is_no_reason_to_stop(tmp_path, monkeypatc
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("simulator.render.view_cache.write_parts", full)
+    monkeypatch.setattr("surveilnav.stored.write_parts", full)
     assert get(ViewCache(tmp_path)).depth_m.any()

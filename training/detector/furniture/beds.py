@@ -56,9 +56,12 @@ def _lying(p: Drawing, frame: Material, low: float, top: float, head: float, foo
     linen = p.linen()
     p.box((-p.w / 2 + inset, p.w / 2 - inset), (y[0] + inset, y[1] - 0.01), (under, top - 0.02), linen)
     if p.chance(0.85):
-        reach, over = p.between(0.35, 0.9), p.between(-0.04, 0.03)
-        p.box((-p.w / 2 - over, p.w / 2 + over), (y[0] - over, y[0] + reach * (y[1] - y[0])), (top - 0.15, top + 0.02),
+        reach, over = p.between(0.35, 1.0), p.between(-0.04, 0.03)
+        hangs = p.between(0.1, 0.2) if p.chance(0.7) else p.between(0.2, 1.0) * (top - low)
+        p.box((-p.w / 2 - over, p.w / 2 + over), (y[0] - over, y[0] + reach * (y[1] - y[0])), (top - hangs, top + 0.02),
               p.fabric())  # fmt: skip
+    if p.chance(0.2):
+        return
     n, pillow = 1 if p.w < 1.15 else int(p.rng.integers(1, 5)), p.linen() if p.chance(0.7) else p.fabric()
     step = (p.w - 0.1) / max(1, min(n, 2))
     for i in range(n):

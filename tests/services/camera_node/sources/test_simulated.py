@@ -19,6 +19,9 @@ class Building:
     plan = CameraPlan("home", "hash", ["0"], 1.7, Pinhole.from_hfov(8, 8, 1.0), [CAMERA])
     scene = SimpleNamespace(truth_labels={5: "bed"})
 
+    def camera_content(self, camera, view):
+        return f"{camera.name} {view}"
+
     def camera_view(self, camera, view):
         assert camera is CAMERA
         full = np.full((8, 8), view)
@@ -36,6 +39,7 @@ def test_a_place_of_the_plan_and_pictures_of_the_building():
     assert list(source.views) == VIEWS
     assert source.intrinsics == Building.plan.intrinsics
     assert source.version(1) == 0
+    assert source.content(1) == "c1 1"
     picture = source.latest(1)
     assert picture.version == 0, "a rendered building doesn't change"
     assert (picture.rgb == 1).all()

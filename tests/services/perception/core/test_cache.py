@@ -7,6 +7,7 @@ import tracemalloc
 import msgspec
 import pytest
 
+from services.perception.core.answer import Known, to_bytes
 from services.perception.core.cache import AnswerCache, ByteCache, content_key, text_key
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import Detection, InferReply, InferRequest, ModelIds, Part
@@ -41,13 +42,14 @@ def test_a_value_put_again_counts_once_and_a_large_one_is_not_kept() -> None:
     assert cache.get(b"k") == "v"
 
 
-def reply_with_masks(n: int) -> InferReply:
+def reply_with_masks(n: int) -> Known:
     """Five things whose masks have 2000 runs each; no two of ``n`` are the same."""
     runs = [300 + (n + i) % 5000 for i in range(2000)]
     things = [Detection("chair", 0.9, (0.0, 0.0, 9.0, 9.0), bytes(1024), [*runs]) for _ in range(5)]
-    return InferReply(
+    reply = InferReply(
         stamp_ns=1, worker="w", backend="b", source="s", view=0, seq=n, detections=things, image_embedding=bytes(1024)
     )
+    return Known(reply, bytes(2048))
 
 
 def test_what_answers_take_in_memory_is_what_may_be_kept_of_them() -> None:
@@ -56,7 +58,7 @@ def test_what_answers_take_in_memory_is_what_may_be_kept_of_them() -> None:
     tracemalloc.start()
     try:
         for n in range(60):
-            cache.put(bytes([n]), reply_with_masks(n))
+            cache.put(bytes([n]), to_bytes(reply_with_masks(n)))
         gc.collect()
         taken = tracemalloc.get_traced_memory()[0]
     finally:

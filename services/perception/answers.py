@@ -1,0 +1,58 @@
+"""What was answered before: in memory, and of a simulated building's cameras on disk, where the next run finds it."""
+
+from __future__ import annotations
+
+import threading
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from services.perception.config import PerceptionSettings
+from services.perception.core.answer import Known, of_bytes, to_bytes
+from services.perception.core.cache import AnswerCache, content_key
+from surveilnav.config import cache_dir
+from surveilnav.messages import InferReply, InferRequest
+from surveilnav.perception.backend import Backend
+from surveilnav.perception.identity import package_id
+from surveilnav.stored import FolderCache
+
+_KIND = b"surveilnav answer 1"
+
+
+class Answers:
+    """The answers of one worker; ``hits``: how many were known."""
+
+    def __init__(self, backend: Backend, settings: PerceptionSettings) -> None:
+        self._backend, self._memory, self._lock = backend, AnswerCache(settings.cache_mb << 20), threading.Lock()
+        # A real camera's pictures never come again, to the byte.
+        lasting = settings.simulated and settings.kept_mb > 0
+        self._files = FolderCache(cache_dir() / "answers", _KIND, ".kept", settings.kept_mb << 20) if lasting else None
+        self.hits = 0
+        self._program = f"{package_id()} {backend.name} {settings.model_dump_json(exclude={'worker'})}"
+
+    def key_of(self, request: InferRequest, payload: bytes) -> bytes:
+        """What an answer is kept under. What is found of a closed vocabulary is the same for all prompts."""
+        if not self._backend.needs_prompts:
+            request = msgspec.structs.replace(request, prompts=[])
+        return content_key(request, payload, self._backend.models, self._program)
+
+    def get(self, key: bytes) -> Known | None:
+        """What was answered before."""
+        with self._lock:
+            known = self._memory.get(key)
+        if known is None and self._files is not None and (parts := self._files.get(key.hex())):
+            known = of_bytes(parts[0])
+            with self._lock:
+                self._memory.put(key, parts[0])
+        with self._lock:
+            self.hits += known is not None
+        return known
+
+    def put(self, key: bytes, reply: InferReply, image: NDArray[np.float32]) -> None:
+        """Keeps an answer. ``image``: the view's embedding (D,), before it was rounded for the reply."""
+        kept = to_bytes(Known(reply, image.astype(np.float32).tobytes()))
+        with self._lock:
+            self._memory.put(key, kept)
+        if self._files is not None and reply.source.startswith("camera/"):
+            self._files.put(key.hex(), [kept])
