@@ -106,7 +106,7 @@ class Simulated(Backend):
     ) -> None:
         self.why, self._seed, self._model, self._harder = why, seed, model or error_model(), harder
         self._scene: tuple[dict[int, str], dict[int, str], int] = ({}, {}, 0)
-        self.chances = table_of("onnx-coco")  # that is what it imitates
+        self.chances = table_of("compact")  # that is what it imitates
         self.stages = (Stage("detect", self._look), Stage("judge", self.judge))
 
     def _look(self, batch: Sequence[Work]) -> None:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmark.dataset.splits import SceneSpec
-from benchmark.studies.calibration.run import OUT, measured
+from benchmark.studies.calibration.run import OUT, UNSEEN, measured
 from benchmark.studies.calibration.views import MIN_SIZE_RAD, Found, Look, Looks, owners_of
 from simulator.furniture.labels import TARGETS
 from simulator.truth.choose import choose_backend
@@ -43,7 +43,7 @@ BUILDINGS = (
     "office_1004", "office_1006", "office_1008", "office_1010",
 )  # fmt: skip
 #: Of a backend that learnt from views of those: others, which it never saw. Among what it knows it would be too sure.
-BUILDINGS_OF = {"compact": tuple(f"{kind}_{n}" for n in range(1100, 1104) for kind in ("flats", "office"))}
+BUILDINGS_OF = {"compact": UNSEEN}
 #: A class with fewer detections has no terms of its own.
 _FEWEST = 25
 #: Standard deviations of a class's own terms: few data stay near all others.

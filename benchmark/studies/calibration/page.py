@@ -164,7 +164,7 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
         "# The simulated detector against the real one", "",
         f"Source of the model: {model.source}.", "",
         f"{about} Compared: {int((~real.is_camera).sum())} robot views and {int(real.is_camera.sum())} camera views. Real: "
-        f"`onnx-coco` on pixels. Simulated: mean of {len(sims)} seeds (least–most).", "",
+        f"`compact` on pixels, in COCO's words. Simulated: mean of {len(sims)} seeds (least–most).", "",
         "![found under its name, by distance, size, occlusion and angle of sight](reliability.png)", "",
         "![luck, scores, false alarms, value](behaviour.png)", "",
         "## Found, and called by its own name", "",

@@ -24,7 +24,7 @@ from surveilnav.sensing.views import Detected, ViewPerception, box_cells
 _MOST_AKIN = 5
 
 #: Weaker things are kept out of the answer.
-_MIN_SCORE = 0.25
+MIN_SCORE = 0.25
 
 
 class OneNetwork(Backend):
@@ -57,7 +57,7 @@ class OneNetwork(Backend):
         detections = []
         for row, label in enumerate(boxes.labels):
             score = float(boxes.best[row])
-            if score < _MIN_SCORE:
+            if score < MIN_SCORE:
                 continue
             x0, y0, x1, y1 = boxes.xyxy[row].tolist()
             mask = answer.mask(int(places[row]), box_cells((x0, y0, x1, y1), width, height))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -23,7 +24,7 @@ from services.planner.core.goals.verification import good_enough, verify
 from services.planner.core.memory import accept_last_resort, blacklist, commit, is_blacklisted, wake_all
 from services.planner.core.motion.drive import Route
 from services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
-from services.planner.core.pursuit.approach import approach
+from services.planner.core.pursuit.approach import _name, approach
 from services.planner.core.pursuit.follow import follow
 from services.planner.core.stages import objects as object_stages
 from services.planner.core.stages.promising_candidate import promising_candidate
@@ -532,3 +533,15 @@ def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
     state.here.scan_left = 0
     after, decision = step(state, m, HERE, CONFIG)
     assert (after.here.accepted_object, decision.object_id) == (seen.id, seen.id)
+
+
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        ({"label": "tv", "confidence": 0.45}, "tv 15 (confidence 0.45)"),
+        ({"label": "tv stand", "confidence": 0.45, "label_scores": {"tv stand": 0.45, "tv": 0.41}}, "tv stand 15 (tv by 0.41)"),
+    ],
+)  # fmt: skip
+def test_an_object_of_another_name_is_said_with_the_chance_that_sends_the_robot_there(make_record, facts, said):
+    context = SimpleNamespace(state=SimpleNamespace(target="tv"))
+    assert _name(context, make_record(id=15, **facts)) == said

@@ -73,7 +73,7 @@ def _turn_to_unsure(
         return None
     memory.note_inspection(state, record, spent + 1)
     turn = "turn_left" if off_rad > 0 else "turn_right"
-    return context.decide(turn, "confirming", f"turning to {_name(record)}", choice)
+    return context.decide(turn, "confirming", f"turning to {_name(context, record)}", choice)
 
 
 def _drive_to(
@@ -82,12 +82,14 @@ def _drive_to(
     """A step nearer; where no way leads nearer, believes what it can from here."""
     route = follow(context, region.goals)
     if route is not None:
-        message = f"to {_name(record)}, {route.remaining_m:.1f} m"
+        message = f"to {_name(context, record)}, {route.remaining_m:.1f} m"
         return context.decide(route.action, "approaching", message, choice, route)
     here = context.terrain.cell(context.robot.x_m, context.robot.y_m)
     near = float(region.distance_m[here]) <= context.config.farthest_stop_m and bool(region.sight[here])
     if near and verification == "verified":
-        return _found(context, f"found {_name(record)}: seen by the robot itself, and no way leads nearer", choice)
+        return _found(
+            context, f"found {_name(context, record)}: seen by the robot itself, and no way leads nearer", choice
+        )
     accepted = record.id == context.state.here.accepted_object
     return _accepted(context, record, choice) if near and accepted else None
 
@@ -102,16 +104,16 @@ def _look_and_decide(
     turn = turn_towards(context.robot, *record.center_m[:2], config)
     waited = state.step - state.waypoint.best_step if state.waypoint is not None else 0
     if turn and waited < config.patience_steps and (verification == "verified" or spent == 0):
-        return context.decide(turn, "confirming", f"turning to {_name(record)}", choice)
+        return context.decide(turn, "confirming", f"turning to {_name(context, record)}", choice)
     if verification == "verified":
-        return _found(context, f"found {_name(record)}: seen by the robot itself", choice)
+        return _found(context, f"found {_name(context, record)}: seen by the robot itself", choice)
     looks = _looks(context, record)
     if spent < len(looks) and config.verification != "paper":
         memory.note_look(state, record)
-        message = f"looking at {_name(record)} again, {spent + 1} of {len(looks)}"
+        message = f"looking at {_name(context, record)} again, {spent + 1} of {len(looks)}"
         return context.decide(looks[spent], "confirming", message, choice)
     if good_enough(record, state.target, config):
-        return _found(context, f"found {_name(record)}: likely enough after all looks at it", choice)
+        return _found(context, f"found {_name(context, record)}: likely enough after all looks at it", choice)
     if record.id == state.here.accepted_object:
         return _accepted(context, record, choice)
     memory.drop(state, record, "the robot's own views didn't confirm it")
@@ -133,8 +135,14 @@ def _found(context: StepContext, message: str, choice: Choice) -> Decision:
 
 def _accepted(context: StepContext, record: ObjectRecord, choice: Choice) -> Decision:
     target = context.state.target
-    return _found(context, f"took {_name(record)} for {target!r}: weak evidence, but nothing better was found", choice)
+    return _found(
+        context, f"took {_name(context, record)} for {target!r}: weak evidence, but nothing better was found", choice
+    )
 
 
-def _name(record: ObjectRecord) -> str:
-    return f"{record.label} {record.id} (confidence {record.confidence:.2f})"
+def _name(context: StepContext, record: ObjectRecord) -> str:
+    """An object in words: of one that is rather something else, how likely it is the target all the same."""
+    target = context.state.target
+    said = "confidence" if record.label == target else f"{target} by"
+    sure = record.confidence if record.label == target else objects.chance(record, target)
+    return f"{record.label} {record.id} ({said} {sure:.2f})"

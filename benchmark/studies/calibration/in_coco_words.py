@@ -1,0 +1,69 @@
+"""``compact`` in the words of COCO's classes: what the backend ``simulated`` imitates, whose model is of those words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.messages import ModelIds
+from surveilnav.perception import models
+from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.detectors.compact import CompactNetwork
+from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.embedders import class_space
+from surveilnav.perception.embedders.class_space import ClassSpace
+from surveilnav.perception.names import BackendName
+from surveilnav.perception.one_network import MIN_SCORE
+from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.vocabulary import COCO
+from surveilnav.sensing.views import Detected, ViewPerception, box_cells
+
+
+class InCocoWords(Backend):
+    """Finds what ``compact`` finds; leaves out what it calls by a name that COCO doesn't have, such as a desk."""
+
+    embedding_dim = class_space.DIM
+    vocabulary = COCO
+
+    def __init__(self) -> None:
+        path = models.find(BackendName.COMPACT, download=False)
+        self._network = CompactNetwork(session(path, Runtime()))
+        model = models.model_id(BackendName.COMPACT, path)
+        self.name = self.why = f"{model} in COCO's words"
+        self.models = ModelIds(f"{model}-in-coco-words", model, ClassSpace.model)
+        self.stages = (Stage("look", self._look),)
+        names = [COCO.name_of(word) for word in self._network.classes]
+        #: (columns of the network's classes, their columns among COCO's)
+        self._shared = np.array([(i, COCO.index(name)) for i, name in enumerate(names) if name]).T
+
+    def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        return class_space.embed_texts(texts)
+
+    def _look(self, batch: Sequence[Work]) -> None:
+        for work in batch:
+            work.seen = self._seen(work)
+
+    def _seen(self, work: Work) -> ViewPerception:
+        height, width = work.view.rgb.shape[:2]
+        answer = self._network.answer(work.view)
+        boxes, places = self._network.things(answer, height, width)
+        own, coco = self._shared
+        scores = np.zeros((len(boxes), len(COCO)), np.float32)
+        scores[:, coco] = boxes.scores[:, own]
+        detections = []
+        for row in np.flatnonzero(boxes.best >= MIN_SCORE):
+            label = COCO.name_of(boxes.labels[row])
+            if not label:
+                continue
+            x0, y0, x1, y1 = boxes.xyxy[row].tolist()
+            mask = answer.mask(int(places[row]), box_cells((x0, y0, x1, y1), width, height))
+            detections.append(
+                Detected(
+                    label, float(boxes.best[row]), (x0, y0, x1, y1), mask if mask.any() else None,
+                    class_space.embed_object(scores[row]),
+                )
+            )  # fmt: skip
+        image = class_space.embed_image(scores)
+        return ViewPerception(self.name, tuple(detections), image, ClassSpace.model, tuple(COCO))
