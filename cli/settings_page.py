@@ -51,7 +51,7 @@ SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is nu
 
 | variable | default | what |
 |---|---|---|
-| `SURVEILNAV_CACHE_DIR` | `~/.cache/surveilnav` | what can be made or downloaded again: furniture, baked light, views |
+| `SURVEILNAV_CACHE_DIR` | `~/.cache/surveilnav` | what can be made or fetched again: furniture, light, views, frames |
 | `SURVEILNAV_MODELS_DIR` | not set | a folder with [models](models.md) |
 | `SURVEILNAV_OFFLINE` | not set | `1`: no model is ever downloaded |
 | `SURVEILNAV_YOLO_WORLD` | not set | an ONNX file of your own, the model `yolo-world` |

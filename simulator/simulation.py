@@ -23,6 +23,7 @@ from surveilnav import __version__
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.config import cache_dir
 from surveilnav.geometry import Matrix4, Pinhole, Pose
+from surveilnav.program import program_id
 from surveilnav.stored import read_parts, write_parts
 
 if TYPE_CHECKING:
@@ -164,13 +165,14 @@ class SimulatedBuilding:
         )  # fmt: skip
 
     def camera_content(self, camera: PlannedCamera, view: int) -> str:
-        """A hash of all that ``camera_view`` and its instances depend on."""
+        """A hash of all that ``camera_view`` and its instances depend on, this program among it."""
         clean = self.views.key_of(
             self.plan.scene_hash, camera.views[view].matrix(), self.plan.intrinsics, self.settings.lighting,  # type: ignore[arg-type]
         )  # fmt: skip
         noise = repr(DepthNoise.camera()) if self.settings.depth_noise else ""
         seed = noise_seed(self.settings.seed, camera.name, view)
-        return hashlib.sha256(repr((clean, noise, seed, CAMERA_DEPTH_RANGE_M)).encode()).hexdigest()
+        facts = clean, noise, seed, CAMERA_DEPTH_RANGE_M, program_id("simulator.render")
+        return hashlib.sha256(repr(facts).encode()).hexdigest()
 
     def robot_view(
         self, T_world_camera: Matrix4, camera: Pinhole, depth_range_m: tuple[float, float], seq: int

@@ -29,7 +29,7 @@ class CameraSettings(BaseSettings):
         2, ge=1, description="it looks only in buildings of so many floors: a floor is chosen among several"
     )
     kept_mb: int = Field(
-        4000,
+        2000,
         ge=0,
         description="disk for frames and own looks of simulated views, all cameras together; 0: none are kept",
     )

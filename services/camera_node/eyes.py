@@ -11,7 +11,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import msgspec
@@ -24,8 +24,8 @@ from services.camera_node.sources.source import Source
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.errors import BusError, PerceptionError
+from surveilnav.perception import models
 from surveilnav.perception.backend import Backend
-from surveilnav.perception.identity import package_id, small_weights
 from surveilnav.sensing.views import looks_straight_down
 
 _NICE = 10
@@ -98,13 +98,16 @@ class Eyes:
     def _look(self, now_s: float) -> None:
         """Looks at one view, if any is new and the last look was long enough ago."""
         versions = {v: version for v in self._views if (version := self._source.version(v)) is not None}
-        view = self._first_unknown(versions)
-        if view is None and now_s - self._looked_s > _RELEASE_S:
-            self._backend = None
-        too_soon = now_s - self._looked_s < self._settings.look_period_s or now_s - self._failed_s < _RETRY_S
-        if view is None or too_soon or self._busy():
+        if core.view_to_look_at(self._seen, versions) is None:
+            if now_s - self._looked_s > _RELEASE_S:
+                self._backend = None
+            return
+        if now_s - self._failed_s < _RETRY_S or self._busy():
             return
         try:
+            view = self._first_unknown(versions)
+            if view is None or now_s - self._looked_s < self._settings.look_period_s:
+                return
             if self._backend is None:
                 self._backend = self._load()
                 self._node.log.info("looks by itself", backend=self._backend.name, views=len(self._views))
@@ -119,15 +122,16 @@ class Eyes:
 
     def _first_unknown(self, versions: Mapping[int, int]) -> int | None:
         """The next view to look at. What an earlier run saw in a view that shows the same isn't looked at again."""
-        self._how = self._how or f"seen by {self._settings.perception}, {package_id()} with {small_weights()}"
+        self._how = self._how or f"seen by {self._settings.perception} with {models.small_weights()}"
         while (view := core.view_to_look_at(self._seen, versions)) is not None:
-            parts = self._kept.get(view, self._how)
-            if parts is None:
+            labels = self._kept.get(self._kept.key_of(view, self._how), _labels_of_parts)
+            if labels is None:
                 return view
-            self._seen[view] = core.Seen(versions[view], msgspec.json.decode(parts[0], type=dict[str, float]))
+            self._seen[view] = core.Seen(versions[view], labels)
         return None
 
     def _perceive(self, backend: Backend, view: int) -> core.Seen:
+        kept_under = self._kept.key_of(view, self._how)
         picture = self._source.latest(view)
         truth = picture.truth if backend.needs_truth else None  # oracle and simulated; a real backend never gets it
         key = (f"camera/{self._source.place.name}", view, picture.version + 1)
@@ -136,7 +140,7 @@ class Eyes:
         for found in seen.detections:
             labels[found.label] = max(float(found.worth), labels.get(found.label, 0.0))
         if not backend.needs_truth:  # who is told the truth depends on more than the picture
-            self._kept.put(view, self._how, [msgspec.json.encode(labels)])
+            self._kept.put(kept_under, view, self._how, [msgspec.json.encode(labels)])
         return core.Seen(picture.version, labels)
 
     def _tell(self, now_s: float) -> None:
@@ -150,6 +154,10 @@ class Eyes:
             self._said = labels, now_s
             place = self._source.place
             self._publisher.put(core.summary(place.name, place.floor, labels, stamp_ns=clock_ns()))
+
+
+def _labels_of_parts(parts: Sequence[bytes]) -> dict[str, float]:
+    return msgspec.json.decode(parts[0], type=dict[str, float])
 
 
 def _lower_priority() -> None:

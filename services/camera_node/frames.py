@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -37,23 +38,17 @@ class EncodedViews:
         """The latest picture of a view that has one, encoded unless it was before."""
         known, version = self._newest.get(view), self._source.version(view)
         if known is None or known.version != version:
-            known = self._newest[view] = self._before(view, version) or self._encoded(view)
+            key = self._kept.key_of(view, self._how)
+            before = self._kept.get(key, lambda parts: _of_parts(version or 0, parts))
+            known = self._newest[view] = before or self._encoded(view, key)
         return known
 
-    def _before(self, view: int, version: int | None) -> Encoded | None:
-        """What another run encoded of the same view."""
-        parts = self._kept.get(view, self._how)
-        if parts is None or version is None:
-            return None
-        image, depth = msgspec.msgpack.decode(parts[1], type=tuple[Part, Part])
-        return Encoded(version, parts[0], image, depth)
-
-    def _encoded(self, view: int) -> Encoded:
+    def _encoded(self, view: int, key: str) -> Encoded:
         picture = self._source.latest(view)
         payload, image, depth = encode_rgbd(
             picture.rgb, picture.depth_m, depth_range_m=self._source.depth_range_m, jpeg_quality=self._jpeg_quality
         )
-        self._kept.put(view, self._how, [payload, msgspec.msgpack.encode((image, depth))])
+        self._kept.put(key, view, self._how, [payload, msgspec.msgpack.encode((image, depth))])
         return Encoded(picture.version, payload, image, depth)
 
     def thumbnail(self, view: int, width_px: int) -> bytes:
@@ -61,3 +56,9 @@ class EncodedViews:
         rgb = self._source.latest(view).rgb
         height_px = round(width_px * rgb.shape[0] / rgb.shape[1])
         return encode_jpeg(cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA), _THUMBNAIL_QUALITY)
+
+
+def _of_parts(version: int, parts: Sequence[bytes]) -> Encoded:
+    """What another run encoded of the same view."""
+    image, depth = msgspec.msgpack.decode(parts[1], type=tuple[Part, Part])
+    return Encoded(version, parts[0], image, depth)

@@ -54,6 +54,10 @@ class Embedding:
         vectors = self.known(texts)
         return probe.text_problem(list(vectors.values()), self._backend.embedding_dim)
 
+    def knows(self, texts: Iterable[str]) -> bool:
+        """Whether none of the texts needs the backend."""
+        return not self._remembered(texts)[1]
+
     def known(self, texts: Iterable[str]) -> dict[str, NDArray[np.float32]]:
         """By text, its vector; texts that the space has no place for are left out."""
         known, new = self._remembered(texts)

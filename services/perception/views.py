@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from services.perception.answers import Answers
 from services.perception.asked import Asked
 from services.perception.config import PerceptionSettings
-from services.perception.core.answer import reply_to
+from services.perception.core.answer import Known, reply_to
 from services.perception.core.checks import check_view
 from services.perception.core.queue import Job
 from services.perception.core.refusal import Refusal
@@ -19,7 +19,7 @@ from services.perception.embedding import Embedding
 from services.perception.line import Line, Step
 from services.perception.truth_channel import Told, TruthChannel
 from surveilnav.bus import Answer, Node, Refused, clock_ns
-from surveilnav.errors import WireError
+from surveilnav.errors import PerceptionError, WireError
 from surveilnav.messages import InferReply, InferRequest
 from surveilnav.perception.backend import Backend, Stage, Work
 
@@ -31,7 +31,7 @@ class Views:
 
     def __init__(self, node: Node, backend: Backend, embedding: Embedding, settings: PerceptionSettings) -> None:
         self._node, self._backend, self._embedding, self._worker = node, backend, embedding, settings.worker
-        self._answers = Answers(backend, settings)
+        self._answers, self._later = Answers(backend, settings), ThreadPoolExecutor(1, "new prompts")
         last, most = backend.stages[-1], settings.max_batch or backend.best_batch
         self.line = Line(
             (
@@ -62,9 +62,21 @@ class Views:
             asked.key = self._answers.key_of(request, payload)
             known = self._answers.get(asked.key)
             if known is not None:
-                return Answer(known.to(request, self._embedding.known(request.prompts), clock_ns()))
+                return self._again(request, known)
         self._let_in(asked.job(received_ns))
         return asked.answer
+
+    def _again(self, request: InferRequest, known: Known) -> Answer | Future[Any]:
+        """What was answered before, as an answer to this request; new prompts wait for the backend on another thread."""
+
+        def answer() -> Answer:
+            try:
+                vectors = self._embedding.known(request.prompts)
+            except PerceptionError as error:
+                raise Refused("perception_failed", str(error)) from error
+            return Answer(known.to(request, vectors, worker=self._worker, stamp_ns=clock_ns()))
+
+        return answer() if self._embedding.knows(request.prompts) else self._later.submit(answer)
 
     def cancel(self, request: InferRequest) -> Answer:
         """Drops what waits of a request, if it does; the answer is empty. WireError: nobody is named who asked for it."""

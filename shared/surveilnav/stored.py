@@ -8,6 +8,7 @@ import hashlib
 import os
 import struct
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
@@ -18,11 +19,18 @@ except ImportError:  # not a POSIX system: work may be done twice, never wrongly
     fcntl = None  # type: ignore[assignment]
 
 
+#: How names of files end that are being written.
+PART = ".part"
+#: Of a cache's room: written by one process between two looks at the whole folder.
+_RECOUNT = 0.02
+_ABANDONED_S = 3600.0
+
+
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[IO[bytes]]:
     """A file to write that becomes ``path`` when all is written, and leaves nothing if that fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".part")
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
     try:
         with os.fdopen(handle, "wb") as file:
             yield file
@@ -63,7 +71,8 @@ def read_parts(path: Path, kind: bytes) -> list[bytes] | None:
 class FolderCache:
     """What was made before and can be made again: an entry a file, at most ``max_bytes`` in all.
 
-    The least recently used go first. Any number of processes may share a folder; each sees what the others kept.
+    The least recently used go first. Any number of processes may share a folder; each sees what the others kept. Each looks
+    how much lies there after every fiftieth of the room that it writes: so far each may go beyond.
     """
 
     def __init__(self, folder: Path, kind: bytes, suffix: str, max_bytes: int) -> None:
@@ -71,7 +80,7 @@ class FolderCache:
         if max_bytes <= 0:
             raise ValueError(f"a cache needs room, got max_bytes={max_bytes}")
         self._folder, self._kind, self._suffix, self._max_bytes = folder, kind, suffix, max_bytes
-        self._bytes: int | None = None
+        self._unseen = 0
 
     def path_of(self, key: str) -> Path:
         """The file of an entry. ``key``: a hash in hex."""
@@ -88,36 +97,38 @@ class FolderCache:
 
     def put(self, key: str, parts: Sequence[bytes]) -> None:
         """Keeps an entry. A full or read-only disk keeps nothing, and nothing fails."""
-        try:
-            size = write_parts(self.path_of(key), self._kind, parts)
-        except OSError:
-            return
-        if self._bytes is not None:
-            self._bytes += size
-        if self._bytes is None or self._bytes > self._max_bytes:
-            self._shrink(keep=self.path_of(key))
+        with contextlib.suppress(OSError):
+            self._unseen += write_parts(self.path_of(key), self._kind, parts)
+            if self._unseen > _RECOUNT * self._max_bytes:
+                self._unseen = 0
+                self._shrink(keep=self.path_of(key))
 
     def drop(self, key: str) -> None:
         """Forgets an entry that turned out to be wrong."""
-        self.path_of(key).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            self.path_of(key).unlink(missing_ok=True)
 
     def _shrink(self, keep: Path) -> None:
-        """Deletes the least recently used entries until 90 % of the room is taken; recounts what others wrote."""
+        """Deletes the least recently used entries until 90 % of the room is taken, whoever wrote them; and what writers that
+        were killed left behind."""
         entries = []
-        for path in self._folder.glob(f"*/*{self._suffix}"):
+        for path in self._folder.glob("*/*"):
             with contextlib.suppress(FileNotFoundError):
                 stat = path.stat()
-                entries.append((stat.st_mtime_ns, str(path), stat.st_size))
+                if path.suffix == self._suffix:
+                    entries.append((stat.st_mtime_ns, str(path), stat.st_size))
+                elif path.suffix == PART and time.time() - stat.st_mtime > _ABANDONED_S:
+                    path.unlink(missing_ok=True)
         total = sum(size for _, _, size in entries)
-        if total > self._max_bytes:
-            for _, name, size in sorted(entries):
-                if total <= 0.9 * self._max_bytes:
-                    break
-                if name == str(keep):
-                    continue
-                Path(name).unlink(missing_ok=True)
-                total -= size
-        self._bytes = total
+        if total <= self._max_bytes:
+            return
+        for _, name, size in sorted(entries):
+            if total <= 0.9 * self._max_bytes:
+                break
+            if name == str(keep):
+                continue
+            Path(name).unlink(missing_ok=True)
+            total -= size
 
 
 @contextlib.contextmanager

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -62,3 +63,27 @@ def test_a_full_disk_keeps_nothing_and_fails_nothing(tmp_path, monkeypatch):
 def test_a_cache_without_room_is_refused(tmp_path):
     with pytest.raises(ValueError, match="needs room"):
         cache_in(tmp_path, 0)
+
+
+def test_a_folder_that_lets_nothing_go_fails_nothing(tmp_path, monkeypatch):
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    small = cache_in(tmp_path, 300)
+    for name in keys(3):
+        small.put(name, [bytes(100)])
+    monkeypatch.setattr(Path, "unlink", refused)
+    small.put(keys(4)[3], [bytes(100)])
+    small.drop(keys(1)[0])
+
+
+def test_what_a_killed_writer_left_goes_and_what_is_being_written_stays(tmp_path):
+    small = cache_in(tmp_path, 1000)
+    small.put(keys(1)[0], [b"a"])
+    folder = small.path_of(keys(1)[0]).parent
+    old, new = folder / ".old.part", folder / ".new.part"
+    for file in (old, new):
+        file.write_bytes(b"half")
+    os.utime(old, (1000, 1000))
+    small.put(keys(2)[1], [bytes(100)])
+    assert (old.exists(), new.exists()) == (False, True)

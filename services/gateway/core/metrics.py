@@ -133,7 +133,7 @@ def _of_workers(heard: Heard) -> Iterator[Metric]:
     yield _gauge("perception_up", up, workers, labels, lambda r: r[1][0].ready and not r[1][1])
     yield _gauge("perception_queue", "Views that wait", workers, labels, lambda r: r[1][0].queued)
     yield _gauge("perception_queue_capacity", "How many can wait", workers, labels, lambda r: r[1][0].capacity)
-    yield _counter("perception_cached", "Views answered from memory", workers, labels, lambda r: r[1][0].cached)
+    yield _counter("perception_cached", "Views whose answer was known", workers, labels, lambda r: r[1][0].cached)
     what = "How long views waited (queue) and took, by stage"
     times = HistogramMetricFamily("surveilnav_perception_seconds", what, labels=["worker", "stage"])
     for id, load in loads:

@@ -47,11 +47,13 @@ class Known(msgspec.Struct, frozen=True):
     reply: InferReply
     image: bytes
 
-    def to(self, request: InferRequest, vectors: Mapping[str, NDArray[np.float32]], stamp_ns: int) -> InferReply:
+    def to(
+        self, request: InferRequest, vectors: Mapping[str, NDArray[np.float32]], *, worker: str, stamp_ns: int
+    ) -> InferReply:
         """The same answer to another request, with prompts of its own."""
         return msgspec.structs.replace(
-            self.reply, stamp_ns=stamp_ns, source=request.source, view=request.view, seq=request.seq, latency_ms=0.0,
-            relevance=relevance(np.frombuffer(self.image, np.float32), request.prompts, vectors),
+            self.reply, stamp_ns=stamp_ns, worker=worker, source=request.source, view=request.view, seq=request.seq,
+            latency_ms=0.0, relevance=relevance(np.frombuffer(self.image, np.float32), request.prompts, vectors),
         )  # fmt: skip
 
 

@@ -100,7 +100,7 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
 
     ``ready``: its answer to a probe picture was well-formed; before that it refuses views and texts. ``times``: by stage
     ("queue", "decode", then the backend's own), how many views took how long, in the buckets of
-    ``surveilnav.histogram``, since it started. ``cached``: how many views were answered from memory.
+    ``surveilnav.histogram``, since it started. ``cached``: how many views it knew the answer to.
     ``open_vocabulary``: it looks for whatever words it is given. ``calibrated``: its detections have chances.
     """
 

@@ -17,6 +17,9 @@ BEST: tuple[BackendName, ...] = (BackendName.ONNX_COCO, BackendName.COMPACT)
 #: (``docs/understand/compact.md`` has what both find).
 BEST_IN_SIMULATION: tuple[BackendName, ...] = (BackendName.COMPACT, BackendName.ONNX_COCO)
 
+_BEST = "the best that runs here"
+_LIKE_THESE = "chosen for a simulated building: it learnt from such"
+
 #: Makes a backend that is told why it runs.
 Maker = Callable[[str], Backend]
 _NONE: Mapping[str, Maker] = MappingProxyType({})
@@ -50,17 +53,18 @@ def choose_backend(
         raise PerceptionError(
             f"expected a perception backend out of {', '.join((BackendName.AUTO, *PRESETS, *others))}, got {name!r}"
         )
-    return _best(networks, BEST_IN_SIMULATION if simulated else BEST, others[stand_in] if stand_in else None)
+    names, of = (BEST_IN_SIMULATION, _LIKE_THESE) if simulated else (BEST, _BEST)
+    return _best(networks, names, of, others[stand_in] if stand_in else None)
 
 
-def _best(networks: Networks, names: Sequence[BackendName], stand_in: Maker | None) -> Backend:
+def _best(networks: Networks, names: Sequence[BackendName], why_first: str, stand_in: Maker | None) -> Backend:
     """The first that runs, else the stand-in. PerceptionError: neither."""
     faults: list[str] = []
     for name in names:
         if name == BackendName.COMPACT and not _has_compact():
             continue
         try:
-            return PRESETS[name](networks, "; ".join(["the best that runs here", *faults]))
+            return PRESETS[name](networks, "; ".join([_BEST if faults else why_first, *faults]))
         except PerceptionError as error:
             faults.append(f"{name} can't run: {error}")
     if stand_in is None:

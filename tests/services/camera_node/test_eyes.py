@@ -101,6 +101,31 @@ def test_the_next_run_knows_what_was_seen_unless_the_truth_was_told(
     until(lambda: len(other.looks) == 12)
 
 
+@pytest.mark.parametrize("other", ["perception", "weights", "program"])
+def test_other_eyes_look_themselves(start, make_camera, tmp_path, monkeypatch, other):
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path))
+    first, second = Watcher(), Watcher()
+    start(first, camera=make_camera(scene="home"))
+    until(lambda: len(first.looks) == 12)
+    settings = QUICK.model_copy(update={"perception": "compact"}) if other == "perception" else QUICK
+    if other == "weights":
+        monkeypatch.setattr(eyes_module.models, "small_weights", lambda: ("compact@another",))
+    if other == "program":
+        monkeypatch.setattr("services.camera_node.kept.program_id", lambda *names: "another")
+    start(second, settings, camera=make_camera(scene="home"))
+    until(lambda: len(second.looks) == 12)
+
+
+def test_a_busy_camera_tells_nothing_of_what_it_saw_in_an_earlier_run(start, make_camera, tmp_path, monkeypatch):
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path))
+    first = Watcher()
+    start(first, camera=make_camera(scene="home"))
+    until(lambda: len(first.looks) == 12)
+    paused = start(Watcher(), busy=lambda: True, camera=make_camera(scene="home"))
+    time.sleep(0.3)
+    assert paused._seen == {}
+
+
 def test_oracle_is_told_the_truth(start, make_node):
     heard = summaries(make_node("test", "t", alive=False))
     start(Oracle())

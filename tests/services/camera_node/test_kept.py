@@ -7,6 +7,7 @@ import pytest
 from services.camera_node.config import CameraSettings
 from services.camera_node.frames import EncodedViews
 from services.camera_node.kept import Kept
+from surveilnav.stored import write_parts
 
 SETTINGS = CameraSettings()
 
@@ -49,3 +50,40 @@ def test_a_damaged_frame_is_encoded_again(make_camera, empty_cache):
     camera = make_camera(scene="home")
     assert encoded(camera).newest(3) == made
     assert camera.asked == [3]
+
+
+def test_what_passes_its_checksum_and_means_something_else_is_made_again(make_camera, empty_cache):
+    made = encoded(make_camera(scene="home")).newest(3)
+    (file,) = empty_cache.rglob("*.kept")
+    write_parts(file, b"surveilnav camera 1", [b"a frame of another version"])
+    camera = make_camera(scene="home")
+    assert encoded(camera).newest(3) == made
+    assert camera.asked == [3]
+    assert encoded(make_camera(scene="home")).newest(3) == made
+
+
+def test_a_view_that_changes_while_it_is_encoded_is_not_kept(make_camera, empty_cache):
+    camera = make_camera(scene="home")
+    latest = camera.latest
+
+    def changing(view):
+        picture = latest(view)
+        camera.scene = "the same home, later"
+        return picture
+
+    camera.latest = changing
+    encoded(camera).newest(3)
+    assert not list(empty_cache.rglob("*.kept"))
+
+
+def test_another_program_makes_its_own(make_camera, monkeypatch):
+    encoded(make_camera(scene="home")).newest(3)
+    monkeypatch.setattr("services.camera_node.kept.program_id", lambda *names: "another")
+    camera = make_camera(scene="home")
+    encoded(camera).newest(3)
+    assert camera.asked == [3]
+
+
+def test_without_a_cache_frames_are_made_and_not_kept(make_camera, monkeypatch):
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", "/proc/nope")
+    assert encoded(make_camera(scene="home")).newest(3).payload

@@ -17,6 +17,7 @@ from surveilnav.errors import PerceptionError
 from surveilnav.histogram import quantile_ms
 from surveilnav.messages import InferRequest, Truth
 from surveilnav.sensing.packing import pack_array
+from surveilnav.stored import write_parts
 
 
 def submit_in_order(pool, worker, until, requests):
@@ -228,6 +229,35 @@ def test_a_simulated_camera_view_is_looked_at_in_one_run_alone(
     first, second = (make_worker(backend, **settings).ask(request_of(10, source=source)) for _ in range(2))
     assert backend.batches["detect"] == looks
     assert first.detections == second.detections
+
+
+def test_a_kept_answer_that_means_nothing_any_more_is_given_anew(
+    make_worker, scripted, request_of, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path))
+    backend = scripted()
+    first = make_worker(backend, simulated=True).ask(request_of(10, source="camera/c"))
+    (file,) = tmp_path.rglob("answers/*/*.kept")
+    write_parts(file, b"surveilnav answer 1", [b"an answer of another version"])
+    for _ in range(2):
+        again = make_worker(backend, simulated=True).ask(request_of(10, source="camera/c"))
+        assert again.detections == first.detections
+    assert backend.batches["detect"] == [[10], [10]], "given anew once, and kept"
+
+
+def test_a_known_view_with_a_new_prompt_waits_for_the_backend_and_holds_up_nobody(make_worker, scripted, request_of):
+    backend = scripted()
+    worker = make_worker(backend, max_batch=1)
+    worker.ask(request_of(10, prompts=["tv"]))
+    backend.let["embed"].clear()
+    with ThreadPoolExecutor(3) as pool:
+        busy = pool.submit(worker.ask, request_of(20))
+        new = pool.submit(worker.ask, request_of(10, prompts=["a new word"]))
+        assert worker.ask(request_of(10, prompts=["tv"])).relevance
+        assert not new.done()
+        backend.let["embed"].set()
+        assert new.result().relevance
+        busy.result()
 
 
 def test_a_worker_of_other_settings_looks_itself(make_worker, scripted, request_of, tmp_path, monkeypatch):

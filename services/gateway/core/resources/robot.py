@@ -65,7 +65,7 @@ class Worker(Resource):
     latency_ms: Number
     calibrated: bool = Field(description="its detections have chances; else raw scores stand for them")
     ready: bool = Field(description="its answer to a probe picture was well-formed")
-    cached: int = Field(description="views answered from memory")
+    cached: int = Field(description="views whose answer was known")
     models: dict[str, str] = Field(description="ids of its detector, segmenter and embedder")
     stages: dict[str, StageTimes] = Field(description="how long views waited (queue) and took, by stage")
 
