@@ -77,6 +77,17 @@ def _main() -> Table:
     )  # fmt: skip
 
 
+def _pixels() -> Table:
+    return Table(
+        "pixels", "On pixels",
+        "Our own network `compact` looks at rendered pixels; planner FMM.",
+        (
+            Arm("compact, with surveillance", _run("val", perception="compact")),
+            Arm("compact, without surveillance", _run("val", perception="compact", surveillance=False)),
+        ),
+    )  # fmt: skip
+
+
 def _agreement() -> tuple[Table, Table]:
     """A detector errs in one way; the error model in as many as there are seeds, and each thing's luck lasts a whole run."""
     about = "Whether the calibrated error model stands for the real detector: the same searches, of the model with four seeds."
@@ -85,7 +96,7 @@ def _agreement() -> tuple[Table, Table]:
         return Table(
             name, title, about,
             (
-                Arm("onnx-coco on pixels", _run(perception="onnx-coco", surveillance=on)),
+                Arm("compact on pixels", _run(perception="compact", surveillance=on)),
                 Arm("simulated, mean of four seeds", _run(surveillance=on), seeds=4),
                 *(Arm(f"simulated, seed {n}", _run(surveillance=on, seed=n)) for n in range(4)),
             ),
@@ -134,7 +145,7 @@ def _components() -> Table:
 TABLES: dict[str, Table] = {
     t.name: t
     for t in (
-        _main(),
+        _main(), _pixels(),
         _components(),
         Table(
             "range", "Perception range of the cameras", "Half: six neighbouring azimuths, where most is to be seen.",
@@ -169,10 +180,11 @@ TABLES: dict[str, Table] = {
         ),
         Table(
             "detector", "Perception",
-            "Real detectors on rendered pixels (beside YOLOX-nano, PicoDet-S looks at the robot's views and DEIMv2 femto at the "
-            "cameras'), the calibrated error model, the truth.",
+            "Real detectors on rendered pixels (`compact`; beside YOLOX-nano, PicoDet-S looks at the robot's views and DEIMv2 "
+            "femto at the cameras'), the calibrated error model, the truth.",
             (
-                Arm("simulated", _run()), Arm("onnx-coco: YOLOX-nano and another", _run(perception="onnx-coco")),
+                Arm("compact", _run(perception="compact")), Arm("simulated", _run()),
+                Arm("onnx-coco: YOLOX-nano and another", _run(perception="onnx-coco")),
                 Arm("onnx-coco: DEIMv2 femto alone", _run(perception="onnx-coco", detectors=["deimv2-femto"])),
                 Arm("oracle: the truth", _run(perception="oracle")),
             ),

@@ -27,9 +27,9 @@ from surveilnav.perception.vocabulary import COCO
 
 @pytest.fixture(scope="module")
 def flat() -> tuple[views.Looks, SimulatedBuilding]:
-    """A parametric flat, seen by a detector that errs like the committed model."""
+    """A parametric flat, seen by a detector that errs more than the committed model: mistakes to fit to."""
     building = SimulatedBuilding(SimulationSettings(building="parametric_flat", seed=1, cameras=1, lighting="flat"))
-    recording = record(building, Simulated(seed=3), Tour(40, np.radians(60.0), 1.0))
+    recording = record(building, Simulated(seed=3, harder=1.0), Tour(40, np.radians(60.0), 1.0))
     return views.looks_of("flat", recording, building), building
 
 
@@ -122,7 +122,7 @@ def test_names_come_out_as_measured(flat: tuple[views.Looks, SimulatedBuilding])
     was, is_ = before.names[at][""], after.names[at][""]
     assert sum(is_.values()) == pytest.approx(1.0, abs=1e-3)
     gain = {name: is_[name] / share for name, share in was.items()}
-    assert gain[common] > 1.3
+    assert gain[common] > 1.1
     assert gain[never] < 0.5 * min(g for name, g in gain.items() if name != never), "what was never measured goes"
     same = matched(model, measured, measured).kinds["other"]
     assert same.name_kept == before.name_kept
@@ -292,7 +292,7 @@ def test_the_model_in_use_is_compared_on_a_split_and_left_as_it_is(
     monkeypatch.setattr("benchmark.studies.calibration.run.OUT", tmp_path)
     monkeypatch.setattr("benchmark.studies.calibration.run.MODEL", tmp_path / "model.json")
     monkeypatch.setattr(
-        "benchmark.studies.calibration.run.measured", lambda scene, n: asked.append(scene.scene) or flat[0]
+        "benchmark.studies.calibration.run.measured", lambda scene, n, backend: asked.append(scene.scene) or flat[0]
     )
     monkeypatch.setattr("benchmark.studies.calibration.run.fitted", lambda *_: pytest.fail("something was fitted"))
     monkeypatch.setitem(SPLITS, "val_mini", SplitSpec("val_mini", SPLITS["val_mini"].scenes[:2], 10))

@@ -43,7 +43,8 @@ def test_every_arm_can_be_run_and_has_a_folder_of_its_own():
 
 def test_arms_with_the_same_settings_share_a_run():
     assert TABLES["range"].arms[0].runs == TABLES["density"].arms[0].runs
-    assert TABLES["agreement"].arms[0].runs == TABLES["tiers"].arms[0].runs
+    assert TABLES["agreement"].arms[0].runs == TABLES["detector"].arms[0].runs
+    assert TABLES["strategy-pixels"].arms[0].runs == TABLES["tiers"].arms[0].runs
 
 
 def test_a_line_of_several_seeds_is_of_all_their_searches(tmp_path, basis, played):

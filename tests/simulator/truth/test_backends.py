@@ -129,8 +129,8 @@ def test_near_large_plain_things_are_found_oftener_than_far_small_hidden_ones() 
 
 
 def test_a_harder_world_hides_things_and_gives_false_alarms() -> None:
-    found = [hits(Simulated(harder=harder), "chair", 1).mean() for harder in (-1.0, 0.0, 1.0)]
-    assert found[0] > found[1] + 0.1 > found[2] + 0.2
+    found = [hits(Simulated(harder=harder), "chair", 1).mean() for harder in (0.0, 1.5)]
+    assert found[0] > found[1] + 0.2
     depth, truth, camera = one("", 2)
     alarms = []
     for harder in (-1.0, 1.0):
@@ -145,11 +145,12 @@ def test_false_alarms_stay_with_the_thing_that_caused_them() -> None:
     for building in range(250):
         depth, truth, camera = one("", 2)
         told = TrueInstances(truth.ids, {1000 + building: "box"}, _LEVEL)
-        two = [Simulated().perceive(RGB, depth, camera, truth=told, key=("robot/r1", 0, n)).detections for n in (1, 2)]
+        worse = Simulated(harder=1.0)
+        two = [worse.perceive(RGB, depth, camera, truth=told, key=("robot/r1", 0, n)).detections for n in (1, 2)]
         alike.append([{d.label for d in seen} for seen in two])
     either = [(a, b) for a, b in alike if a or b]
-    assert 5 < len(either) < 150
-    assert np.mean([bool(a & b) for a, b in either]) > 0.12, "0.03 if views had nothing in common"
+    assert 100 < len(either) < 230
+    assert np.mean([bool(a & b) for a, b in either]) > 0.28, "0.19 if views had nothing in common"
 
 
 def test_a_false_alarm_is_called_nothing_that_its_size_cannot_be() -> None:
