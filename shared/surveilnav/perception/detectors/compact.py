@@ -25,6 +25,8 @@ Floats = NDArray[np.float32]
 
 STRIDES = (8, 16, 32)
 MASK_STRIDE = 4
+#: The longer side of what it sees; of large pictures, where more pixels find more (training/detector/README.md).
+_SIDE_PX, _SIDE_OF_LARGE_PX, _LARGE_PX = 320, 416, 1000
 #: Boxes that overlap so much are one thing, as for the COCO detectors.
 _SAME_THING_IOU = 0.6
 #: More boxes than this aren't compared with each other.
@@ -63,7 +65,8 @@ class Answer:
 class CompactNetwork:
     """The network in an ONNX file (``training.detector.export``).
 
-    ``side_px``: the longer side of what it sees of a picture; a multiple of 32.
+    ``side_px``: the longer side of what it sees of a picture, a multiple of 32; None: 320, and of large pictures, in which
+    things are small, 416.
 
     Attributes:
         classes, rooms: C names of things, R of kinds of rooms.
@@ -76,7 +79,7 @@ class CompactNetwork:
 
     name = "compact"
 
-    def __init__(self, session: onnxruntime.InferenceSession, side_px: int = 320) -> None:
+    def __init__(self, session: onnxruntime.InferenceSession, side_px: int | None = None) -> None:
         self._session, self._side = session, side_px
         for what, wanted, there in (
             ("output", self._outputs, session.get_outputs()), ("input", ("picture", "depth"), session.get_inputs()),
@@ -106,7 +109,8 @@ class CompactNetwork:
 
     def answer(self, view: RgbdView) -> Answer:
         """Everything it says of a view. Without depth it says less."""
-        box, ratio = letterboxed(view.rgb, self._side)
+        large = max(view.rgb.shape[:2]) >= _LARGE_PX
+        box, ratio = letterboxed(view.rgb, self._side or (_SIDE_OF_LARGE_PX if large else _SIDE_PX))
         seen = {"picture": box[None], "depth": _letterboxed_depth(view, ratio, *box.shape[:2])[None]}
         out = dict(zip(self._outputs, self._session.run(self._outputs, seen), strict=True))
         points = places(*box.shape[:2])

@@ -153,3 +153,23 @@ def test_depth_lies_where_its_picture_lies(network: CompactNetwork, monkeypatch:
     assert (channels[125:] == 0).all()
     assert channels[:124, :79, 1] == pytest.approx(0.25)
     assert channels[:124, 81:, 1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("size", "seen"), [((480, 640), (256, 320)), ((1280, 1280), (416, 416))])
+def test_of_a_large_picture_more_pixels_are_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: tuple[int, int], seen: tuple[int, int]
+) -> None:
+    network, fed = CompactNetwork(session(write(tmp_path / "compact.onnx"), Runtime())), []
+    session_ = network._session
+
+    def run(outputs: object, inputs: dict[str, np.ndarray]) -> object:
+        fed.append(inputs["picture"].shape[1:3])
+        return session_.run(outputs, inputs)
+
+    monkeypatch.setattr(network, "_session", SimpleNamespace(run=run))
+    height, width = size
+    view = RgbdView(
+        np.zeros((height, width, 3), np.uint8), np.ones(size, np.float32), Pinhole.from_hfov(width, height, 1.3)
+    )
+    network.answer(view)
+    assert fed == [seen]
