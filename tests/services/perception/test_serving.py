@@ -245,13 +245,16 @@ def test_a_kept_answer_that_means_nothing_any_more_is_given_anew(
     assert backend.batches["detect"] == [[10], [10]], "given anew once, and kept"
 
 
-def test_a_known_view_with_a_new_prompt_waits_for_the_backend_and_holds_up_nobody(make_worker, scripted, request_of):
+def test_a_known_view_with_a_new_prompt_waits_for_the_backend_and_holds_up_nobody(
+    make_worker, scripted, request_of, until
+):
     backend = scripted()
     worker = make_worker(backend, max_batch=1)
     worker.ask(request_of(10, prompts=["tv"]))
     backend.let["embed"].clear()
     with ThreadPoolExecutor(3) as pool:
         busy = pool.submit(worker.ask, request_of(20))
+        until(lambda: backend.batches["embed"][-1:] == [[20]])
         new = pool.submit(worker.ask, request_of(10, prompts=["a new word"]))
         assert worker.ask(request_of(10, prompts=["tv"])).relevance
         assert not new.done()
