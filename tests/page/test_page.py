@@ -47,7 +47,7 @@ def test_a_search_from_the_form_to_the_confirmed_object(open_page):
     page = open_page()
     until(lambda: pixels(page) > 10_000, "the map stays empty", timeout_s=60)
     before = where(page)
-    id = submit(page, "couch")
+    id = submit(page, "bed")
     page.locator(".tile.invoked").first.wait_for()
     card = page.locator(f"article[data-mission='{id}']")
     if card.count():  # a search may be over before one looks
@@ -55,7 +55,7 @@ def test_a_search_from_the_form_to_the_confirmed_object(open_page):
     until(lambda: row(page, id).locator(".badge").inner_text() not in ("active", "queued", "confirming"), timeout_s=150)
     until(lambda: row(page, id).locator(".badge").inner_text() == "found, and right", "the simulator's word is missing")
     assert where(page) != before, "the robot didn't move"
-    page.locator("button.object", has_text="couch").first.click()
+    page.locator("button.object", has_text="bed").first.click()
     page.locator("dialog .history li").first.wait_for()
     assert "confirmed" in page.locator("dialog").inner_text()
     page.keyboard.press("Escape")
