@@ -185,7 +185,7 @@ def test_a_mask_is_that_of_its_place(file: Path) -> None:
 
 
 def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("surveilnav.perception.one_network._MIN_SCORE", 0.0)
+    monkeypatch.setattr("surveilnav.perception.one_network.MIN_SCORE", 0.0)
     network = CompactNetwork(session(file, Runtime()), side_px=96)
     backend = OneNetwork("compact", "in a test", network, "compact@0")
     view = some_view(2)
