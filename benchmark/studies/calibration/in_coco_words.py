@@ -15,10 +15,10 @@ from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.names import BackendName
-from surveilnav.perception.one_network import MIN_SCORE
+from surveilnav.perception.one_network import found
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import Detected, ViewPerception, box_cells
+from surveilnav.sensing.views import Detected, ViewPerception
 
 
 class InCocoWords(Backend):
@@ -46,24 +46,13 @@ class InCocoWords(Backend):
             work.seen = self._seen(work)
 
     def _seen(self, work: Work) -> ViewPerception:
-        height, width = work.view.rgb.shape[:2]
-        answer = self._network.answer(work.view)
-        boxes, places = self._network.things(answer, height, width)
+        boxes, things = found(self._network, self._network.answer(work.view), work.view)
         own, coco = self._shared
         scores = np.zeros((len(boxes), len(COCO)), np.float32)
         scores[:, coco] = boxes.scores[:, own]
-        detections = []
-        for row in np.flatnonzero(boxes.best >= MIN_SCORE):
-            label = COCO.name_of(boxes.labels[row])
-            if not label:
-                continue
-            x0, y0, x1, y1 = boxes.xyxy[row].tolist()
-            mask = answer.mask(int(places[row]), box_cells((x0, y0, x1, y1), width, height))
-            detections.append(
-                Detected(
-                    label, float(boxes.best[row]), (x0, y0, x1, y1), mask if mask.any() else None,
-                    class_space.embed_object(scores[row]),
-                )
-            )  # fmt: skip
-        image = class_space.embed_image(scores)
-        return ViewPerception(self.name, tuple(detections), image, ClassSpace.model, tuple(COCO))
+        detections = tuple(
+            Detected(label, thing.score, thing.box_px, thing.mask, class_space.embed_object(scores[thing.row]))
+            for thing in things
+            if (label := COCO.name_of(thing.label))
+        )
+        return ViewPerception(self.name, detections, class_space.embed_image(scores), ClassSpace.model, tuple(COCO))

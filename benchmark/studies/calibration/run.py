@@ -76,7 +76,7 @@ def measured(scene: SceneSpec, n_views: int, backend: Backend | None = None) -> 
     return looks
 
 
-def fitted(buildings: Sequence[views.Looks], args: argparse.Namespace) -> ErrorModel:
+def fitted(buildings: Sequence[views.Looks], args: argparse.Namespace, detector: str) -> ErrorModel:
     """The model of some buildings."""
     rows = views.rows_of(buildings)
     n_camera = sum(look.is_camera for building in buildings for look in building.looks)
@@ -85,7 +85,7 @@ def fitted(buildings: Sequence[views.Looks], args: argparse.Namespace) -> ErrorM
     counts = ", ".join(f"{len(r.ids)} {kind}s, {int(r.found.sum())} found" for kind, r in rows.items())
     source = (
         f"python -m benchmark.studies.calibration --seed {args.seed} --models {args.models} --views {args.views}: "
-        f"{args.detector} on {n - n_camera} robot views and {n_camera} camera views of {names}; {counts}"
+        f"{detector} on {n - n_camera} robot views and {n_camera} camera views of {names}; {counts}"
     )
     model = fit(rows, presence_of(buildings), source)
     for seed in range(100, 100 + ROUNDS):
@@ -114,8 +114,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SurveilNavError as error:
         print(f"calibration: {error}", file=sys.stderr)
         return 2
-    args.detector = backend.models.segmenter
-    model, unseen, about = _in_use(buildings, args) if args.split else _left_out(buildings, args)
+    model, unseen, about = (
+        _in_use(buildings, args) if args.split else _left_out(buildings, args, backend.models.segmenter)
+    )
     real, sims = Side.real(buildings), [Side.simulated(buildings, unseen, seed) for seed in range(4)]
     out = args.out or (OUT / args.split if args.split else OUT)
     out.mkdir(parents=True, exist_ok=True)
@@ -142,14 +143,14 @@ def _in_use(buildings: Sequence[views.Looks], args: argparse.Namespace) -> _Comp
     return model, dict.fromkeys((building.name for building in buildings), model), about
 
 
-def _left_out(buildings: Sequence[views.Looks], args: argparse.Namespace) -> _Compared:
+def _left_out(buildings: Sequence[views.Looks], args: argparse.Namespace, detector: str) -> _Compared:
     """A model of all buildings, for each building one of others, and a word for the page."""
     unseen = {}
     for fold in range(FOLDS):
-        model = fitted([building for i, building in enumerate(buildings) if i % FOLDS != fold], args)
+        model = fitted([building for i, building in enumerate(buildings) if i % FOLDS != fold], args, detector)
         unseen.update({building.name: model for building in buildings[fold::FOLDS]})
     about = "Every building is compared with a model of other buildings. The committed model is fitted to all."
-    return fitted(buildings, args), unseen, about
+    return fitted(buildings, args, detector), unseen, about
 
 
 def _parser() -> argparse.ArgumentParser:

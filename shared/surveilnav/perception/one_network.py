@@ -8,15 +8,18 @@ are the network's own, times 1 / sqrt(2).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.messages import ModelIds
 from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.chances import ChanceTable
-from surveilnav.perception.detectors.compact import CompactNetwork
+from surveilnav.perception.detectors.compact import Answer, CompactNetwork
 from surveilnav.perception.prompts import named
+from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.sensing.views import Detected, ViewPerception, box_cells
 
@@ -25,6 +28,32 @@ _MOST_AKIN = 5
 
 #: Weaker things are kept out of the answer.
 MIN_SCORE = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A thing of a view: its ``row`` among the boxes, the ``place`` that speaks for it, and what ``Detected`` holds of it."""
+
+    row: int
+    place: int
+    label: str
+    score: float
+    box_px: tuple[float, float, float, float]
+    mask: NDArray[np.bool_] | None
+
+
+def found(network: CompactNetwork, answer: Answer, view: RgbdView) -> tuple[Boxes, list[Found]]:
+    """All boxes of what the network says of a view, weak ones included, and those that are sure enough, cut out."""
+    height, width = view.rgb.shape[:2]
+    boxes, places = network.things(answer, height, width)
+    labels, things = boxes.labels, []
+    for row in np.flatnonzero(boxes.best >= MIN_SCORE).tolist():
+        x0, y0, x1, y1 = boxes.xyxy[row].tolist()
+        place = int(places[row])
+        mask = answer.mask(place, box_cells((x0, y0, x1, y1), width, height))
+        shown = mask if mask.any() else None
+        things.append(Found(row, place, labels[row], float(boxes.best[row]), (x0, y0, x1, y1), shown))
+    return boxes, things
 
 
 class OneNetwork(Backend):
@@ -51,18 +80,12 @@ class OneNetwork(Backend):
             work.seen = self._seen(work)
 
     def _seen(self, work: Work) -> ViewPerception:
-        height, width = work.view.rgb.shape[:2]
         answer = self._network.answer(work.view)
-        boxes, places = self._network.things(answer, height, width)
+        _, things = found(self._network, answer, work.view)
         detections = []
-        for row, label in enumerate(boxes.labels):
-            score = float(boxes.best[row])
-            if score < MIN_SCORE:
-                continue
-            x0, y0, x1, y1 = boxes.xyxy[row].tolist()
-            mask = answer.mask(int(places[row]), box_cells((x0, y0, x1, y1), width, height))
-            vector = np.concatenate([np.zeros(self._n, np.float32), answer.embeddings[places[row]]])
-            detections.append(Detected(label, score, (x0, y0, x1, y1), mask if mask.any() else None, vector))
+        for thing in things:
+            vector = np.concatenate([np.zeros(self._n, np.float32), answer.embeddings[thing.place]])
+            detections.append(Detected(thing.label, thing.score, thing.box_px, thing.mask, vector))
         image = np.concatenate([answer.image, np.zeros(self._n, np.float32)])
         work.looked_for = tuple(self._classes)
         model = self.models.embedder
