@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import cv2
 import msgspec
 
+from services.camera_node.config import CameraSettings
 from services.camera_node.kept import Kept
 from services.camera_node.sources.source import Source
 from surveilnav.messages import Part
-from surveilnav.sensing.packing import DEPTH_QUANTUM_PER_M, encode_jpeg, encode_rgbd
+from surveilnav.sensing.packing import encode_jpeg, encode_rgbd
 
 _THUMBNAIL_QUALITY = 80
 
@@ -29,9 +30,9 @@ class Encoded:
 class EncodedViews:
     """The views of one source, encoded when they are wanted."""
 
-    def __init__(self, source: Source, jpeg_quality: int, kept: Kept) -> None:
-        self._source, self._jpeg_quality, self._kept = source, jpeg_quality, kept
-        self._how = f"frame, JPEG {jpeg_quality}, depth {DEPTH_QUANTUM_PER_M}"
+    def __init__(self, source: Source, settings: CameraSettings) -> None:
+        self._source, self._jpeg_quality, self._kept = source, settings.jpeg_quality, Kept(source, settings)
+        self._how = f"frame, JPEG {settings.jpeg_quality}"
         self._newest: dict[int, Encoded] = {}
 
     def newest(self, view: int) -> Encoded:

@@ -8,7 +8,6 @@ from typing import Any
 from services.camera_node import core
 from services.camera_node.config import CameraSettings
 from services.camera_node.frames import EncodedViews
-from services.camera_node.kept import Kept
 from services.camera_node.sources.masked import MaskedSource, masked
 from services.camera_node.sources.source import Source
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
@@ -31,7 +30,7 @@ class CameraService:
         self._name = f"camera/{place.name}"
         self._frames = {v: node.publisher(CAMERA_FRAME, **ids, view=v) for v in views}
         self._truths = {v: node.publisher(TRUTH, source=f"camera-{place.name}", view=v) for v in views}
-        self._encoded = EncodedViews(source, settings.jpeg_quality, Kept(source, settings))
+        self._encoded = EncodedViews(source, settings)
         self._state = core.SendState()
         self._requested: set[int] = set()
         self._lock = threading.Lock()

@@ -11,15 +11,10 @@ from numpy.typing import NDArray
 from services.perception.config import PerceptionSettings
 from services.perception.core.answer import Known, of_bytes, to_bytes
 from services.perception.core.cache import AnswerCache, content_key
-from surveilnav.config import cache_dir
-from surveilnav.errors import ConfigError
+from surveilnav.config import cache_called
 from surveilnav.messages import InferReply, InferRequest
 from surveilnav.perception.backend import Backend
 from surveilnav.program import program_id
-from surveilnav.stored import FolderCache
-
-_KIND = b"surveilnav answer 1"
-
 
 #: Settings that decide how a worker serves, and nothing of what it answers.
 _OF_SERVING = {
@@ -32,7 +27,9 @@ class Answers:
 
     def __init__(self, backend: Backend, settings: PerceptionSettings) -> None:
         self._backend, self._memory, self._lock = backend, AnswerCache(settings.cache_mb * 1_000_000), threading.Lock()
-        self._files = _folder(settings) if not backend.needs_truth else None
+        # A real camera's pictures never come again, to the byte.
+        lasting = settings.simulated and not backend.needs_truth
+        self._files = cache_called("answers", b"surveilnav answer 1", settings.kept_mb) if lasting else None
         self.hits = 0
         program = program_id("surveilnav", "services.perception") if self._files is not None else ""
         self._program = f"{program} {backend.name} {settings.model_dump_json(exclude=_OF_SERVING)}"
@@ -47,21 +44,13 @@ class Answers:
         """What was answered before."""
         with self._lock:
             known = self._memory.get(key)
-        if known is None and self._files is not None and (parts := self._files.get(key.hex())):
-            known = self._of_disk(key, parts[0])
+        if known is None and self._files is not None:
+            known = self._files.read(key.hex(), lambda parts: of_bytes(parts[0]), msgspec.DecodeError)
+            if known is not None:
+                with self._lock:
+                    self._memory.put(key, to_bytes(known))
         with self._lock:
             self.hits += known is not None
-        return known
-
-    def _of_disk(self, key: bytes, kept: bytes) -> Known | None:
-        assert self._files is not None, "it was read there"
-        try:
-            known = of_bytes(kept)
-        except msgspec.DecodeError:
-            self._files.drop(key.hex())
-            return None
-        with self._lock:
-            self._memory.put(key, kept)
         return known
 
     def put(self, key: bytes, reply: InferReply, image: NDArray[np.float32]) -> None:
@@ -71,13 +60,3 @@ class Answers:
             self._memory.put(key, kept)
         if self._files is not None and reply.source.startswith("camera/"):
             self._files.put(key.hex(), [kept])
-
-
-def _folder(settings: PerceptionSettings) -> FolderCache | None:
-    """Where answers are kept between runs; None: nowhere. A real camera's pictures never come again, to the byte."""
-    if not (settings.simulated and settings.kept_mb):
-        return None
-    try:
-        return FolderCache(cache_dir() / "answers", _KIND, ".kept", settings.kept_mb * 1_000_000)
-    except ConfigError:
-        return None

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from surveilnav.errors import ConfigError
+from surveilnav.stored import FolderCache
 
 
 def cache_dir() -> Path:
@@ -29,6 +30,16 @@ def cache_dir() -> Path:
             f"the cache directory {path} can't be made ({error}); set SURVEILNAV_CACHE_DIR to a directory you can write"
         ) from error
     return path
+
+
+def cache_called(name: str, kind: bytes, max_mb: int) -> FolderCache | None:
+    """The cache in the folder of that name in ``cache_dir()``; None: it has no room, or no folder can be made."""
+    if not max_mb:
+        return None
+    try:
+        return FolderCache(cache_dir() / name, kind, ".kept", max_mb * 1_000_000)
+    except ConfigError:
+        return None
 
 
 def models_dir() -> Path | None:

@@ -9,15 +9,17 @@ import os
 import struct
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, TypeVar
 
 try:
     import fcntl
 except ImportError:  # not a POSIX system: work may be done twice, never wrongly
     fcntl = None  # type: ignore[assignment]
 
+
+T = TypeVar("T")
 
 #: How names of files end that are being written.
 PART = ".part"
@@ -94,6 +96,17 @@ class FolderCache:
             with contextlib.suppress(OSError):
                 os.utime(path)  # the modification time is the time of last use
         return parts
+
+    def read(self, key: str, of_parts: Callable[[list[bytes]], T], *errors: type[Exception]) -> T | None:
+        """What ``of_parts`` makes of an entry; None: there is none, or it raised one of ``errors`` and the entry is dropped."""
+        parts = self.get(key)
+        if parts is None:
+            return None
+        try:
+            return of_parts(parts)
+        except errors:
+            self.drop(key)
+            return None
 
     def put(self, key: str, parts: Sequence[bytes]) -> None:
         """Keeps an entry. A full or read-only disk keeps nothing, and nothing fails."""

@@ -61,7 +61,8 @@ class ViewCache:
             ValueError: the renderer shows another scene, or uses another light, than the key says.
         """
         key = self.key_of(scene_hash, T_world_camera, camera, lighting)
-        clean = self._load(key, camera)
+        damaged = ValueError, zstandard.ZstdError, cv2.error
+        clean = self._files.read(key, lambda parts: _decode(parts, camera), *damaged)
         if clean is None:
             self.misses += 1
             renderer = renderer_factory()
@@ -86,16 +87,6 @@ class ViewCache:
         lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
         digest.update(struct.pack("<2i4d", camera.width_px, camera.height_px, *lens))
         return digest.hexdigest()
-
-    def _load(self, key: str, camera: Pinhole) -> Rendered | None:
-        parts = self._files.get(key)
-        if parts is None:
-            return None
-        try:
-            return _decode(parts, camera)
-        except (ValueError, zstandard.ZstdError, cv2.error):
-            self._files.drop(key)
-            return None
 
 
 def _encode(rendered: Rendered) -> list[bytes]:

@@ -6,7 +6,6 @@ import pytest
 
 from services.camera_node.config import CameraSettings
 from services.camera_node.frames import EncodedViews
-from services.camera_node.kept import Kept
 from surveilnav.stored import write_parts
 
 SETTINGS = CameraSettings()
@@ -19,7 +18,7 @@ def empty_cache(tmp_path, monkeypatch):
 
 
 def encoded(camera, quality=85, settings=SETTINGS):
-    return EncodedViews(camera, quality, Kept(camera, settings))
+    return EncodedViews(camera, settings.model_copy(update={"jpeg_quality": quality}))
 
 
 def test_a_frame_is_encoded_in_one_run_alone(make_camera):

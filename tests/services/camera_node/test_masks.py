@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from services.camera_node.config import CameraSettings
 from services.camera_node.eyes import Eyes
 from services.camera_node.frames import EncodedViews
-from services.camera_node.kept import Kept
 from services.camera_node.service import CameraService
 from services.camera_node.sources.masked import MaskedSource, masked
 from services.camera_node.sources.source import Picture
@@ -32,7 +31,7 @@ from tests.waiting import patient, until
 
 PLACE = {"floor": "0", "camera": "c1"}
 ZONE = ((0.2, 0.3), (0.7, 0.35), (0.5, 0.8))
-NOTHING_KEPT = CameraSettings(kept_mb=0)
+NOTHING_KEPT = CameraSettings(jpeg_quality=90, kept_mb=0)
 
 
 class Building(Camera):
@@ -74,7 +73,7 @@ def test_bytes_dont_depend_on_what_is_hidden(polygons):
     said = []
     for building in pair(polygons):
         source = MaskedSource(building, {3: polygons})
-        encoded = EncodedViews(source, 90, Kept(source, NOTHING_KEPT))
+        encoded = EncodedViews(source, NOTHING_KEPT)
         truth, payload = truth_to_wire(source.latest(3).truth, source="camera/c1", view=3, seq=1, stamp_ns=1)
         said.append((encoded.newest(3).payload, encoded.thumbnail(3, 48), bytes(payload), truth))
     assert said[0] == said[1]
@@ -82,7 +81,7 @@ def test_bytes_dont_depend_on_what_is_hidden(polygons):
 
 def test_the_two_buildings_do_differ():
     """Without the mask the bytes are others: the test above can fail."""
-    one, other = (EncodedViews(b, 90, Kept(b, NOTHING_KEPT)) for b in pair([ZONE]))
+    one, other = (EncodedViews(b, NOTHING_KEPT) for b in pair([ZONE]))
     assert one.newest(3).payload != other.newest(3).payload
     assert one.thumbnail(3, 48) != other.thumbnail(3, 48)
 
@@ -129,7 +128,7 @@ def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, c
     truth = until(truths.poll)
     thumbnail = client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="thumbnail", views=[3]), **PLACE).payload
     source = MaskedSource(pair([ZONE])[0], {3: [ZONE]})
-    same = EncodedViews(source, camera_settings.jpeg_quality, Kept(source, NOTHING_KEPT))
+    same = EncodedViews(source, CameraSettings(jpeg_quality=camera_settings.jpeg_quality, kept_mb=0))
     assert frame.payload == same.newest(3).payload
     assert thumbnail == same.thumbnail(3, camera_settings.thumbnail_width_px)
     assert bytes(truth.payload) == bytes(
