@@ -59,7 +59,10 @@ class MapConfig(_Part):
     obstacle_min_m: float = Field(default=0.12, description="lowest height above the floor that blocks")
     obstacle_max_m: float = Field(default=1.1, description="highest height above the floor that blocks")
     obstacle_noise_per_m: float = Field(
-        default=0.002, ge=0, description="raises obstacle_min_m by this times range^2: depth noise"
+        default=0.002, ge=0, description="raises obstacle_min_m and drop_min_m by this times range^2: depth noise"
+    )
+    drop_min_m: float = Field(
+        default=0.12, gt=0, description="lowest depth below the floor that blocks: an edge, a stair that leads down"
     )
     obstacle_min_points: int = Field(default=3, ge=1, description="fewer points don't block a cell")
     clear_ratio: float = Field(

@@ -23,7 +23,7 @@ Window = tuple[int, int, int, int]
 _MOST = 2**32 - 1  # counts stop here
 _LAYERS = (
     "_obstacle_points", "_obstacle_views", "_bare_views", "_explored_views", "_visited",
-    "_voxels_there", "_voxels_gone",
+    "_voxels_there", "_voxels_gone", "_drop_points", "_drop_views",
 )  # fmt: skip
 _BARE_FLOOR_M = 0.08  # nearer than this to the floor's altitude a point is floor
 
@@ -58,6 +58,8 @@ class FloorMap:
         self._visited = np.zeros((cells, cells), np.uint8)
         self._voxels_there = np.zeros((cells, cells), np.int32)  # of the cloud, in the band that blocks
         self._voxels_gone = np.zeros((cells, cells), np.int32)
+        self._drop_points = np.zeros((cells, cells), np.uint32)
+        self._drop_views = np.zeros((cells, cells), np.uint32)
         self._frontier: tuple[int, NDArray[np.uint8]] | None = None
         self._occupied: NDArray[np.uint8] | None = None
         self._free_space = FreeSpace(config.carve_memory)
@@ -91,14 +93,15 @@ class FloorMap:
         if c.carve_views:
             self._carve(view, new)
         # points and rays -> obstacle and exploration map
-        reach_m = reach(p_world, p_camera, self.z_m + c.explored_max_m)
+        reach_m = reach(p_world, p_camera, self.z_m + c.explored_max_m, self.z_m - c.drop_min_m)
         self._count(p_world, p_camera, reach_m, window, math.inf if view.is_robot else c.explored_range_camera_m)
         if view.is_robot:
             self._stand(p_camera)
         return len(p_world), reach_m
 
     def occupied(self) -> NDArray[np.uint8]:
-        """Obstacle map (rows, cols) uint8: cells with enough points in the band.
+        """Obstacle map (rows, cols) uint8: cells with enough points in the band, and drops: cells without a floor, through
+        which enough rays went down.
 
         Free again are those seen as plainly bare floor, those whose voxels are gone but a few, and where a robot stood.
         """
@@ -111,7 +114,10 @@ class FloorMap:
         blocked = self._obstacle_points >= c.obstacle_min_points
         bare = self._bare_views > c.clear_ratio * self._obstacle_views
         gone = (self._voxels_gone > 0) & (self._voxels_there < c.obstacle_min_points)
-        return np.asarray(blocked & ~bare & ~gone & (self._visited == 0)).view(np.uint8)
+        drop = self._drop_points >= c.obstacle_min_points
+        floor = self._bare_views > c.clear_ratio * self._drop_views
+        occupied = (blocked & ~bare & ~gone) | (drop & ~floor)
+        return np.asarray(occupied & (self._visited == 0)).view(np.uint8)
 
     def explored(self) -> NDArray[np.uint8]:
         """Exploration map (rows, cols) uint8: a point was seen there, or a ray passed, or a robot stood there."""
@@ -136,8 +142,10 @@ class FloorMap:
         """The map that ``state`` was taken of, under the same ``config``."""
         floor = cls(state["floor"], float(state["z_m"]), (0.0, 0.0), config)
         floor.revision, floor._row0, floor._col0 = int(state["revision"]), int(state["row0"]), int(state["col0"])
+        layers = {name: np.zeros_like(state["layers"]["obstacle_points"]) for name in ("drop_points", "drop_views")}
+        layers |= state["layers"]  # maps kept before drops were mapped have none
         for name in _LAYERS:
-            setattr(floor, name, np.array(state["layers"][name.lstrip("_")]))
+            setattr(floor, name, np.array(layers[name.lstrip("_")]))
         floor.cloud = VoxelCloud.of_state(state["cloud"], config)
         floor._free_space = FreeSpace.of_state(state["free_space"], config.carve_memory)
         return floor
@@ -175,9 +183,10 @@ class FloorMap:
         )  # fmt: skip
         part = np.s_[row0 - self._row0 : row0 - self._row0 + rows, col0 - self._col0 : col0 - self._col0 + cols]
         _count_points(
-            p_world, p_camera[0], p_camera[1], self.z_m, c.resolution_m, row0, col0, seen, farthest_m**2,
-            c.obstacle_min_m, c.obstacle_max_m, c.obstacle_noise_per_m, c.explored_max_m,
-            self._obstacle_points[part], self._obstacle_views[part], self._bare_views[part], self._explored_views[part],
+            p_world, p_camera, self.z_m, c.resolution_m, row0, col0, seen, farthest_m**2,
+            c.obstacle_min_m, c.obstacle_max_m, c.drop_min_m, c.obstacle_noise_per_m, c.explored_max_m,
+            self._obstacle_points[part], self._obstacle_views[part], self._drop_points[part], self._drop_views[part],
+            self._bare_views[part], self._explored_views[part],
         )  # fmt: skip
 
     def _stand(self, p_camera: NDArray[np.float64]) -> None:
@@ -253,31 +262,44 @@ def _bounds(points):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _count_points(  # type: ignore[no-untyped-def]
-    points, cx, cy, z, resolution_m, row0, col0, seen, farthest_squared, low, high, noise, explored_max,
-    obstacle_points, obstacle_views, bare_views, explored_views,
+    points, p_camera, z, resolution_m, row0, col0, seen, farthest_squared, low, high, drop, noise, explored_max,
+    obstacle_points, obstacle_views, drop_points, drop_views, bare_views, explored_views,
 ):  # fmt: skip
     rows, cols = seen.shape
     blocks = np.zeros((rows, cols), np.uint16)
+    falls = np.zeros((rows, cols), np.uint16)
     bare = np.zeros((rows, cols), np.uint8)
     for i in range(points.shape[0]):
-        col = int(np.floor(np.float64(points[i, 0]) / resolution_m)) - col0
-        row = int(np.floor(np.float64(points[i, 1]) / resolution_m)) - row0
+        x, y = np.float64(points[i, 0]), np.float64(points[i, 1])
         height = points[i, 2] - z
-        dx, dy = points[i, 0] - cx, points[i, 1] - cy
+        dx, dy = points[i, 0] - p_camera[0], points[i, 1] - p_camera[1]
         squared = dx * dx + dy * dy
+        falling = height < -drop - noise * squared
+        if falling:  # where the ray is that deep in the air there is no floor; over the point itself there may be one
+            share = (p_camera[2] - z + drop) / (p_camera[2] - points[i, 2])
+            if not 0.0 < share <= 1.0:
+                continue
+            x, y, squared = p_camera[0] + share * dx, p_camera[1] + share * dy, share * share * squared
+        col = int(np.floor(x / resolution_m)) - col0
+        row = int(np.floor(y / resolution_m)) - row0
         if height <= explored_max and squared <= farthest_squared:  # where a point is, the cell was seen, whatever the
             seen[row, col] = 0  # ray's azimuth
-        if low + noise * squared <= height <= high:
+        if falling:
+            falls[row, col] += 1
+        elif low + noise * squared <= height <= high:
             blocks[row, col] += 1
         elif abs(height) <= _BARE_FLOOR_M:
             bare[row, col] = 1
     for row in range(rows):
         for col in range(cols):
-            n = blocks[row, col]
+            n, fallen = blocks[row, col], falls[row, col]
             if n > 0:
                 obstacle_points[row, col] = min(_MOST, int(obstacle_points[row, col]) + n)
                 obstacle_views[row, col] = min(_MOST, int(obstacle_views[row, col]) + 1)
-            elif bare[row, col] > 0:
+            if fallen > 0:
+                drop_points[row, col] = min(_MOST, int(drop_points[row, col]) + fallen)
+                drop_views[row, col] = min(_MOST, int(drop_views[row, col]) + 1)
+            if n == 0 and fallen == 0 and bare[row, col] > 0:
                 bare_views[row, col] = min(_MOST, int(bare_views[row, col]) + 1)
             if seen[row, col] >= 0:
                 explored_views[row, col] = min(_MOST, int(explored_views[row, col]) + 1)

@@ -64,17 +64,19 @@ def _world_points(depth_m, rgb, T, fx, fy, cx, cy, stride, near_m, far_m, edge):
     return points[:n].copy(), colours[:n].copy()
 
 
-def reach(p_world: NDArray[np.float32], p_camera_m: NDArray[np.float64], ceiling_z_m: float) -> NDArray[np.float32]:
-    """How far a view's rays run below ``ceiling_z_m``, by azimuth: (360, 2) float32 of (from, to) [m].
+def reach(
+    p_world: NDArray[np.float32], p_camera_m: NDArray[np.float64], ceiling_z_m: float, lowest_z_m: float = -math.inf
+) -> NDArray[np.float32]:
+    """How far a view's rays run between ``lowest_z_m`` and ``ceiling_z_m``, by azimuth: (360, 2) float32 of (from, to) [m].
 
     Azimuth bin k covers [k, k + 1) degrees from +x of the world, anticlockwise, around the camera's (x, y).
     (0, 0) where no ray runs. A single empty bin between two full ones is bridged by what both agree on.
     """
-    return _reach(p_world, p_camera_m[0], p_camera_m[1], p_camera_m[2], ceiling_z_m)  # type: ignore[no-any-return]
+    return _reach(p_world, *p_camera_m, ceiling_z_m, lowest_z_m)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)
-def _reach(p_world, cx, cy, cz, ceiling_z):  # type: ignore[no-untyped-def]
+def _reach(p_world, cx, cy, cz, ceiling_z, lowest_z):  # type: ignore[no-untyped-def]
     out = np.zeros((AZIMUTHS, 2), np.float32)
     for i in range(p_world.shape[0]):
         dx, dy, z = p_world[i, 0] - cx, p_world[i, 1] - cy, p_world[i, 2]
@@ -86,6 +88,8 @@ def _reach(p_world, cx, cy, cz, ceiling_z):  # type: ignore[no-untyped-def]
             start = r * (cz - ceiling_z) / (cz - z)
         elif z > ceiling_z:
             end = r * (ceiling_z - cz) / (z - cz)
+        if z < lowest_z:
+            end = r * max(0.0, cz - lowest_z) / (cz - z)
         if end <= 0.0:
             continue
         k = int((math.atan2(dy, dx) / (2 * math.pi) + 1.0) * AZIMUTHS) % AZIMUTHS

@@ -16,9 +16,9 @@ from services.fusion.core.config import FusionConfig
 from services.fusion.core.joint_map import JointMap
 
 #: Of what a snapshot holds: one of another version isn't read.
-VERSION = 3
-#: Older ones that are still read: their views and objects name no model.
-_READABLE = (2, VERSION)
+VERSION = 4
+#: Older ones that are still read: version 2 names no models, neither has drops.
+_READABLE = (2, 3, VERSION)
 _MAX_BYTES = 8 << 30
 
 

@@ -110,6 +110,55 @@ def test_where_a_robot_stood_is_free_and_explored(world):
     assert at(joint, "explored", 1.0, 1.0) == 0
 
 
+@pytest.fixture
+def shaft(tools):
+    """A floor with a shaft across it, 3 < x < 4.5 m, hollow below."""
+    world = tools.world(room=((0.0, 0.0, -1.5), (8.0, 4.0, 2.5)))
+    world.boxes |= {"floor": ((0.0, 0.0, -0.2), (3.0, 4.0, 0.0)), "beyond": ((4.5, 0.0, -0.2), (8.0, 4.0, 0.0))}
+    return world
+
+
+def test_a_drop_blocks_from_its_edge_on(shaft):
+    joint = JointMap()
+    joint.integrate(shaft.view(2.0, 2.0, 0.0, -0.9), None)
+    assert [at(joint, "occupancy", x, 2.0) for x in (2.92, 2.97, 3.2, 3.3)] == [0, 0, 1, 1]
+    assert at(joint, "explored", 3.2, 2.0) == 1
+
+
+def test_what_lies_under_a_floor_is_not_seen_of_it(shaft):
+    view = shaft.view(2.0, 2.0, 0.0, -0.9)
+    points, _ = world_points(view, 3000, 5.0, 0.05)
+    assert (points[:, 0] > 5.0).any()  # it looks through the shaft below the floor beyond
+    joint = JointMap()
+    joint.integrate(view, None)
+    for name in ("occupancy", "explored"):
+        grid, layer = joint.layer("0", name)
+        assert layer[:, grid.cells_of((4.6, 0.0))[1] :].sum() == 0, name
+
+
+def test_a_shaft_stays_one_after_somebody_crossed_it(shaft):
+    joint = JointMap(FusionConfig(map=MapConfig(carve_margin_m=0.01)))
+    shaft.boxes["lift"] = ((3.1, 1.5, -0.2), (3.6, 2.5, 0.2))
+    joint.integrate(shaft.view(2.0, 2.0, 0.0, -0.9, seq=0), None)
+    assert at(joint, "occupancy", 3.2, 2.0) == 1
+    del shaft.boxes["lift"]
+    for seq in range(1, 4):
+        joint.integrate(shaft.view(2.0, 2.0, 0.0, -0.9, seq=seq), None)
+    x, y, z = joint.layer("0", "cloud")[1][:, :3].T
+    assert not ((z > 0.15) & (abs(x - 3.2) < 0.06) & (abs(y - 2.0) < 0.2)).any()  # the lift is gone
+    assert at(joint, "occupancy", 3.2, 2.0) == 1
+
+
+def test_a_floor_laid_over_a_shaft_is_free_when_it_was_seen_often(shaft):
+    joint = JointMap()
+    joint.integrate(shaft.view(2.0, 2.0, 0.0, -0.9), None)
+    assert at(joint, "occupancy", 3.2, 2.0) == 1
+    shaft.boxes["hatch"] = ((3.0, 0.0, -0.2), (4.5, 4.0, 0.0))
+    for seq in range(1, 8):
+        joint.integrate(shaft.view(2.0, 2.0, 0.0, -0.6, seq=seq), None)
+    assert at(joint, "occupancy", 3.2, 2.0) == 0
+
+
 def test_growing_keeps_what_is_there(world):
     world.room = ((-20.0, -20.0, 0.0), (20.0, 20.0, 2.5))
     views = [world.view(s * x, s * x / 2, 0.7 * x, -0.3, seq=x) for x in range(8) for s in (1.0, -1.0)]  # out both ways
@@ -147,13 +196,21 @@ def slow_maps(views, config, z_m=0.0):
     are a camera's."""
     r = config.resolution_m
     points_in, blocked_by, bare_by, explored = Counter(), Counter(), Counter(), set()
+    falls_in, fallen_by = Counter(), Counter()
     for view in views:
         points, _ = world_points(view, config.points_per_view, config.max_range_robot_m, config.depth_edge)
         cx, cy, cz = view.T_world_camera[:3, 3].tolist()
-        blocks, bare, rays = Counter(), set(), {}
+        blocks, falls, bare, rays = Counter(), Counter(), set(), {}
         for x, y, z in points.astype(float).tolist():
-            cell, height = (math.floor(y / r), math.floor(x / r)), z - z_m
-            squared = (x - cx) ** 2 + (y - cy) ** 2
+            height, squared = z - z_m, (x - cx) ** 2 + (y - cy) ** 2
+            ceiling, far = z_m + config.explored_max_m, math.sqrt(squared)
+            deep = height < -config.drop_min_m - config.obstacle_noise_per_m * squared
+            if height < -config.drop_min_m:  # the ray is of this floor until it is so deep
+                share = (cz - z_m + config.drop_min_m) / (cz - z)
+            if deep:
+                x, y, squared = cx + share * (x - cx), cy + share * (y - cy), share**2 * squared
+            cell = math.floor(y / r), math.floor(x / r)
+            falls[cell] += deep
             if height <= config.explored_max_m and math.sqrt(squared) <= config.explored_range_camera_m:
                 explored.add(cell)
             if config.obstacle_min_m + config.obstacle_noise_per_m * squared <= height <= config.obstacle_max_m:
@@ -161,9 +218,9 @@ def slow_maps(views, config, z_m=0.0):
             elif abs(height) <= 0.08:
                 bare.add(cell)
             # the part of the ray that runs below the ceiling of what explores
-            ceiling, far = z_m + config.explored_max_m, math.sqrt(squared)
             start = far * (cz - ceiling) / (cz - z) if cz > ceiling > z else 0.0
             end = far if cz > ceiling or z <= ceiling else far * (ceiling - cz) / (z - cz)
+            end = far * share if height < -config.drop_min_m else end
             if end > 0 and not (cz > ceiling and z >= ceiling):
                 k = math.floor((math.atan2(y - cy, x - cx) / math.tau + 1) * 360) % 360
                 before = rays.get(k, (math.inf, 0.0))
@@ -181,12 +238,15 @@ def slow_maps(views, config, z_m=0.0):
                 start, end = reaches.get(math.floor((math.atan2(dy, dx) / math.tau + 1) * 360) % 360, (1.0, 0.0))
                 if start <= math.hypot(dx, dy) <= min(end, config.explored_range_camera_m):
                     explored.add((row, col))
+        falls = +falls
         points_in += blocks
+        falls_in += falls
         blocked_by += Counter(set(blocks))
-        bare_by += Counter(bare - set(blocks))
+        fallen_by += Counter(set(falls))
+        bare_by += Counter(bare - set(blocks) - set(falls))
     occupied = {
-        cell for cell, n in points_in.items()
-        if n >= config.obstacle_min_points and bare_by[cell] <= config.clear_ratio * blocked_by[cell]
+        cell for points, views_of_it in ((points_in, blocked_by), (falls_in, fallen_by)) for cell, n in points.items()
+        if n >= config.obstacle_min_points and bare_by[cell] <= config.clear_ratio * views_of_it[cell]
     }  # fmt: skip
     return occupied, explored
 
@@ -194,8 +254,8 @@ def slow_maps(views, config, z_m=0.0):
 @settings(max_examples=8, deadline=None)
 @given(x=st.floats(1, 5), y=st.floats(1, 3), yaw=st.floats(-3, 3), pitch=st.floats(-0.7, 0.3), height=st.floats(0.4, 2))
 def test_obstacles_and_explored_cells_are_those_of_a_literal_reference(tools, x, y, yaw, pitch, height):
-    world = tools.world()
-    world.boxes["table"] = ((4.0, 1.0, 0.0), (4.6, 1.6, 0.7))
+    world = tools.world(room=((0.0, 0.0, -1.0), (6.0, 4.0, 2.5)))  # the floor ends at y = 2.4 m
+    world.boxes |= {"floor": ((0.0, 0.0, -0.2), (6.0, 2.4, 0.0)), "table": ((4.0, 1.0, 0.0), (4.6, 1.6, 0.7))}
     config = MapConfig(points_per_view=3000, robot_radius_m=0.0, carve_views=0, explored_range_camera_m=2.5)
     views = [
         world.view(x, y, yaw + turn, pitch, seq=seq, height=height, source="camera/c", range_m=(0.1, 4.0))
