@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from benchmark.tables.arms import Table
     from benchmark.tables.make import Made
 
+PerScene = Annotated[
+    int | None,
+    typer.Option(min=1, help="Play no more than the first so many episodes of each scene; a start without it goes on."),
+]
+
 app = typer.Typer(no_args_is_help=True, help="The benchmark: policies on the dataset.")
 
 
@@ -36,6 +41,7 @@ def run(
     views: Annotated[str, typer.Option(help="panoramic (360 degrees) or half (180).")] = "panoramic",
     max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
     seed: Annotated[int, typer.Option(min=0)] = 0,
+    per_scene: PerScene = None,
     workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
     root: Root = DEFAULT_ROOT,
     out: Annotated[
@@ -57,7 +63,10 @@ def run(
     folder = out or Path("runs/bench") / run_id(settings)
     began_s = time.monotonic()
     with counting(console, "episodes") as progress:
-        finished = play(root, folder, settings, workers=workers, on_progress=lambda p: progress(p.done, p.total, ""))
+        finished = play(
+            root, folder, settings, workers=workers, per_scene=per_scene,
+            on_progress=lambda p: progress(p.done, p.total, ""),
+        )  # fmt: skip
     _say_faults(finished)
     if not finished.records:
         raise ConfigError(f"no episode could be played; see above, or {folder}")
@@ -65,7 +74,9 @@ def run(
         print(json.dumps(_numbers(finished, folder, time.monotonic() - began_s)))
     else:
         s = summarise(finished.records)
-        console.print(f"{s.episodes} of {finished.total} episodes: SR {s.sr}, SPL {s.spl}, SoftSPL {s.soft_spl}")
+        console.print(
+            f"{s.episodes} of {s.episodes + finished.missing} episodes: SR {s.sr}, SPL {s.spl}, SoftSPL {s.soft_spl}"
+        )
         console.print("  " + ", ".join(f"{k} {v}" for k, v in s.reasons.items()))
         console.print(f"  success: {SUCCESS_RULE}; records in {folder}")
     sys.exit(0 if finished.complete else 1)
@@ -92,7 +103,7 @@ def _numbers(finished: Finished, folder: Path, seconds: float) -> dict[str, Any]
     return {
         "sr": round(s.sr.mean, 2), "spl": round(s.spl.mean, 2), "soft_spl": round(s.soft_spl.mean, 2),
         "episodes": s.episodes, "seconds": round(seconds, 1), "traffic": s.bytes,
-        "success": SUCCESS_RULE, "missing": finished.total - s.episodes, "broken": len(finished.broken),
+        "success": SUCCESS_RULE, "missing": finished.missing, "broken": len(finished.broken),
         "unopened": finished.unopened,
         "episode_seconds": round(sum(r.seconds for r in finished.records), 1), "reasons": s.reasons, "out": str(folder),
     }  # fmt: skip
@@ -108,6 +119,7 @@ def table(
         list[str] | None,
         typer.Option(help="Play only this arm, or those with this in their label; pages show what is there of others."),
     ] = None,
+    per_scene: PerScene = None,
     play: Annotated[bool, typer.Option(help="--no-play: only write pages of what was played.")] = True,
     as_json: AsJson = False,
 ) -> None:
@@ -133,7 +145,7 @@ def table(
     said = []
     for one in tables:
         with counting(console, "episodes") as progress:
-            made = make(one, root, out, workers=workers, on_progress=progress, wanted=wanted)
+            made = make(one, root, out, workers=workers, per_scene=per_scene, on_progress=progress, wanted=wanted)
         said.append(_said(one, made))
     if as_json:
         print(json.dumps({"tables": said}))

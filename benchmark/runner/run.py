@@ -30,19 +30,19 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """What a run came to. ``unopened``: scenes that couldn't be opened or kept, with why; ``mended``: episodes that were
-    there, but couldn't be read."""
+    """What a run came to. ``unopened``: scenes that couldn't be opened or kept, with why; ``missing``: how many of the
+    episodes that were asked for aren't there; ``mended``: episodes that were there, but couldn't be read."""
 
     records: list[EpisodeRecord]
     broken: list[Broken]
     unopened: dict[str, str]
-    total: int
+    missing: int
     mended: tuple[tuple[str, str], ...] = ()
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is missing."""
-        return len(self.records) == self.total
+        """Whether nothing is missing of what was asked for."""
+        return self.missing == 0
 
 
 def run(
@@ -51,9 +51,10 @@ def run(
     settings: RunSettings,
     *,
     workers: int,
+    per_scene: int | None = None,
     on_progress: Callable[[Progress], None] = lambda _: None,
 ) -> Finished:
-    """Plays what is missing of a split.
+    """Plays what is missing of a split; ``per_scene``: of no more than the first so many episodes of each scene.
 
     Raises:
         ConfigError: settings, dataset or records that can't be used.
@@ -64,10 +65,10 @@ def run(
     for scene in scenes_of(root, settings.split):
         data = load_scene(root, settings.split, scene)
         data.plan(settings.density_m2)  # a density that the dataset hasn't is said before anything is opened
-        wanted[scene] = [e.episode_id for e in data.content.episodes]
+        wanted[scene] = [e.episode_id for e in data.content.episodes[:per_scene]]
     records = Records(out, settings, basis)
     mended = tuple(records.mend())
-    total = sum(len(ids) for ids in wanted.values())
+    asked = {(scene, e) for scene, ids in wanted.items() for e in ids}
     done = records.done()
     missing = {s: frozenset(e for e in ids if (s, e) not in done) for s, ids in wanted.items()}
     jobs = [(root, out, basis, settings, s, ids) for s, ids in missing.items() if ids]
@@ -76,9 +77,10 @@ def run(
     for ended in in_workers(_work, jobs, workers, _POLL_S):
         if ended is not None and ended.error:
             unopened[ended.job[4]] = ended.why
-        on_progress(Progress(len(records.done()), total))
+        on_progress(Progress(len(asked & records.done()), len(asked)))
     records.settle()
-    return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), total, mended)
+    left = len(asked - records.done())
+    return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), left, mended)
 
 
 def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> None:

@@ -80,10 +80,11 @@ def _main() -> Table:
 def _pixels() -> Table:
     return Table(
         "pixels", "On pixels",
-        "Our own network `compact` looks at rendered pixels; planner FMM.",
+        "Our own network `compact` looks at rendered pixels; planner FMM. Beside it the pair of COCO detectors.",
         (
             Arm("compact, with surveillance", _run("val", perception="compact")),
             Arm("compact, without surveillance", _run("val", perception="compact", surveillance=False)),
+            Arm("onnx-coco, with surveillance", _run("val", perception="onnx-coco")),
         ),
     )  # fmt: skip
 

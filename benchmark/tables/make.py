@@ -24,8 +24,8 @@ from surveilnav.stored import replacing
 
 class Made(NamedTuple):
     """A table's page, and what is missing of it: ``faults`` name scenes and episodes that aren't counted. ``complete``: of
-    the arms that were wanted nothing is missing. ``played``: how many arms nothing is missing of. ``mended``: episodes that
-    were there, but couldn't be read."""
+    the arms that were wanted nothing is missing that was asked for. ``played``: how many arms nothing is missing of that was
+    asked for. ``mended``: episodes that were there, but couldn't be read."""
 
     page: Path
     faults: list[str]
@@ -40,12 +40,14 @@ def make(
     out: Path,
     *,
     workers: int,
+    per_scene: int | None = None,
     wanted: Callable[[Arm], bool] = lambda arm: True,
     on_progress: Callable[[int, int, str], None] = lambda done, total, arm: None,
 ) -> Made:
     """Writes ``<out>/<table>.md`` and ``.png``, anew after every arm; runs are kept in ``<out>/records``.
 
     Arms that aren't ``wanted`` aren't played; the page shows what is there of them. A page without a line isn't written.
+    ``per_scene``: no more than the first so many episodes of each scene are played.
 
     Raises:
         ConfigError: settings, dataset or records that can't be used.
@@ -56,7 +58,7 @@ def make(
     playing = {name: arm for arm in table.arms if wanted(arm) for name in _runs([arm])}
     mended = _mend(playing, runs, out, basis)  # a folder that can't be used is said before hours are spent on another
     found = {
-        name: Finished(there.records, there.broken, {}, total)
+        name: Finished(there.records, there.broken, {}, total - len(there.records))
         for name, settings in runs.items()
         if (there := kept(_folder(out, name), settings, basis))
     }
@@ -66,7 +68,9 @@ def make(
         def report(p: Progress, before: int = number, label: str = arm.label) -> None:
             on_progress(before * p.total + p.done, len(playing) * p.total, f"{table.name}: {label}")
 
-        found[name] = run(root, _folder(out, name), runs[name], workers=workers, on_progress=report)
+        found[name] = run(
+            root, _folder(out, name), runs[name], workers=workers, per_scene=per_scene, on_progress=report
+        )
         faults = _write(table, found, total, models, basis, path)
     complete = {name for name, finished in found.items() if finished.complete}
     played = sum(complete.issuperset(_runs([arm])) for arm in table.arms)

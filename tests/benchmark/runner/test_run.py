@@ -50,7 +50,7 @@ def finished(dataset, tmp_path_factory):
 
 def test_every_episode_is_played_once(finished):
     assert finished.complete
-    assert len({r.key for r in finished.records}) == finished.total == 6
+    assert len({r.key for r in finished.records}) == len(finished.records) == 6
     assert finished.broken == []
     assert finished.unopened == {}
     assert all((r.reason == "") == r.success for r in finished.records)
@@ -70,6 +70,21 @@ def test_a_second_start_plays_what_is_missing(dataset, finished, tmp_path, monke
     again = run(dataset, tmp_path, SETTINGS, workers=1)
     assert _plain(again.records) == _plain(finished.records)
     assert [r.seconds for r in again.records[:-2]] == [r.seconds for r in finished.records[:-2]]  # not played again
+
+
+def test_the_first_of_each_scene_are_played_and_later_the_rest(dataset, finished, tmp_path):
+    said = []
+    few = run(dataset, tmp_path, SETTINGS, workers=2, per_scene=1, on_progress=said.append)
+    firsts = [
+        next(r for r in finished.records if r.scene == scene) for scene in sorted({r.scene for r in finished.records})
+    ]
+    assert _plain(few.records) == _plain(firsts)
+    assert few.complete
+    assert (said[-1].done, said[-1].total) == (2, 2)
+    whole = run(dataset, tmp_path, SETTINGS, workers=2)
+    assert _plain(whole.records) == _plain(finished.records)
+    assert [r.seconds for r in whole.records if r.key in {f.key for f in firsts}] == [r.seconds for r in few.records]
+    assert run(dataset, tmp_path, SETTINGS, workers=2, per_scene=1).complete, "more is there than was asked for"
 
 
 def test_a_broken_episode_is_named_and_not_counted(dataset, tmp_path, monkeypatch):
