@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 PerScene = Annotated[
     int | None,
-    typer.Option(min=1, help="Play no more than the first so many episodes of each scene; a start without it goes on."),
+    typer.Option(min=1, help="Play only so many episodes of each scene, spread over it; a start without it goes on."),
 ]
 
 app = typer.Typer(no_args_is_help=True, help="The benchmark: policies on the dataset.")

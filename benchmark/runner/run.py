@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,7 +55,7 @@ def run(
     per_scene: int | None = None,
     on_progress: Callable[[Progress], None] = lambda _: None,
 ) -> Finished:
-    """Plays what is missing of a split; ``per_scene``: of no more than the first so many episodes of each scene.
+    """Plays what is missing of a split; ``per_scene``: of so many episodes of each scene (``some_of``).
 
     Raises:
         ConfigError: settings, dataset or records that can't be used.
@@ -65,7 +66,8 @@ def run(
     for scene in scenes_of(root, settings.split):
         data = load_scene(root, settings.split, scene)
         data.plan(settings.density_m2)  # a density that the dataset hasn't is said before anything is opened
-        wanted[scene] = [e.episode_id for e in data.content.episodes[:per_scene]]
+        ids = [e.episode_id for e in data.content.episodes]
+        wanted[scene] = ids if per_scene is None else some_of(scene, ids, per_scene)
     records = Records(out, settings, basis)
     mended = tuple(records.mend())
     asked = {(scene, e) for scene, ids in wanted.items() for e in ids}
@@ -81,6 +83,13 @@ def run(
     records.settle()
     left = len(asked - records.done())
     return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), left, mended)
+
+
+def some_of(scene: str, ids: list[str], n: int) -> list[str]:
+    """``n`` of a scene's episodes, or all if there are fewer: evenly spaced, since they lie by category, and from a start that
+    each scene has its own of, so that no category is left out. Always the same; those of 3 are among those of 6."""
+    first = zlib.crc32(scene.encode()) % max(1, len(ids))
+    return ids if n >= len(ids) else [ids[i] for i in sorted((first + k * len(ids) // n) % len(ids) for k in range(n))]
 
 
 def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> None:

@@ -47,7 +47,7 @@ def make(
     """Writes ``<out>/<table>.md`` and ``.png``, anew after every arm; runs are kept in ``<out>/records``.
 
     Arms that aren't ``wanted`` aren't played; the page shows what is there of them. A page without a line isn't written.
-    ``per_scene``: no more than the first so many episodes of each scene are played.
+    ``per_scene``: only so many episodes of each scene are played.
 
     Raises:
         ConfigError: settings, dataset or records that can't be used.

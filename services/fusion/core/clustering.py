@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 def largest_cluster(points: NDArray[np.float32], eps_m: float, min_points: int) -> NDArray[np.int64]:
     """Indices (M,) of the largest cluster of points (N, 3) [m]; empty where all is noise. Ties: the first found.
 
-    Made for the thousand or so points of a subsampled mask: sorting along one axis is all the index that pays.
+    Made for the thousand or so points of a subsampled mask, which face the camera: a grid across the view is all the index
+    that pays.
     """
     labels = dbscan(np.ascontiguousarray(points, np.float32), eps_m, min_points)
     if labels.size == 0 or labels.max() < 0:
@@ -22,44 +23,90 @@ def largest_cluster(points: NDArray[np.float32], eps_m: float, min_points: int) 
 def dbscan(points, eps_m, min_points):  # type: ignore[no-untyped-def]
     """Cluster of each point (N,) int64 of points (N, 3), -1 for noise; numbered as scikit-learn does."""
     n = points.shape[0]
-    limit = np.float32(eps_m) * np.float32(eps_m)
-    order = np.argsort(points[:, 0])
-    p = points[order]  # neighbours lie within eps along x: a short stretch of the sorted points
-    count = np.ones(n, np.int64)
-    first = np.zeros(n, np.int64)
-    last = np.full(n, n, np.int64)
-    for i in range(n):
-        low = 0 if i == 0 else first[i - 1]
-        while p[i, 0] - p[low, 0] > eps_m:
-            last[low] = i
-            low += 1
-        first[i] = low
-        for j in range(low, i):
-            if _near(p, i, j, limit):
-                count[i] += 1
-                count[j] += 1
     found = np.full(n, -1, np.int64)
-    rank = np.empty(n, np.int64)
-    rank[order] = np.arange(n)
+    if n == 0:
+        return found
+    limit = np.float32(eps_m) * np.float32(eps_m)
+    cell, cols, start, order = _cells(points, eps_m)
+    p = points[order]
+    core = _has_neighbours(p, cell, cols, start, order, limit, min_points)
+    free = np.arange(n)  # by cell, places in the order of points that have no cluster yet: those before ``end``
+    end = start[1:].copy()
     stack = np.empty(n, np.int64)
+    place = np.empty(n, np.int64)
+    place[order] = free
     cluster = 0
-    for seed in rank:
-        if found[seed] != -1 or count[seed] < min_points:
+    for seed in range(n):
+        if found[seed] != -1 or not core[place[seed]]:
             continue
+        stack[0], depth = place[seed], 1
         found[seed] = cluster
-        stack[0], depth = seed, 1
         while depth > 0:
             depth -= 1
             i = stack[depth]
-            if count[i] < min_points:  # a border point joins but doesn't spread
+            if not core[i]:  # a border point joins but doesn't spread
                 continue
-            for j in range(first[i], last[i]):
-                if found[j] == -1 and _near(p, i, j, limit):
-                    found[j] = cluster
-                    stack[depth] = j
-                    depth += 1
+            for c in _around(cell[order[i]], cols):
+                k = start[c]
+                while k < end[c]:
+                    j = free[k]
+                    if found[order[j]] != -1 or _near(p, i, j, limit):
+                        if found[order[j]] == -1:
+                            found[order[j]] = cluster
+                            stack[depth] = j
+                            depth += 1
+                        end[c] -= 1
+                        free[k] = free[end[c]]
+                    else:
+                        k += 1
         cluster += 1
-    return found[rank]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _cells(points, eps_m):  # type: ignore[no-untyped-def]
+    """Points (N, 3), N > 0, in an x-y grid whose cells are as wide as ``eps_m`` or wider, with an empty rim.
+
+    Returns the cell of each point (N,), cells in a row, where each cell starts in ``order``, and ``order``: points by cell.
+    """
+    n = points.shape[0]
+    x0, y0 = points[:, 0].min(), points[:, 1].min()
+    width_m, height_m = points[:, 0].max() - x0, points[:, 1].max() - y0
+    side_m = 1.001 * eps_m  # more than rounding may add to a distance
+    while (width_m / side_m + 3) * (height_m / side_m + 3) > 16 * n + 1024:
+        side_m *= 2
+    cols, rows = int(width_m / side_m) + 3, int(height_m / side_m) + 3
+    cell, start = np.empty(n, np.int64), np.zeros(rows * cols + 1, np.int64)
+    for i in range(n):
+        cell[i] = (int((points[i, 1] - y0) / side_m) + 1) * cols + int((points[i, 0] - x0) / side_m) + 1
+        start[cell[i] + 1] += 1
+    start = np.cumsum(start)
+    order, at = np.empty(n, np.int64), start.copy()
+    for i in range(n):
+        order[at[cell[i]]] = i
+        at[cell[i]] += 1
+    return cell, cols, start, order
+
+
+@njit(cache=True, nogil=True)
+def _has_neighbours(p, cell, cols, start, order, limit, min_points):  # type: ignore[no-untyped-def]
+    """Whether points ``p`` (N, 3), by cell, have ``min_points`` within reach, themselves among them: (N,) bool."""
+    core = np.zeros(len(p), np.bool_)
+    for i in range(len(p)):
+        count = 0
+        for c in _around(cell[order[i]], cols):
+            for j in range(start[c], start[c + 1]):
+                count += _near(p, i, j, limit)
+            if count >= min_points:
+                core[i] = True
+                break
+    return core
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _around(c, cols):  # type: ignore[no-untyped-def]
+    """A cell, where most neighbours are, and the eight around it."""
+    return c, c - 1, c + 1, c - cols, c + cols, c - cols - 1, c - cols + 1, c + cols - 1, c + cols + 1
 
 
 @njit(cache=True, nogil=True, inline="always")

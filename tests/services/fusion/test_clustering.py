@@ -19,6 +19,33 @@ def test_equals_scikit_learn(seed, eps_m, min_points):
     np.testing.assert_array_equal(dbscan(points, eps_m, min_points), expected)
 
 
+@pytest.mark.parametrize("extent_m", [0.0, 0.04, 300.0])
+@pytest.mark.parametrize("axis", range(3))
+def test_equals_scikit_learn_however_the_points_lie(axis, extent_m):
+    """All in one cell of the grid, in one row of it, and far apart."""
+    rng = np.random.default_rng(axis)
+    points = rng.uniform(0, 0.1, (300, 3))
+    points[:, axis] = rng.integers(0, 5, 300) * extent_m / 5
+    points = points.astype(np.float32)
+    expected = DBSCAN(eps=0.02, min_samples=4).fit_predict(points.astype(np.float64))
+    np.testing.assert_array_equal(dbscan(points, 0.02, 4), expected)
+
+
+def core_points(points, eps_m, min_points):
+    """Literal: all pairs, in float32 as the code has them."""
+    d = points[:, None] - points[None]
+    near = (d * d).sum(axis=2, dtype=np.float32) <= np.float32(eps_m) * np.float32(eps_m)
+    return near.sum(axis=1) >= min_points
+
+
+def test_a_pair_that_is_just_in_reach_counts_whatever_cells_it_lies_in():
+    at = np.arange(40, dtype=np.float32) * np.float32(0.05) + np.float32(7.3)
+    points = np.stack([np.repeat(at, 40), np.tile(at, 40), np.zeros(1600, np.float32)], axis=1)
+    core = core_points(points, 0.05, 2)
+    assert 0.2 < core.mean() < 1.0, "rounding decides"
+    np.testing.assert_array_equal(dbscan(points, 0.05, 2) >= 0, core)
+
+
 def test_background_that_leaked_into_a_mask_goes():
     rng = np.random.default_rng(0)
     chair = rng.uniform(0, 0.3, (200, 3))
