@@ -15,6 +15,7 @@ from cli.report.film import film_of
 from cli.report.floor_map import (
     CAMERA,
     DECIDING,
+    DOUBTED,
     IDLE,
     PATH,
     REJECTED,
@@ -139,6 +140,7 @@ def _content(record: RunRecord, floor: str, objects: Sequence[ObjectRecord]) -> 
     last = record.plans[-1] if record.plans else None
     here = last if last is not None and last.floor == floor else None
     return MapContent(
+        target=record.target,
         layers=record.layers.get(floor, {}),
         path_m=np.array([[s.x_m, s.y_m] for s in walked if s.floor == floor], np.float64).reshape(-1, 2),
         planned_m=here.path_m if here else (),
@@ -185,6 +187,7 @@ def _legend() -> list[tuple[str, str, str]]:
         ("dot", IDLE, "camera not in use"),
         ("ring", DECIDING, "camera and view that decided"),
         ("box", TARGET, "confirmed target"),
+        ("box", DOUBTED, "taken for it by some view"),
         ("box", REJECTED, "rejected candidate"),
     ]
 

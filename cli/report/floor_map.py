@@ -16,10 +16,12 @@ from cli.report.svg import data_uri, drawing, tag
 from services.gateway.core.layers import COLOURS, colour_cells, colour_values, encode_png
 from surveilnav.geometry import Grid
 from surveilnav.messages import CameraInfo, ObjectRecord
+from surveilnav.words import canonical
 
 Layers = dict[str, tuple[Grid, NDArray]]
 
 PATH, TARGET, REJECTED, CAMERA, IDLE, DECIDING = "#d6336c", "#12805c", "#a33a2b", "#6741d9", "#868e96", "#e8a200"
+DOUBTED = "#495057"
 _WIDTH_PX, _HEIGHT_PX = 1080.0, 760.0
 _MARGIN_M, _CONE_M = 0.8, 1.2
 
@@ -50,8 +52,10 @@ class _Frame:
 
 @dataclass(frozen=True, slots=True)
 class MapContent:
-    """What a picture of one floor shows; ``path_m`` (N, 2) is the way that the robot went there."""
+    """What a picture of one floor shows; ``path_m`` (N, 2) is the way that the robot went there. ``objects``: what somebody
+    took for the ``target``."""
 
+    target: str
     layers: Layers
     path_m: NDArray[np.float64]
     planned_m: Sequence[tuple[float, float]]
@@ -72,7 +76,7 @@ def map_svg(content: MapContent, title: str) -> str:
     for info in content.cameras:
         parts.append(_cones(frame, info, info.camera in content.invoked, content.deciding))
     parts += [_planned(frame, content), _path(frame, content.path_m)]
-    parts += [_object(frame, o) for o in content.objects]
+    parts += [_object(frame, o, content.target) for o in content.objects]
     parts += [_camera(frame, c, c.camera in content.invoked, content.deciding) for c in content.cameras]
     parts += [_ends(frame, content), _scale_bar(frame)]
     return drawing(frame.size, parts, title)
@@ -88,7 +92,7 @@ def value_svg(content: MapContent, title: str) -> tuple[str, float, float] | Non
     frame = _frame(content)
     parts = [_layer(frame, content.layers, "explored"), _layer(frame, content.layers, "value")]
     parts += [_layer(frame, content.layers, "occupancy"), _path(frame, content.path_m, thin=True)]
-    parts += [_object(frame, o) for o in content.objects if o.status == "confirmed"]
+    parts += [_object(frame, o, content.target) for o in content.objects if _is_found(o, content.target)]
     parts.append(_scale_bar(frame))
     return drawing(frame.size, parts, title), float(np.nanmin(values)), float(np.nanmax(values))
 
@@ -247,18 +251,23 @@ def _camera(frame: _Frame, info: CameraInfo, invoked: bool, deciding: frozenset[
     return tag("g", *parts, _text(u + 12, v - 7, info.camera))
 
 
-def _object(frame: _Frame, record: ObjectRecord) -> str:
-    """The object's box from above, with its label if it is confirmed."""
+def _is_found(record: ObjectRecord, target: str) -> bool:
+    return record.status == "confirmed" and canonical(record.label) == canonical(target)
+
+
+def _object(frame: _Frame, record: ObjectRecord, target: str) -> str:
+    """The object's box from above, with its label if it is confirmed as the target."""
     if not all(map(math.isfinite, (*record.center_m, *record.size_m))):
         return ""
     (x, y), (w, d) = record.center_m[:2], record.size_m[:2]
     u, v = frame.at(x - w / 2, y + d / 2)
     width, height = max(4.0, w * frame.scale), max(4.0, d * frame.scale)
-    colour = {"confirmed": TARGET, "rejected": REJECTED}.get(record.status, "#495057")
+    found = _is_found(record, target)
+    colour = TARGET if found else REJECTED if record.status == "rejected" else DOUBTED
     style = {"fill": colour, "fill_opacity": "0.16", "stroke": colour, "stroke_width": 2.6, "rx": 2}
     said = f"#{record.id} {record.label}: {record.status}, {record.confidence:.2f}. {record.reason}"
     parts = [f"<title>{escape(said)}</title>"]
-    if record.status == "confirmed":
+    if found:
         parts.append(tag("rect", x=u, y=v, width=width, height=height, **style))
         parts.append(_text(u + width / 2, v - 6, f"{record.label} {record.confidence:.2f}", colour, "middle"))
     else:

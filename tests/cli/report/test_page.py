@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from cli.report import DecidingView, Moment, RunRecord, Step, TrafficLine, outcome, write_report
+from cli.report.floor_map import DOUBTED, TARGET
 from surveilnav.geometry import Grid
 from surveilnav.messages import MissionStatus
 
@@ -96,6 +97,22 @@ def test_it_says_what_happened(record, tmp_path):
         "stop",
     ):
         assert words in text, words
+
+
+def test_what_is_confirmed_as_something_else_is_not_marked_as_the_target(record, tmp_path):
+    found = next(o for o in record.objects if o.status == "confirmed" and o.label == record.target)
+    other = msgspec.structs.replace(found, id=99, label="vase", reason="seen as a vase")
+    boxes = {}
+    for name, objects in (("target", record.objects), ("both", [*record.objects, other])):
+        (tmp_path / name).mkdir()
+        _, text = written(replace(record, objects=objects), tmp_path / name)
+        html = (tmp_path / name / "report.html").read_text(encoding="utf-8")
+        boxes[name] = (
+            len(re.findall(f'<rect [^>]*stroke="{TARGET}"', html)),
+            len(re.findall(f'stroke="{DOUBTED}"', html)),
+        )
+        assert "vase 0.72" not in text
+    assert boxes["both"] == (boxes["target"][0], boxes["target"][1] + 1)
 
 
 def test_the_camera_that_decided_is_marked(record, tmp_path):
