@@ -161,13 +161,15 @@ class Projection:
         self.p_camera = view.T_world_camera[:3, 3].copy()
         self.window = window_of(self.points, self.p_camera, c.robot_radius_m, c.resolution_m)
         self.counts = [np.zeros(self.window[2:], np.uint32) for _ in range(8)]
+        self.drops = [np.zeros(self.window[2:], np.uint32) for _ in range(2)]  # a corridor has none
         self.seen = np.full(self.window[2:], -1, np.int16)
 
     def ours(self) -> None:
         c = self.config
         _count_points(
-            self.points, self.p_camera[0], self.p_camera[1], 0.0, c.resolution_m, *self.window[:2], self.seen.copy(),
-            np.inf, c.obstacle_min_m, c.obstacle_max_m, c.obstacle_noise_per_m, c.explored_max_m, *self.counts[:4],
+            self.points, self.p_camera, 0.0, c.resolution_m, *self.window[:2], self.seen.copy(), np.inf,
+            c.obstacle_min_m, c.obstacle_max_m, c.drop_min_m, c.obstacle_noise_per_m, c.explored_max_m,
+            *self.counts[:2], *self.drops, *self.counts[2:4],
         )  # fmt: skip
 
     def by_numpy(self) -> None:
@@ -253,6 +255,7 @@ def test_obstacles_ours(benchmark):
     for mine, theirs in zip(projection.counts[:4], projection.counts[4:], strict=True):
         np.testing.assert_array_equal(mine, theirs)
     assert ours[0].sum() > 1000
+    assert not any(drops.any() for drops in projection.drops)
 
 
 @pytest.mark.benchmark(group="obstacle counts")
