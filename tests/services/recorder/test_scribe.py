@@ -49,7 +49,8 @@ def test_what_is_heard_is_in_the_file_soon_and_after_the_end(tmp_path, tools, sc
     node, scribe = scribes(tools, tmp_path, flush_s=0.05)
     scribe.begin(ID, {"mission": "m1", "target": "tv"})
     assert scribe.hear([ID], tools.heard_view(1))
-    tools.until(lambda: Folder(tmp_path).kept() and count(tmp_path, ID) == 5)
+    tools.until(lambda: Folder(tmp_path).kept() and Folder(tmp_path).file_of(ID).stat().st_size)
+    tools.until(lambda: count(tmp_path, ID) == 5)
     assert states(tmp_path) == {"m1": "recording"}
     scribe.end(ID, {"number": "1"})
     tools.until(lambda: states(tmp_path) == {"m1": "complete"})
