@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 PerScene = Annotated[
     int | None,
-    typer.Option(min=1, help="Play only so many episodes of each scene, spread over it; a start without it goes on."),
+    typer.Option(
+        min=1,
+        help="Play only so many episodes of each scene, spread over its categories; a start without it plays the rest.",
+    ),
 ]
 
 app = typer.Typer(no_args_is_help=True, help="The benchmark: policies on the dataset.")

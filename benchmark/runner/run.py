@@ -72,8 +72,8 @@ def run(
     mended = tuple(records.mend())
     asked = {(scene, e) for scene, ids in wanted.items() for e in ids}
     done = records.done()
-    missing = {s: frozenset(e for e in ids if (s, e) not in done) for s, ids in wanted.items()}
-    jobs = [(root, out, basis, settings, s, ids) for s, ids in missing.items() if ids]
+    to_play = {s: frozenset(e for e in ids if (s, e) not in done) for s, ids in wanted.items()}
+    jobs = [(root, out, basis, settings, s, ids) for s, ids in to_play.items() if ids]
     jobs.sort(key=lambda job: (-len(job[5]), job[4]))  # the largest first, so that all workers end together
     unopened: dict[str, str] = {}
     for ended in in_workers(_work, jobs, workers, _POLL_S):
@@ -81,15 +81,20 @@ def run(
             unopened[ended.job[4]] = ended.why
         on_progress(Progress(len(asked & records.done()), len(asked)))
     records.settle()
-    left = len(asked - records.done())
-    return Finished(records.all(), records.broken(), dict(sorted(unopened.items())), left, mended)
+    played = records.all()
+    missing = len(asked - {record.key for record in played})
+    return Finished(played, records.broken(), dict(sorted(unopened.items())), missing, mended)
 
 
 def some_of(scene: str, ids: list[str], n: int) -> list[str]:
-    """``n`` of a scene's episodes, or all if there are fewer: evenly spaced, since they lie by category, and from a start that
-    each scene has its own of, so that no category is left out. Always the same; those of 3 are among those of 6."""
-    first = zlib.crc32(scene.encode()) % max(1, len(ids))
-    return ids if n >= len(ids) else [ids[i] for i in sorted((first + k * len(ids) // n) % len(ids) for k in range(n))]
+    """``n`` of a scene's episodes, or all if there are fewer; always the same, and those of 3 are among those of 6.
+
+    Episodes are ordered by category. So they are taken evenly spaced, in each scene from another offset: no category is left out.
+    """
+    if n >= len(ids):
+        return ids
+    offset = zlib.crc32(scene.encode())
+    return [ids[i] for i in sorted((offset + k * len(ids) // n) % len(ids) for k in range(n))]
 
 
 def _work(job: tuple[Path, Path, Basis, RunSettings, str, frozenset[str]]) -> None:

@@ -27,47 +27,44 @@ def dbscan(points, eps_m, min_points):  # type: ignore[no-untyped-def]
     if n == 0:
         return found
     limit = np.float32(eps_m) * np.float32(eps_m)
-    cell, cols, start, order = _cells(points, eps_m)
-    p = points[order]
-    core = _has_neighbours(p, cell, cols, start, order, limit, min_points)
-    free = np.arange(n)  # by cell, places in the order of points that have no cluster yet: those before ``end``
-    end = start[1:].copy()
+    order, cell, cols, start = _cells(points, eps_m)
+    p = points[order]  # by cell, as all that follows
+    core = _has_neighbours(p, cell, cols, start, limit, min_points)
+    free, end = np.arange(n), start[1:].copy()  # points of cell c without a cluster: free[start[c] : end[c]]
     stack = np.empty(n, np.int64)
-    place = np.empty(n, np.int64)
-    place[order] = free
+    rank = np.empty(n, np.int64)
+    rank[order] = free
     cluster = 0
-    for seed in range(n):
-        if found[seed] != -1 or not core[place[seed]]:
+    for seed in rank:
+        if found[seed] != -1 or not core[seed]:
             continue
-        stack[0], depth = place[seed], 1
-        found[seed] = cluster
+        stack[0], depth = seed, 1
         while depth > 0:
             depth -= 1
             i = stack[depth]
             if not core[i]:  # a border point joins but doesn't spread
                 continue
-            for c in _around(cell[order[i]], cols):
+            for c in _around(cell[i], cols):  # the seed finds itself
                 k = start[c]
                 while k < end[c]:
                     j = free[k]
-                    if found[order[j]] != -1 or _near(p, i, j, limit):
-                        if found[order[j]] == -1:
-                            found[order[j]] = cluster
-                            stack[depth] = j
-                            depth += 1
+                    if _near(p, i, j, limit):
+                        found[j] = cluster
+                        stack[depth] = j
+                        depth += 1
                         end[c] -= 1
                         free[k] = free[end[c]]
                     else:
                         k += 1
         cluster += 1
-    return found
+    return found[rank]
 
 
 @njit(cache=True, nogil=True)
 def _cells(points, eps_m):  # type: ignore[no-untyped-def]
     """Points (N, 3), N > 0, in an x-y grid whose cells are as wide as ``eps_m`` or wider, with an empty rim.
 
-    Returns the cell of each point (N,), cells in a row, where each cell starts in ``order``, and ``order``: points by cell.
+    Returns the points in the order of their cells (N,), the cells in that order (N,), cells in a row, and where each cell starts.
     """
     n = points.shape[0]
     x0, y0 = points[:, 0].min(), points[:, 1].min()
@@ -85,16 +82,16 @@ def _cells(points, eps_m):  # type: ignore[no-untyped-def]
     for i in range(n):
         order[at[cell[i]]] = i
         at[cell[i]] += 1
-    return cell, cols, start, order
+    return order, cell[order], cols, start
 
 
 @njit(cache=True, nogil=True)
-def _has_neighbours(p, cell, cols, start, order, limit, min_points):  # type: ignore[no-untyped-def]
+def _has_neighbours(p, cell, cols, start, limit, min_points):  # type: ignore[no-untyped-def]
     """Whether points ``p`` (N, 3), by cell, have ``min_points`` within reach, themselves among them: (N,) bool."""
     core = np.zeros(len(p), np.bool_)
     for i in range(len(p)):
         count = 0
-        for c in _around(cell[order[i]], cols):
+        for c in _around(cell[i], cols):
             for j in range(start[c], start[c + 1]):
                 count += _near(p, i, j, limit)
             if count >= min_points:

@@ -62,7 +62,7 @@ class MapConfig(_Part):
         default=0.002, ge=0, description="raises obstacle_min_m and drop_min_m by this times range^2: depth noise"
     )
     drop_min_m: float = Field(
-        default=0.12, gt=0, description="lowest depth below the floor that blocks: an edge, a stair that leads down"
+        default=0.12, gt=0, description="least depth below the floor that blocks: an edge, a stair that leads down"
     )
     obstacle_min_points: int = Field(default=3, ge=1, description="fewer points don't block a cell")
     clear_ratio: float = Field(
