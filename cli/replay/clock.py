@@ -27,13 +27,19 @@ class ReplayClock:
     def set(
         self, now_s: float, *, at_s: float | None = None, speed: float | None = None, playing: bool | None = None
     ) -> None:
-        """Changes what is given; from its end on it plays from its beginning."""
+        """Changes what is given. At its end it stands still, also when it is taken elsewhere from there; told to play
+        there, it plays from its beginning."""
+        ended = self.ended(now_s)
         at = self.at_s(now_s) if at_s is None else min(max(at_s, 0.0), self.duration_s)
-        if playing and not self.playing and at_s is None and at >= self.duration_s:
+        if playing and ended and at_s is None:
             at = 0.0
         self._at_s, self._since_s = at, now_s
         self.speed = self.speed if speed is None else speed
-        self.playing = self.playing if playing is None else playing
+        self.playing = (self.playing and not ended) if playing is None else playing
+
+    def ended(self, now_s: float) -> bool:
+        """Whether it is at its end."""
+        return self.at_s(now_s) >= self.duration_s
 
     def wait_s(self, moment_s: float, now_s: float) -> float:
         """How long it takes until a moment has come: 0 if it has, infinity while it stands still."""

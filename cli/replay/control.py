@@ -33,11 +33,11 @@ class ReplayControls:
     def status(self) -> ReplayStatus:
         """How it is now."""
         with self._lock:
-            at_s = self._clock.at_s(time.monotonic())
+            now_s = time.monotonic()
             return ReplayStatus(
                 stamp_ns=clock_ns(), player=self._node.id, mission=self._mission, target=self._target,
-                began_ns=self._began_ns, at_s=at_s, duration_s=self._clock.duration_s, speed=self._clock.speed,
-                playing=self._clock.playing and at_s < self._clock.duration_s, jumps=self._jumps,
+                began_ns=self._began_ns, at_s=self._clock.at_s(now_s), duration_s=self._clock.duration_s, speed=self._clock.speed,
+                playing=self._clock.playing and not self._clock.ended(now_s), jumps=self._jumps,
             )  # fmt: skip
 
     def tell(self) -> None:
@@ -50,9 +50,10 @@ class ReplayControls:
             return self._clock.wait_s(moment_s, time.monotonic())
 
     def take_jump(self) -> float | None:
-        """Where it should go on from, once; None: where it is."""
+        """Where it should go on from, once; None: where it is. Who takes it begins anew: from now on the status says so."""
         with self._lock:
             jump, self._jump = self._jump, None
+            self._jumps += jump is not None
             self.changed.clear()
             return jump
 
@@ -69,6 +70,5 @@ class ReplayControls:
             after = self._clock.at_s(now_s)
             if wanted.at_s is not None or after < before:
                 self._jump = after
-                self._jumps += 1
             self.changed.set()
         return Answer(self.status())

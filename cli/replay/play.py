@@ -143,7 +143,6 @@ class _Playing:
         said_so, repeated_s = False, time.monotonic()
         while not stopping.is_set():
             if (jump := self._controls.take_jump()) is not None:
-                self._controls.tell()  # who knows the future forgets it before the past is told
                 self._go_to(jump, stopping)
                 self._controls.tell()
             wait_s = float("inf") if self._next is None else self._controls.wait_s(self._moment(self._next))
@@ -166,6 +165,7 @@ class _Playing:
             self._player.forget()
             self._rest, self._told_s = told(self._path), 0.0
             self._next = next(self._rest, None)
+        self._controls.tell()  # who knows the future forgets it, and nobody here tells of it any more
         while self._next is not None and self._moment(self._next) <= moment_s and not stopping.is_set():
             self._tell_next(quietly=True)
         self._told_s = moment_s

@@ -59,6 +59,22 @@ def test_from_its_end_it_plays_from_its_beginning() -> None:
     assert clock.at_s(506.0) == 100.0
 
 
+def test_at_its_end_it_stands_still_until_it_is_told_to_play() -> None:
+    clock = begun()
+    clock.set(500.0, at_s=20.0)  # taken back, it shows that moment
+    assert (clock.playing, clock.at_s(600.0)) == (False, 20.0)
+    clock.set(600.0, playing=True)
+    assert clock.at_s(605.0) == 25.0
+    assert clock.ended(680.0)
+    assert not clock.ended(679.0)
+
+
+def test_played_to_its_end_it_plays_from_its_beginning() -> None:
+    clock = begun()
+    clock.set(500.0, playing=True)
+    assert clock.at_s(503.0) == 3.0
+
+
 @given(st.lists(st.tuples(st.sampled_from(["play", "pause", "slow", "fast"]), st.integers(1, 20)), max_size=12))
 def test_it_is_where_a_clock_that_ticks_is(steps: list[tuple[str, int]]) -> None:
     clock, at, speed, playing, now = ReplayClock(1e9), 0.0, 1.0, True, 7.0

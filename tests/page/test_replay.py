@@ -51,6 +51,11 @@ def replay_url(browser: Any, tmp_path_factory: pytest.TempPathFactory, home_cach
         assert process.wait(20) == 0
 
 
+def replay_of(url: str) -> dict[str, Any]:
+    """Where the replay is."""
+    return httpx.get(f"{url}/api/v1/replay").json()  # type: ignore[no-any-return]
+
+
 def test_the_slider_takes_a_search_back_and_forth(browser: Any, replay_url: str) -> None:
     page = browser.new_page(viewport={"width": 1440, "height": 900})
     page.set_default_timeout(60_000)
@@ -70,8 +75,9 @@ def test_the_slider_takes_a_search_back_and_forth(browser: Any, replay_url: str)
     slider.press("Home")
     for _ in range(2):
         slider.press("PageUp")  # a tenth
-    until(lambda: httpx.get(f"{replay_url}/api/v1/replay").json()["at_s"] < 0.9 * whole_s, "it wasn't taken back")
+    until(lambda: replay_of(replay_url)["at_s"] == pytest.approx(0.2 * whole_s, abs=0.2), "it wasn't taken back")
     under_way.wait_for()
+    assert not replay_of(replay_url)["playing"]  # it stood at its end, so it stands still where it was taken to
     page.get_by_label("Speed").select_option("16")
     page.get_by_role("button", name="Play").click()
     under_way.wait_for(state="detached")

@@ -9,6 +9,7 @@ import { html, useState } from "./ui.js";
 
 const SPEEDS = [0.5, 1, 2, 4, 8, 16];
 const SETTLES_MS = 700; // until the stream tells of a jump
+let settling = 0; // the timer until the slider is let go of
 let heardMs = 0; // when the newest state came, for the moment since then
 listen(kind => { if (kind === "replay") heardMs = performance.now(); });
 
@@ -22,7 +23,22 @@ export function onJump(jumped) {
   });
 }
 
-const change = wanted => attempt(() => patch("replay", wanted));
+let wishes = {}; // what is wanted and not yet sent
+let sending = null;
+
+/** Has it changed, one change after the other: two at once arrive in any order. Of the wishes meanwhile the newest counts. */
+function change(wanted) {
+  Object.assign(wishes, wanted);
+  return sending ??= send().finally(() => { sending = null; });
+}
+
+async function send() {
+  while (Object.keys(wishes).length) {
+    const now = wishes;
+    wishes = {};
+    await attempt(() => patch("replay", now));
+  }
+}
 
 /** The moment that is shown now [s]: it goes on between two states. */
 const momentOf = r => Math.min(r.duration_s, r.at_s + (r.playing ? r.speed * (performance.now() - heardMs) / 1000 : 0));
@@ -34,14 +50,19 @@ export function Replay() {
   const replay = one("replay", "");
   if (!replay) return null;
   const at = held ?? momentOf(replay);
-  const go = event => change({ at_s: +event.target.value }).then(() => setTimeout(() => hold(null), SETTLES_MS));
+  const take = event => { clearTimeout(settling); hold(+event.target.value); };
+  const go = async event => {
+    await change({ at_s: +event.target.value });
+    clearTimeout(settling);
+    settling = setTimeout(() => hold(null), SETTLES_MS);
+  };
   const speeds = SPEEDS.includes(replay.speed) ? SPEEDS : [...SPEEDS, replay.speed].sort((a, b) => a - b);
   return html`<section class="strip replay" aria-label="Replay">
     <b>Recording</b>
     <button class="icon" aria-label=${replay.playing ? "Pause" : "Play"} onClick=${() => change({ playing: !replay.playing })}>
       <${Icon} name=${replay.playing ? "pause" : "play"} /></button>
     <input type="range" id="moment" aria-label="Moment of the recording" aria-valuetext="${timer(at)} of ${timer(replay.duration_s)}"
-      min="0" max=${replay.duration_s} step="0.1" value=${at} onInput=${event => hold(+event.target.value)} onChange=${go} />
+      min="0" max=${replay.duration_s} step="0.1" value=${at} onInput=${take} onChange=${go} />
     <span class="n">${timer(at)} / ${timer(replay.duration_s)}</span>
     <select aria-label="Speed" value=${replay.speed} onChange=${event => change({ speed: +event.target.value })}>
       ${speeds.map(s => html`<option value=${s} selected=${s === replay.speed}>${s} ×</option>`)}</select>
