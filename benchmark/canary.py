@@ -101,20 +101,17 @@ def digest_of(searches: Sequence[Search]) -> str:
     return hashlib.sha256(msgspec.json.encode(did)).hexdigest()[:12]
 
 
-def play(search: Search) -> Outcome:
+def play(golden: Search) -> Outcome:
     """Plays one. Raises what opening its building may, and PerceptionError where its detector can't be had."""
-    from benchmark.play.episode import Episode
-    from benchmark.play.shortest_path import ShortestPathPlanner
     from benchmark.play.sight import PoseError, Sight
-    from benchmark.policies import Task, Truth, policy_of
-    from services.planner.core.motion.drive import FmmPlanner
+    from benchmark.runner.search import search
     from simulator.simulation import SimulatedBuilding, SimulationSettings
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import Start, find_goals
 
-    settings = msgspec.convert(search.run, RunSettings)
+    settings = msgspec.convert(golden.run, RunSettings)
     building = SimulatedBuilding(
-        SimulationSettings(building=search.building, seed=search.seed, cameras=search.cameras, lighting="flat")
+        SimulationSettings(building=golden.building, seed=golden.seed, cameras=golden.cameras, lighting="flat")
     )
     backend = choose_backend(settings.perception, seed=settings.seed, harder=settings.harder)
     sight = Sight(
@@ -122,21 +119,15 @@ def play(search: Search) -> Outcome:
         scale=settings.resolution_divisor,
         pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
     )  # fmt: skip
-    navigation, policy, at = building.navigation, policy_of(settings.policy), search.start
-    goals = find_goals(building.scene, navigation, search.target, caster=building.caster)
+    navigation, at = building.navigation, golden.start
+    goals = find_goals(building.scene, navigation, golden.target, caster=building.caster)
     p_m = (at.x_m, at.y_m, navigation.floors[at.floor].z_m)
     start = Start(p_m, at.floor, at.yaw_rad, goals.field.at((at.x_m, at.y_m), at.floor))
-    task = Task(
-        goals.label, 1, settings.max_steps, ShortestPathPlanner(navigation) if settings.planner == "sp" else FmmPlanner(),
-        Truth(goals, navigation) if policy.needs_truth else None, goal_on_floor=at.floor in goals.viewpoints,
-        planning=settings.planning,
-    )  # fmt: skip
     actions: list[str] = []
-    episode = Episode(
-        sight, goals, start, policy.begin(task), surveillance=settings.surveillance, fusion=settings.fusion_config(),
-        delay_steps=settings.delay_steps, views_per_step=settings.views_per_step, seed=1,
+    episode = search(
+        sight, settings, goals, start, seed=1, goal_on_floor=at.floor in goals.viewpoints,
         on_step=lambda *step: actions.append(step[-1].action or ""),
-    ).run()  # fmt: skip
+    )  # fmt: skip
     return Outcome(
         success=episode.verdict.success, steps=episode.steps, path_mm=round(1e3 * episode.verdict.path_m),
         reason=episode.reason, actions=_written(actions),

@@ -13,15 +13,13 @@ from typing import Any
 from benchmark.dataset.build import open_scene
 from benchmark.dataset.format import HabitatEpisode
 from benchmark.dataset.load import SceneData, load_scene, start_of
-from benchmark.play.episode import Episode, EpisodeResult, FusedCameras, OnStep
-from benchmark.play.shortest_path import ShortestPathPlanner
+from benchmark.play.episode import EpisodeResult, FusedCameras, OnStep
 from benchmark.play.sight import PoseError, Sight
-from benchmark.policies import Task, Truth, policy_of
 from benchmark.runner.basis import Basis
 from benchmark.runner.records import Broken, Records
 from benchmark.runner.row import EpisodeRecord
+from benchmark.runner.search import search
 from benchmark.runner.settings import RunSettings
-from services.planner.core.motion.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import Goals
@@ -34,7 +32,7 @@ class ScenePlayer:
 
     def __init__(self, root: Path, scene: str, settings: RunSettings) -> None:
         """ConfigError and what opening a building may raise."""
-        self._settings, self._policy = settings, policy_of(settings.policy)
+        self._settings = settings
         self._data: SceneData = load_scene(root, settings.split, scene)
         networks: dict[str, Any] = {}
         if settings.detectors:
@@ -51,8 +49,7 @@ class ScenePlayer:
             pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
             view_bytes=self._data.cameras.view_bytes[str(settings.density_m2)],
         )  # fmt: skip
-        self._fusion = settings.fusion_config()
-        self._fused = FusedCameras(self._sight, self._fusion)
+        self._fused = FusedCameras(self._sight, settings.fusion_config())
         self._goals: dict[str, Goals] = {}
 
     @property
@@ -72,15 +69,11 @@ class ScenePlayer:
         if label not in self._goals:
             self._goals[label] = self._data.goals(label, building.scene, building.navigation)
         goals = self._goals[label]
-        driver = ShortestPathPlanner(building.navigation) if s.planner == "sp" else FmmPlanner()
-        truth = Truth(goals, building.navigation) if self._policy.needs_truth else None
-        outcome = Episode(
-            self._sight, goals, start_of(episode, building.scene),
-            # Habitat's rule, and the dataset's: a search begins on a floor with a goal
-            self._policy.begin(Task(label, seed, s.max_steps, driver, truth, goal_on_floor=True, planning=s.planning)),
-            surveillance=s.surveillance, fusion=self._fusion, fused=self._fused, delay_steps=s.delay_steps,
-            views_per_step=s.views_per_step, seed=seed, on_step=on_step,
-        ).run()  # fmt: skip
+        outcome = search(
+            self._sight, s, goals, start_of(episode, building.scene), seed=seed,
+            goal_on_floor=True,  # Habitat's rule, and the dataset's
+            fused=self._fused, on_step=on_step,
+        )  # fmt: skip
         return self._record(episode, outcome)
 
     def _record(self, episode: HabitatEpisode, outcome: EpisodeResult) -> EpisodeRecord:

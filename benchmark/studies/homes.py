@@ -72,20 +72,18 @@ def run_job(job: Job, done: frozenset[tuple[Any, ...]], out: Path) -> int:
 
 def _searched(sight: Sight, job: Job, target: str, arm: str) -> dict[str, Any]:
     """What came of one search, or why it can't be."""
-    from benchmark.play.episode import Episode
-    from benchmark.policies import policy_of
-    from benchmark.policies.policy import Task
-    from services.planner.core.motion.drive import FmmPlanner
+    from benchmark.runner.search import search
+    from benchmark.runner.settings import RunSettings
     from simulator.world.goals import find_goals, sample_start
 
-    building, ours = sight.building, policy_of("surveilnav")
+    building = sight.building
     try:
         goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
         start = sample_start(building.scene, building.navigation, goals, seed=job.seed, caster=building.caster)
     except TargetError as error:
         return {"skipped": str(error)}
-    searcher = ours.begin(Task(target, job.seed, job.max_steps, FmmPlanner()))
-    episode = Episode(sight, goals, start, searcher, surveillance=arm == "on", fusion=ours.fusion).run()
+    settings = RunSettings(perception=job.perception, surveillance=arm == "on", max_steps=job.max_steps)
+    episode = search(sight, settings, goals, start, seed=job.seed)
     verdict = episode.verdict
     return {
         "perception": sight.backend.name, "success": verdict.success, "found": episode.found, "reason": episode.reason,

@@ -14,14 +14,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmark.play.episode import Episode
 from benchmark.play.sight import Sight
-from benchmark.policies import policy_of
-from benchmark.policies.policy import Task
+from benchmark.runner.search import search
 from benchmark.runner.settings import RunSettings
 from benchmark.studies.live import KEY
 from benchmark.studies.rows import Rows
-from services.planner.core.motion.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import find_goals, sample_start
@@ -57,14 +54,12 @@ def played(row: dict[str, Any], building: SimulatedBuilding) -> list[str]:
     """The actions of a search in one process, by the settings that the benchmark has."""
     goals = find_goals(building.scene, building.navigation, row["target"], caster=building.caster)
     start = sample_start(building.scene, building.navigation, goals, seed=row["seed"], caster=building.caster)
-    settings, actions = RunSettings(), list[str]()
-    policy = policy_of(settings.policy)
-    Episode(
-        Sight(building, choose_backend(row["perception"])), goals, start,
-        policy.begin(Task(goals.label, row["seed"], settings.max_steps, FmmPlanner())),
-        surveillance=row["surveillance"] == "on", fusion=policy.fusion, views_per_step=settings.views_per_step,
+    settings = RunSettings(perception=row["perception"], surveillance=row["surveillance"] == "on")
+    actions: list[str] = []
+    search(
+        Sight(building, choose_backend(row["perception"])), settings, goals, start, seed=row["seed"],
         on_step=lambda *step: actions.append(step[-1].action or ""),
-    ).run()  # fmt: skip
+    )  # fmt: skip
     return [action for action in actions if action]
 
 

@@ -11,16 +11,18 @@ import pytest
 
 from benchmark import canary
 from benchmark.dataset.build import open_scene
-from benchmark.dataset.load import load_scene
+from benchmark.dataset.load import load_scene, start_of
 from benchmark.dataset.make import make, write_manifest
 from benchmark.dataset.splits import SceneSpec, SplitSpec
 from benchmark.play.episode import REASONS, Episode, FusedCameras
 from benchmark.play.sight import Sight
+from benchmark.policies import policy_of
 from benchmark.runner import play
 from benchmark.runner.basis import basis_of
 from benchmark.runner.play import ScenePlayer
 from benchmark.runner.records import Records
 from benchmark.runner.run import _work, run, some_of
+from benchmark.runner.search import search
 from benchmark.runner.settings import RunSettings
 from simulator.truth.choose import choose_backend
 from surveilnav.errors import ConfigError
@@ -181,31 +183,27 @@ def test_fused_once_is_as_good_as_fused_live(dataset):
             (decision.action, maps.occupancy.tobytes(), maps.explored.tobytes(), maps.value.tobytes(), maps.objects)
         )
 
-    from benchmark.dataset.load import start_of
-    from benchmark.policies import Task, policy_of
-    from services.planner.core.motion.drive import FmmPlanner
-
     episode = player.episodes[0]
     label = player._data.label_of(episode)
     building = player._sight.building
     goals, start = player._data.goals(label, building.scene, building.navigation), start_of(episode, building.scene)
-    ours = policy_of("surveilnav")
+    settings = msgspec.structs.replace(SETTINGS, max_steps=12, views_per_step=0)
     runs = []
-    for fused in (FusedCameras(player._sight, ours.fusion), None):
+    for fused in (FusedCameras(player._sight, settings.fusion_config()), None):
         shown.clear()
         for _ in range(2 if fused else 1):  # the second time from the copy
             shown.clear()
-            searcher = ours.begin(Task(label, 1, 12, FmmPlanner()))
-            Episode(player._sight, goals, start, searcher, fusion=ours.fusion, fused=fused, seed=1, on_step=look).run()
+            search(player._sight, settings, goals, start, seed=1, fused=fused, on_step=look)
         runs.append(list(shown))
     assert runs[0] == runs[1]
 
 
-def test_searches_are_told_that_they_begin_on_a_floor_with_a_goal(dataset):
+def test_searches_are_told_that_they_begin_on_a_floor_with_a_goal(dataset, monkeypatch):
     player = ScenePlayer(dataset, "parametric_house-s0", SETTINGS)
     told = []
-    ours = player._policy
-    player._policy = replace(ours, begin=lambda task: told.append(task) or ours.begin(task))
+    ours = policy_of(SETTINGS.policy)
+    watched = replace(ours, begin=lambda task: told.append(task) or ours.begin(task))
+    monkeypatch.setattr("benchmark.runner.search.policy_of", lambda name: watched)
     player.play(player.episodes[0])
     assert [task.goal_on_floor for task in told] == [True]
 

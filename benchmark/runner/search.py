@@ -1,0 +1,42 @@
+"""One search as a run's settings have it, for runs, the golden run and studies."""
+
+from __future__ import annotations
+
+from benchmark.play.episode import Episode, EpisodeResult, FusedCameras, OnStep
+from benchmark.play.shortest_path import ShortestPathPlanner
+from benchmark.play.sight import Sight
+from benchmark.policies import Task, Truth, policy_of
+from benchmark.runner.settings import RunSettings
+from services.planner.core.motion.drive import FmmPlanner
+from simulator.world.goals import Goals, Start
+
+
+def search(
+    sight: Sight,
+    settings: RunSettings,
+    goals: Goals,
+    start: Start,
+    *,
+    seed: int,
+    goal_on_floor: bool = False,
+    fused: FusedCameras | None = None,
+    on_step: OnStep | None = None,
+) -> EpisodeResult:
+    """Plays a search for ``goals.label`` from ``start``, the same whenever it is played.
+
+    Args:
+        sight: of the building that goals and start lie in, with the perception that ``settings`` name.
+        seed: the luck of perception and policy.
+        goal_on_floor: it begins on a floor with a goal, and the robot may know.
+        fused: see ``Episode``.
+        on_step: see ``Episode``.
+    """
+    policy, navigation = policy_of(settings.policy), sight.building.navigation
+    task = Task(
+        goals.label, seed, settings.max_steps, ShortestPathPlanner(navigation) if settings.planner == "sp" else FmmPlanner(),
+        Truth(goals, navigation) if policy.needs_truth else None, goal_on_floor=goal_on_floor, planning=settings.planning,
+    )  # fmt: skip
+    return Episode(
+        sight, goals, start, policy.begin(task), surveillance=settings.surveillance, fusion=settings.fusion_config(),
+        fused=fused, delay_steps=settings.delay_steps, views_per_step=settings.views_per_step, seed=seed, on_step=on_step,
+    ).run()  # fmt: skip
