@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 from services.fusion.config import FusionSettings
+from services.fusion.core.warm_up import warm_up
 from services.fusion.service import FusionService
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
@@ -14,6 +15,7 @@ from surveilnav.pictures import PictureSettings
 def main() -> None:
     """Runs the service until it is told to stop."""
     settings = FusionSettings()
+    warm_up(settings.core())  # fusion is there when it can work
     with Node("fusion", "fusion", BusSettings()) as node:
         service = FusionService(node, settings, PictureSettings().keep_s)
         node.run(service.step)

@@ -9,6 +9,7 @@ objects               the object map: ``sightings`` have a place, ``association`
 confirmation          what makes a candidate the target: ``paper_confirmation`` or ours, ``posterior_confirmation``
 guard                 views that can't be, refused
 config                every number, and the preset ``paper``
+warm_up               inner loops compiled before a robot waits for them
 """
 
 from services.fusion.core.config import FusionConfig, MapConfig, ObjectConfig, ValueConfig

@@ -6,6 +6,7 @@ pursuit/  what it does on the way and there; ``approach`` looks at an object, be
 stages/   in which order waypoints are tried (``rounds``), one file each
 memory    everything that changes what a mission remembers
 config    every number
+warm_up   inner loops compiled before a robot waits for them
 """
 
 from services.planner.core.config import PlannerConfig

@@ -57,7 +57,7 @@ class Search:
         away = np.linalg.norm(floor.grid.centres_of(cells) - here, axis=1)
         cells = cells[away <= SIGHT_M]
         start = np.broadcast_to(floor.grid.cells_of(here), cells.shape)
-        seen = cells[clear_lines(floor.obstacle, cells, start)]
+        seen = cells[clear_lines(floor.obstacle, cells, start, 0.0)]
         self.explored[floor.id][seen[:, 0], seen[:, 1]] = True
         points = floor.grid.centres_of(seen)
         for thing in self.home.scene.instances:

@@ -75,6 +75,6 @@ def foot(context: StepContext, stair: Stair) -> NDArray[np.bool_]:
     x_m, y_m = stair.at_m[:2]
     near = context.terrain.disc(x_m, y_m, reach_m(context, stair)) & np.isfinite(context.travel_time_m)
     cells = np.argwhere(near)
-    end = np.broadcast_to(context.terrain.cell(x_m, y_m), cells.shape)
-    near[cells[:, 0], cells[:, 1]] = clear_lines(context.terrain.occupied, cells, end)
+    end = np.full(cells.shape, context.terrain.cell(x_m, y_m))
+    near[cells[:, 0], cells[:, 1]] = clear_lines(context.terrain.occupied, cells, end, 0.0)
     return near

@@ -145,7 +145,7 @@ def travel_time_m(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def clear_lines(obstacles, start, end, run=0.0):  # type: ignore[no-untyped-def]
+def clear_lines(obstacles, start, end, run):  # type: ignore[no-untyped-def]
     """Whether the straight lines between cells ``start`` (n, 2) and ``end`` (n, 2), int64, meet no obstacle: (n,) bool.
 
     ``obstacles``: (rows, cols) bool. A line is looked at once a cell along its longer side. ``run``: the cells nearest to

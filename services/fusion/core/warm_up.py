@@ -1,0 +1,75 @@
+"""Inner loops are compiled before anybody waits for them: by views of a made-up room, in maps that are thrown away.
+
+Numba compiles a loop when it is called for the first time: fifteen seconds for all of them after an installation, one second
+in every process after that, when they are read from its cache. A robot would wait for that.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.fusion.core.config import FusionConfig
+from services.fusion.core.joint_map import JointMap
+from services.fusion.core.view_order import FloorWedge, most_worth_first
+from surveilnav.geometry import Matrix4, Pinhole
+from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+
+_CAMERA = Pinhole.from_hfov(160, 120, math.radians(79.0))
+_RANGE_M = (0.2, 8.0)
+_ROOM_M = np.array([[-3.0, -3.0, 0.0], [3.0, 3.0, 2.6]])  # its corners
+_FLOOR = "0"
+_UP_M = 0.88  # a robot's camera above its floor
+_EMBEDDING = np.eye(1, 8, dtype=np.float32)[0]
+
+
+def warm_up(config: FusionConfig) -> None:
+    """Has every loop compiled that a search calls, or read from Numba's cache."""
+    joint = JointMap(config)
+    for seq, yaw_rad in enumerate((0.0, 0.2, 3.0)):
+        joint.accept(_view("robot/warm-up", seq, (0.0, 0.0, _UP_M), yaw_rad), _PERCEPTION)
+    hung = _view("camera/warm-up", 0, (-2.5, -2.5, 2.4), 0.8)
+    wedge = FloorWedge.of(hung.T_world_camera, hung.camera, hung.floor_z_m, config.map.explored_range_camera_m)
+    most_worth_first(joint, [wedge, wedge], [(0.0, 0.0, 0.0)])
+    joint.accept(hung, _PERCEPTION)
+    for layer in ("occupancy", "explored", "frontier", "cloud", "provenance"):
+        joint.layer(_FLOOR, layer)
+    joint.layer(_FLOOR, "value", _EMBEDDING, "warm-up")
+    joint.objects(_FLOOR)
+
+
+_BOX_PX = (70.0, 50.0, 90.0, 70.0)
+_PERCEPTION = ViewPerception("warm-up", (Detected("chair", 0.9, _BOX_PX, None, _EMBEDDING),), _EMBEDDING, "warm-up")
+
+
+def _view(source: str, seq: int, p_world: tuple[float, float, float], yaw_rad: float) -> PosedView:
+    """What a camera sees of the empty room, looking along ``yaw_rad`` and down a little."""
+    T_world_camera = _pose(p_world, yaw_rad)
+    return PosedView(
+        source, 0, seq, seq, _FLOOR, T_world_camera, _CAMERA, p_world[2],
+        np.zeros((_CAMERA.height_px, _CAMERA.width_px, 3), np.uint8), _depth_m(T_world_camera), _RANGE_M,
+    )  # fmt: skip
+
+
+def _pose(p_world: tuple[float, float, float], yaw_rad: float) -> Matrix4:
+    c, s, down = math.cos(yaw_rad), math.sin(yaw_rad), 0.3
+    forward = np.array([c * math.cos(down), s * math.cos(down), -math.sin(down)])
+    right = np.array([s, -c, 0.0])
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    T_world_camera[:3, 3] = p_world
+    return T_world_camera
+
+
+def _depth_m(T_world_camera: Matrix4) -> NDArray[np.float32]:
+    """(height, width) [m] along the optical axis, to the nearest of floor, ceiling and walls."""
+    rows, cols = np.mgrid[: _CAMERA.height_px, : _CAMERA.width_px]
+    rays = np.stack(
+        [(cols - _CAMERA.cx_px) / _CAMERA.fx_px, (rows - _CAMERA.cy_px) / _CAMERA.fy_px, np.ones(rows.shape)], axis=-1
+    )
+    along = rays @ T_world_camera[:3, :3].T
+    with np.errstate(divide="ignore"):
+        depths: NDArray[np.float64] = (np.where(along > 0.0, _ROOM_M[1], _ROOM_M[0]) - T_world_camera[:3, 3]) / along
+    return np.asarray(depths.min(axis=-1), np.float32)
