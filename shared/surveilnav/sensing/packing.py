@@ -230,7 +230,8 @@ def decode_depth(data: bytes, width_px: int, height_px: int, depth_range_m: tupl
     folded = of_byte_planes(_unzstd(data, 2 * width_px * height_px), (height_px, width_px))
     delta = (folded >> 1) ^ (-(folded & 1).view(np.int16)).view(np.uint16)
     delta[:, 0] = np.cumsum(delta[:, 0], dtype=np.uint16)
-    return _depth_table(near, far)[np.cumsum(delta, axis=1, dtype=np.uint16)]
+    steps = np.cumsum(delta, axis=1, dtype=np.uint16)
+    return _depth_table(near, far).take(steps, mode="wrap")  # there is a depth for every step: no need to check them
 
 
 def byte_planes(values: NDArray[np.uint16]) -> bytes:

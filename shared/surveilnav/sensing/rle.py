@@ -34,7 +34,7 @@ def decode(runs: Sequence[int], width_px: int, height_px: int) -> NDArray[np.boo
     n_cells = width_px * height_px
     if not 1 <= len(runs) <= n_cells + 1:
         raise WireError(f"a mask of {width_px}x{height_px} has 1 to {n_cells + 1} runs, got {len(runs)}")
-    if runs[0] < 0 or any(run < 1 for run in runs[1:]):
+    if runs[0] < 0 or min(runs[1:], default=1) < 1:
         raise WireError("a mask's runs are of 1 cell at least; only the first may be 0")
     if sum(runs) != n_cells:
         raise WireError(f"a mask of {width_px}x{height_px} has {n_cells} cells, its runs have {sum(runs)}")
