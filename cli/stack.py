@@ -16,6 +16,9 @@ from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import ENDS_WITH_STDIN
 from surveilnav.errors import SurveilNavError
 
+_SOON_S = 5.0
+_WHY_LATE = "; after an installation they compile their loops for half a minute"
+
 
 @dataclass(frozen=True, slots=True)
 class _Program:
@@ -108,15 +111,16 @@ class Stack:
         Raises:
             SurveilNavError: a process ended, or not all came in time; with the end of its log.
         """
-        deadline_s = time.monotonic() + timeout_s
+        began_s = time.monotonic()
         while missing := self._missing(node):
             self.check()
-            if time.monotonic() > deadline_s:
+            if time.monotonic() > began_s + timeout_s:
                 raise SurveilNavError(
                     f"after {timeout_s:g} s these services aren't on the bus: {', '.join(missing)}; "
                     f"their logs are in {self.log_dir}"
                 )
-            progress(f"waiting for {', '.join(missing)}")
+            late = time.monotonic() > began_s + _SOON_S
+            progress(f"waiting for {', '.join(missing)}" + (_WHY_LATE if late else ""))
             time.sleep(0.1)
 
     def _missing(self, node: Node) -> list[str]:

@@ -27,7 +27,7 @@ def search(
     Args:
         sight: of the building that goals and start lie in, with the perception that ``settings`` name.
         seed: the luck of perception and policy.
-        goal_on_floor: it begins on a floor with a goal, and the robot may know.
+        goal_on_floor: it begins on a floor with a goal, and the searcher is told so.
         fused: see ``Episode``.
         on_step: see ``Episode``.
     """

@@ -209,7 +209,10 @@ def claim(options: argparse.Namespace) -> str:
     Raises:
         ConfigError: the folder holds episodes of other settings.
     """
-    settings = {name: getattr(options, name) for name in ("perception", "cameras", "area_per_camera", "max_steps")}
+    from benchmark.runner.settings import RunSettings
+
+    asked = {name: getattr(options, name) for name in ("perception", "cameras", "area_per_camera", "max_steps")}
+    settings = asked | {"views_per_step": RunSettings().views_per_step}
     path = options.out / "settings.json"
     known = json.loads(path.read_text()) if path.exists() else settings
     if known != settings:
@@ -218,7 +221,7 @@ def claim(options: argparse.Namespace) -> str:
         )
     path.write_text(json.dumps(settings, indent=2) + "\n")
     defaults: dict[str, Any] = {"perception": "onnx-coco", "cameras": None, "area_per_camera": 100.0, "max_steps": 500}
-    more = [f"--{n.replace('_', '-')} {v}" for n, v in settings.items() if v != defaults[n]]
+    more = [f"--{n.replace('_', '-')} {v}" for n, v in asked.items() if v != defaults[n]]
     return " ".join(["python -m benchmark.studies.homes", *more])
 
 

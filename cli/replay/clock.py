@@ -27,8 +27,8 @@ class ReplayClock:
     def set(
         self, now_s: float, *, at_s: float | None = None, speed: float | None = None, playing: bool | None = None
     ) -> None:
-        """Changes what is given. At its end it stands still, also when it is taken elsewhere from there; told to play
-        there, it plays from its beginning."""
+        """Changes what is given. At its end it stands still, also when it is taken elsewhere from there. Told to play
+        while at its end, it plays from its beginning."""
         ended = self.ended(now_s)
         at = self.at_s(now_s) if at_s is None else min(max(at_s, 0.0), self.duration_s)
         if playing and ended and at_s is None:

@@ -44,16 +44,21 @@ class ReplayControls:
         """Puts the status."""
         self._publisher.put(self.status())
 
+    def begin_anew(self) -> None:
+        """Puts the status of one that was taken elsewhere: who hears it forgets what was told before."""
+        with self._lock:
+            self._jumps += 1
+        self.tell()
+
     def wait_s(self, moment_s: float) -> float:
         """How long until a moment is due."""
         with self._lock:
             return self._clock.wait_s(moment_s, time.monotonic())
 
     def take_jump(self) -> float | None:
-        """Where it should go on from, once; None: where it is. Who takes it begins anew: from now on the status says so."""
+        """Where it should go on from, once; None: where it is."""
         with self._lock:
             jump, self._jump = self._jump, None
-            self._jumps += jump is not None
             self.changed.clear()
             return jump
 

@@ -60,6 +60,10 @@ class MapsAgain:
             self._places.note(perceived.header)
             self._maps.take([perceived])
 
+    def forget(self) -> None:
+        """Answers nothing until it begins again: the maps lie in the future of a replay that was taken back."""
+        self._replies = None
+
     def close(self) -> None:
         """Closes the log."""
         if self._maps is not None:

@@ -58,6 +58,7 @@ class Player:
     def forget(self) -> None:
         """Begins anew: nothing was told yet."""
         self._memory.forget()
+        self._maps.forget()
 
     def tell_again(self, *, regular: bool) -> None:
         """Says what was last said of everything, or only of what is said ``regular``ly and would grow stale."""
@@ -165,7 +166,7 @@ class _Playing:
             self._player.forget()
             self._rest, self._told_s = told(self._path), 0.0
             self._next = next(self._rest, None)
-        self._controls.tell()  # who knows the future forgets it, and nobody here tells of it any more
+        self._controls.begin_anew()  # who knows the future forgets it, and nobody here tells of it any more
         while self._next is not None and self._moment(self._next) <= moment_s and not stopping.is_set():
             self._tell_next(quietly=True)
         self._told_s = moment_s

@@ -8,14 +8,15 @@ from services.fusion.config import FusionSettings
 from services.fusion.core.warm_up import warm_up
 from services.fusion.service import FusionService
 from surveilnav.bus import BusSettings, Node
-from surveilnav.bus.main import run_service
+from surveilnav.bus.main import run_service, warm
 from surveilnav.pictures import PictureSettings
 
 
 def main() -> None:
     """Runs the service until it is told to stop."""
     settings = FusionSettings()
-    warm_up(settings.core())  # fusion is there when it can work
+    config = settings.core()
+    warm(lambda: warm_up(config))  # fusion is there when it can work
     with Node("fusion", "fusion", BusSettings()) as node:
         service = FusionService(node, settings, PictureSettings().keep_s)
         node.run(service.step)

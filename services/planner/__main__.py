@@ -8,12 +8,12 @@ from services.planner.config import PlannerSettings
 from services.planner.core.warm_up import warm_up
 from services.planner.service import PlannerService
 from surveilnav.bus import BusSettings, Node
-from surveilnav.bus.main import run_service
+from surveilnav.bus.main import run_service, warm
 
 
 def main() -> None:
     settings = PlannerSettings()
-    warm_up(settings.core)  # the planner is there when it can work
+    warm(lambda: warm_up(settings.core))  # the planner is there when it can work
     with Node("planner", "planner", BusSettings()) as node:
         node.run(PlannerService(node, settings).step, idle_s=0.2)
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import threading
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from cli.replay.clock import ReplayClock
 from cli.replay.control import ReplayControls
+from cli.replay.play import _Playing
 from surveilnav import contract
 from surveilnav.bus import Refused, Request
-from surveilnav.messages import ReplayControl
+from surveilnav.messages import ReplayControl, ReplayStatus
 
 
 class DeafNode:
@@ -20,9 +24,10 @@ class DeafNode:
 
     def __init__(self) -> None:
         self.serving: dict[contract.Stream, Any] = {}
+        self.put: list[ReplayStatus] = []
 
-    def publisher(self, stream: contract.Stream, **ids: str) -> None:
-        return None
+    def publisher(self, stream: contract.Stream, **ids: str) -> Any:
+        return SimpleNamespace(put=self.put.append)
 
     def serve(self, stream: contract.Stream, answer: Any, **ids: str) -> None:
         self.serving[stream] = answer
@@ -42,13 +47,37 @@ def controls(node: DeafNode) -> ReplayControls:
     return ReplayControls(node, ReplayClock(100.0), "m1", "bed", 0)  # type: ignore[arg-type]
 
 
-def test_a_jump_counts_when_it_is_taken_not_when_it_is_wanted(node: DeafNode, controls: ReplayControls) -> None:
+def test_a_jump_counts_when_the_player_begins_anew_not_when_it_is_wanted(
+    node: DeafNode, controls: ReplayControls
+) -> None:
     node.control(at_s=80.0)
     node.control(at_s=20.0, playing=False)
-    assert controls.status().jumps == 0  # whoever hears of one forgets; what is told until it is taken lies before it
     assert controls.take_jump() == 20.0
     assert controls.take_jump() is None
+    assert controls.status().jumps == 0  # whoever hears of one forgets, and must not be told of the future afterwards
+    controls.begin_anew()
     assert (controls.status().jumps, controls.status().at_s) == (1, 20.0)
+    assert [status.jumps for status in node.put] == [1]
+
+
+class Recorder:
+    """In the place of a player: keeps what it is told to do, in its order."""
+
+    def __init__(self) -> None:
+        self.did: list[str] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *args, **more: self.did.append(name)
+
+
+@pytest.mark.parametrize("back", [True, False])
+def test_who_is_taken_elsewhere_forgets_before_it_says_so(monkeypatch: pytest.MonkeyPatch, back: bool) -> None:
+    monkeypatch.setattr("cli.replay.play.told", lambda path: iter(()))
+    log: Any = Recorder()
+    playing = _Playing(log, log, Path("x"), 0)
+    playing._told_s = 50.0
+    playing._go_to(20.0 if back else 80.0, threading.Event())
+    assert log.did == [*(["forget"] if back else []), "begin_anew", "tell_again"]
 
 
 @pytest.mark.parametrize("wanted", [{"at_s": float("nan")}, {"speed": 0.0}, {"speed": 1e9}])

@@ -83,6 +83,16 @@ def test_the_slider_takes_a_search_back_and_forth(browser: Any, replay_url: str)
     under_way.wait_for(state="detached")
     until(lambda: float(slider.input_value()) == pytest.approx(whole_s, abs=0.2), "it didn't play to its end", 60.0)
 
+    box = slider.bounding_box()
+    y = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + box["width"] - 8, y)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 2, y)  # dragged away ...
+    page.mouse.move(box["x"] + box["width"] - 8, y)  # ... and put back: the browser calls that no change
+    page.mouse.up()
+    httpx.patch(f"{replay_url}/api/v1/replay", json={"at_s": 0.5 * whole_s, "playing": False})
+    until(lambda: float(slider.input_value()) == pytest.approx(0.5 * whole_s, abs=0.2), "the slider stays held", 10.0)
+
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert not faults

@@ -17,17 +17,20 @@ from services.fusion.core.view_order import FloorWedge, most_worth_first
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
 
-_CAMERA = Pinhole.from_hfov(160, 120, math.radians(79.0))
+_CAMERA = Pinhole.from_hfov(640, 480, math.radians(79.0))  # coarser, a thing has too few points for a cluster
 _RANGE_M = (0.2, 8.0)
+_EXTENT = {"extent_m": 24.0, "max_extent_m": 150.0}  # the room fits, whatever is set
 _ROOM_M = np.array([[-3.0, -3.0, 0.0], [3.0, 3.0, 2.6]])  # its corners
 _FLOOR = "0"
 _UP_M = 0.88  # a robot's camera above its floor
 _EMBEDDING = np.eye(1, 8, dtype=np.float32)[0]
+_CHAIR = Detected("chair", 0.9, (280.0, 200.0, 360.0, 280.0), None, _EMBEDDING)
+_PERCEPTION = ViewPerception("warm-up", (_CHAIR,), _EMBEDDING, "warm-up")
 
 
 def warm_up(config: FusionConfig) -> None:
     """Has every loop compiled that a search calls, or read from Numba's cache."""
-    joint = JointMap(config)
+    joint = JointMap(config.changed({"map": _EXTENT}))
     for seq, yaw_rad in enumerate((0.0, 0.2, 3.0)):
         joint.accept(_view("robot/warm-up", seq, (0.0, 0.0, _UP_M), yaw_rad), _PERCEPTION)
     hung = _view("camera/warm-up", 0, (-2.5, -2.5, 2.4), 0.8)
@@ -38,10 +41,6 @@ def warm_up(config: FusionConfig) -> None:
         joint.layer(_FLOOR, layer)
     joint.layer(_FLOOR, "value", _EMBEDDING, "warm-up")
     joint.objects(_FLOOR)
-
-
-_BOX_PX = (70.0, 50.0, 90.0, 70.0)
-_PERCEPTION = ViewPerception("warm-up", (Detected("chair", 0.9, _BOX_PX, None, _EMBEDDING),), _EMBEDDING, "warm-up")
 
 
 def _view(source: str, seq: int, p_world: tuple[float, float, float], yaw_rad: float) -> PosedView:

@@ -114,7 +114,7 @@ class PlannerConfig(BaseModel):
         0.1, description="less likely objects aren't gone to before all is explored. None: none but confirmed ones are"
     )
     confirmed_first: bool = Field(False, description="a confirmed target comes before all else, whatever the way")
-    verify_m: float = Field(2.0, description="what looking at an object costs, beside the way to it")
+    verify_m: float = Field(2.0, gt=0, description="what looking at an object costs, beside the way to it")
     standoff_m: float = Field(0.75, description="where to stand before an object, if a way leads so near")
     stop_m: float = Field(0.85, description="where to stand before an object if no way leads to ``standoff_m``")
     farthest_stop_m: float = Field(1.50, description="the farthest place from which an object counts as reached")

@@ -1,8 +1,6 @@
-"""Inner loops are compiled before anybody waits for them: by a search in a made-up map. See fusion's of the same name."""
+"""Inner loops are compiled before anybody waits for them: by one step in a made-up map. See fusion's of the same name."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -12,23 +10,12 @@ from services.planner.core.step import step
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
 
-_STEPS = 20  # the look around, and some after it
-_TURN_RAD = math.radians(30.0)
-_AHEAD_M = 0.25
-
 
 def warm_up(config: PlannerConfig) -> None:
     """Has every loop compiled that a search calls, or read from Numba's cache."""
-    maps, state = _half_a_room(), MissionState("chair")
-    x_m = y_m = yaw_rad = 0.0
-    action = None
-    for seq in range(_STEPS):
-        robot = RobotView(seq, x_m, y_m, yaw_rad, 0.0, maps.floor, False, action, 0.0)
-        state, decision = step(state, maps, robot, config)
-        action = decision.action
-        yaw_rad += {"turn_left": _TURN_RAD, "turn_right": -_TURN_RAD}.get(action or "", 0.0)
-        if action == "move_forward":
-            x_m, y_m = x_m + _AHEAD_M * math.cos(yaw_rad), y_m + _AHEAD_M * math.sin(yaw_rad)
+    maps = _half_a_room()
+    robot = RobotView(0, 0.0, 0.0, 0.0, 0.0, maps.floor, False, None, 0.0)
+    step(MissionState("chair"), maps, robot, config)
 
 
 def _half_a_room() -> MapView:
@@ -43,7 +30,7 @@ def _half_a_room() -> MapView:
 
 
 _CHAIR = ObjectRecord(
-    id=1, floor="0", label="chair", status="candidate", confidence=0.5, confidence_robot=0.5, confidence_surveillance=0.0,
+    id=1, floor="0", label="chair", status="confirmed", confidence=0.9, confidence_robot=0.9, confidence_surveillance=0.0,
     label_robot="chair", label_surveillance="", n_detections=1, n_points=100, center_m=(-4.0, 0.0, 0.4),
     size_m=(0.5, 0.5, 0.8), first_seen_ns=0, last_seen_ns=0, sources=["robot/warm-up"], reason="",
 )  # fmt: skip

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 
+import structlog
 from pydantic import ValidationError
 from pydantic_settings import SettingsError
 
@@ -39,6 +40,20 @@ def run_service(main: Callable[[], None]) -> int:
     except KeyboardInterrupt:
         return 130
     return 0
+
+
+def warm(warm_up: Callable[[], None]) -> None:
+    """Runs a service's warm-up. One that fails keeps nobody from starting: what it would have compiled is compiled later."""
+    log, began_s = structlog.get_logger(), time.monotonic()
+    log.info("compiles its loops, or reads them from the cache")
+    try:
+        warm_up()
+    except Exception as error:
+        log.warning(
+            "not all loops are compiled; the first search waits for them", why=f"{type(error).__name__}: {error}"
+        )
+    else:
+        log.info("its loops are compiled", seconds=round(time.monotonic() - began_s, 1))
 
 
 def end_with_stdin() -> None:

@@ -41,3 +41,6 @@ def test_other_settings_need_another_folder(tmp_path, monkeypatch):
     assert homes.main(arguments) == 0
     with pytest.raises(homes.ConfigError, match="max_steps"):
         homes.main([*arguments, "--max-steps", "50"])
+    (tmp_path / "settings.json").write_text('{"perception": "onnx-coco", "max_steps": 500}')
+    with pytest.raises(homes.ConfigError, match="views_per_step"):  # made when all views were looked at first
+        homes.main(arguments)

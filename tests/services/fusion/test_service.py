@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 from services.fusion.config import FusionSettings
-from services.fusion.core import JointMap
+from services.fusion.core import FusionConfig, JointMap
+from services.fusion.core.warm_up import warm_up
 from services.fusion.service import FusionService
 from surveilnav import contract
 from surveilnav.bus import Answer, Node, Refused, clock_ns
@@ -201,14 +202,9 @@ class Scene:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def compiled(tools) -> None:
+def compiled() -> None:
     """The loops of the maps, compiled before anybody waits for them."""
-    joint, world = JointMap(), tools.world()
-    for source, height in (("robot/r", 0.88), ("camera/c", 1.8)):
-        view = world.view(1, 2, 0, -0.2, height=height, source=source)
-        joint.accept(view, tools.seen(Detected("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, tools.unit(0))))
-    for layer in ("occupancy", "explored", "frontier", "value", "cloud", "provenance"):
-        joint.layer("0", layer, tools.unit(0))
+    warm_up(FusionConfig())
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""How a service's process ends with whoever started it."""
+"""How a service's process begins, and ends with whoever started it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import subprocess
 import sys
 
 import pytest
+import structlog
 
-from surveilnav.bus.main import ENDS_WITH_STDIN
+from surveilnav.bus.main import ENDS_WITH_STDIN, warm
 
 _PROGRAM = """
 import sys, time
@@ -36,3 +37,14 @@ def test_a_service_ends_when_its_standard_input_is_closed_if_it_was_told_so(told
             code = None
             service.kill()
     assert code == (0 if told else None)
+
+
+def test_a_warm_up_that_fails_keeps_no_service_from_starting():
+    def warm_up():
+        raise ZeroDivisionError("no room")
+
+    with structlog.testing.capture_logs() as said:
+        warm(warm_up)
+        warm(lambda: None)
+    assert [line["log_level"] for line in said] == ["info", "warning", "info", "info"]
+    assert said[1]["why"] == "ZeroDivisionError: no room"

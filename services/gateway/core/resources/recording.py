@@ -85,4 +85,6 @@ class ReplayChange(BaseModel):
     speed: float | None = Field(
         None, ge=SLOWEST_REPLAY, le=FASTEST_REPLAY, allow_inf_nan=False, description="so many times as fast"
     )
-    playing: bool | None = Field(None, description="false: it stands still")
+    playing: bool | None = Field(
+        None, description="false: it stands still; true while it is at its end, and no at_s: it begins anew"
+    )

@@ -21,14 +21,14 @@ export async function ask(path, options) {
 
 export const get = async path => (await ask(path)).json();
 
-async function send(method, path, body, headers = {}) {
+async function send(method, path, body, headers = {}, signal = undefined) {
   const answer = await ask(path, {
-    method, headers: { "content-type": "application/json", ...headers }, body: body === undefined ? undefined : JSON.stringify(body),
+    method, signal, headers: { "content-type": "application/json", ...headers }, body: body === undefined ? undefined : JSON.stringify(body),
   });
   return answer.json();
 }
 
 export const post = (path, body, headers) => send("POST", path, body, headers);
-export const patch = (path, body) => send("PATCH", path, body);
+export const patch = (path, body, signal) => send("PATCH", path, body, {}, signal);
 
 export const remove = path => ask(path, { method: "DELETE" });
