@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from services.fusion.core.config import FusionConfig
 from services.fusion.core.joint_map import JointMap
 from services.fusion.core.view_order import FloorWedge, most_worth_first
-from surveilnav.geometry import Matrix4, Pinhole
+from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
 
 _CAMERA = Pinhole.from_hfov(640, 480, math.radians(79.0))  # coarser, a thing has too few points for a cluster
@@ -22,6 +22,7 @@ _RANGE_M = (0.2, 8.0)
 _EXTENT = {"extent_m": 24.0, "max_extent_m": 150.0}  # the room fits, whatever is set
 _ROOM_M = np.array([[-3.0, -3.0, 0.0], [3.0, 3.0, 2.6]])  # its corners
 _FLOOR = "0"
+_DOWN_RAD = 0.3  # so much all cameras look down
 _UP_M = 0.88  # a robot's camera above its floor
 _EMBEDDING = np.eye(1, 8, dtype=np.float32)[0]
 _CHAIR = Detected("chair", 0.9, (280.0, 200.0, 360.0, 280.0), None, _EMBEDDING)
@@ -45,30 +46,16 @@ def warm_up(config: FusionConfig) -> None:
 
 def _view(source: str, seq: int, p_world: tuple[float, float, float], yaw_rad: float) -> PosedView:
     """What a camera sees of the empty room, looking along ``yaw_rad`` and down a little."""
-    T_world_camera = _pose(p_world, yaw_rad)
+    T_world_camera = camera_pose(p_world, yaw_rad, -_DOWN_RAD)
     return PosedView(
         source, 0, seq, seq, _FLOOR, T_world_camera, _CAMERA, p_world[2],
         np.zeros((_CAMERA.height_px, _CAMERA.width_px, 3), np.uint8), _depth_m(T_world_camera), _RANGE_M,
     )  # fmt: skip
 
 
-def _pose(p_world: tuple[float, float, float], yaw_rad: float) -> Matrix4:
-    c, s, down = math.cos(yaw_rad), math.sin(yaw_rad), 0.3
-    forward = np.array([c * math.cos(down), s * math.cos(down), -math.sin(down)])
-    right = np.array([s, -c, 0.0])
-    T_world_camera = np.eye(4)
-    T_world_camera[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    T_world_camera[:3, 3] = p_world
-    return T_world_camera
-
-
 def _depth_m(T_world_camera: Matrix4) -> NDArray[np.float32]:
     """(height, width) [m] along the optical axis, to the nearest of floor, ceiling and walls."""
-    rows, cols = np.mgrid[: _CAMERA.height_px, : _CAMERA.width_px]
-    rays = np.stack(
-        [(cols - _CAMERA.cx_px) / _CAMERA.fx_px, (rows - _CAMERA.cy_px) / _CAMERA.fy_px, np.ones(rows.shape)], axis=-1
-    )
-    along = rays @ T_world_camera[:3, :3].T
+    along = _CAMERA.rays() @ T_world_camera[:3, :3].T  # a step along each is 1 m along the optical axis
     with np.errstate(divide="ignore"):
         depths: NDArray[np.float64] = (np.where(along > 0.0, _ROOM_M[1], _ROOM_M[0]) - T_world_camera[:3, 3]) / along
     return np.asarray(depths.min(axis=-1), np.float32)

@@ -10,6 +10,12 @@ from services.planner.core.step import step
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
 
+_CHAIR = ObjectRecord(
+    id=1, floor="0", label="chair", status="confirmed", confidence=0.9, confidence_robot=0.9, confidence_surveillance=0.0,
+    label_robot="chair", label_surveillance="", n_detections=1, n_points=100, center_m=(-4.0, 0.0, 0.4),
+    size_m=(0.5, 0.5, 0.8), first_seen_ns=0, last_seen_ns=0, sources=["robot/warm-up"], reason="",
+)  # fmt: skip
+
 
 def warm_up(config: PlannerConfig) -> None:
     """Has every loop compiled that a search calls, or read from Numba's cache."""
@@ -27,10 +33,3 @@ def _half_a_room() -> MapView:
     seen[:, :edge], frontier[2:-2, edge - 1] = 1, 1
     value = np.where(seen, 0.2, np.nan).astype(np.float32)
     return MapView("0", 0.0, grid, walls, seen, frontier, value, [_CHAIR], 1)
-
-
-_CHAIR = ObjectRecord(
-    id=1, floor="0", label="chair", status="confirmed", confidence=0.9, confidence_robot=0.9, confidence_surveillance=0.0,
-    label_robot="chair", label_surveillance="", n_detections=1, n_points=100, center_m=(-4.0, 0.0, 0.4),
-    size_m=(0.5, 0.5, 0.8), first_seen_ns=0, last_seen_ns=0, sources=["robot/warm-up"], reason="",
-)  # fmt: skip
