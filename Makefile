@@ -29,7 +29,7 @@ check: $(READY) ## format, lint, types, import rules
 test: $(READY) ## all tests that need no Docker engine, on real Zenoh; TEST_WORKERS=0 runs them in one process
 	$(BIN)/python -m pytest -q -m "not compose and not page" -n $(TEST_WORKERS) --dist worksteal $(ARGS)
 
-canary: $(READY) ## a dozen fixed searches, action by action as written in benchmark/canary.json (2 minutes)
+canary: $(READY) ## sixteen fixed searches, action by action as written in benchmark/canary.json (2 minutes)
 	$(BIN)/python -m benchmark.canary $(ARGS)
 
 test-page: $(READY) ## the page in a browser, on a running system (skipped where there is no Chromium)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import math
 import os
 import sys
 import time
@@ -103,8 +102,7 @@ def digest_of(searches: Sequence[Search]) -> str:
 
 def play(golden: Search) -> Outcome:
     """Plays one. Raises what opening its building may, and PerceptionError where its detector can't be had."""
-    from benchmark.play.sight import PoseError, Sight
-    from benchmark.runner.search import search
+    from benchmark.runner.search import search, sight_of
     from simulator.simulation import SimulatedBuilding, SimulationSettings
     from simulator.truth.choose import choose_backend
     from simulator.world.goals import Start, find_goals
@@ -114,18 +112,13 @@ def play(golden: Search) -> Outcome:
         SimulationSettings(building=golden.building, seed=golden.seed, cameras=golden.cameras, lighting="flat")
     )
     backend = choose_backend(settings.perception, seed=settings.seed, harder=settings.harder)
-    sight = Sight(
-        building, backend, way="depth" if backend.needs_truth else "pixels", views=settings.views,
-        scale=settings.resolution_divisor,
-        pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
-    )  # fmt: skip
     navigation, at = building.navigation, golden.start
     goals = find_goals(building.scene, navigation, golden.target, caster=building.caster)
     p_m = (at.x_m, at.y_m, navigation.floors[at.floor].z_m)
     start = Start(p_m, at.floor, at.yaw_rad, goals.field.at((at.x_m, at.y_m), at.floor))
     actions: list[str] = []
     episode = search(
-        sight, settings, goals, start, seed=1, goal_on_floor=at.floor in goals.viewpoints,
+        sight_of(building, backend, settings), settings, goals, start, seed=1, goal_on_floor=at.floor in goals.viewpoints,
         on_step=lambda *step: actions.append(step[-1].action or ""),
     )  # fmt: skip
     return Outcome(

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from cli.words import why_perceived
 from surveilnav.bus import Node
 from surveilnav.contract import (
     CAMERA_INFO,
@@ -123,7 +124,7 @@ class Recorder:
         if not rows:
             return "unknown", "no worker said what it runs"
         load = rows[0].message
-        return load.backend, load.why if load.calibrated else f"{load.why}; uncalibrated: scores stand in for chances"
+        return load.backend, why_perceived(load.why, load.calibrated)
 
     def invoked_cameras(self) -> list[str]:
         """Names of the cameras of which fusion ever processed a view."""

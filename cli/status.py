@@ -10,7 +10,7 @@ from rich.text import Text
 from cli.listing import Column, listing
 from cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
 from cli.terminal import plain
-from cli.words import clock
+from cli.words import clock, why_perceived
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -102,7 +102,7 @@ def _workers(rows: list[Any], console: Console) -> None:
     listing(console, columns, [
         [
             w["id"], w["backend"], ("silent", "red") if w["stale"] else "ready" if w["ready"] else ("not ready", "yellow"),
-            f"{w['queued']}/{w['capacity']}", w["why"],
+            f"{w['queued']}/{w['capacity']}", why_perceived(w["why"], w["calibrated"]),
         ]
         for w in rows
     ])  # fmt: skip

@@ -12,6 +12,7 @@ from rich.console import Console
 from cli.progress import bar
 from cli.stack import Stack, environment
 from cli.supervisor import Supervisor
+from cli.words import why_perceived
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node
 from surveilnav.contract import PERCEPTION_LOAD
@@ -61,7 +62,7 @@ def run_up(
         if record:
             console.print(f"recordings: {variables['SURVEILNAV_RECORDER__FOLDER']}", markup=False)
         for load in (answer.message for answer in node.ask_all(PERCEPTION_LOAD)):
-            console.print(f"perception: {load.backend} ({load.why})", markup=False)
+            console.print(f"perception: {load.backend} ({why_perceived(load.why, load.calibrated)})", markup=False)
         console.print('try: surveilnav find "tv"    stop: Ctrl-C')
         supervisor = Supervisor(stack, node, lambda text: console.print(text, markup=False, soft_wrap=True))
         while not stopping.wait(_TEND_S):

@@ -34,6 +34,11 @@ def duration(seconds: float | None) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
+def why_perceived(why: str, calibrated: bool) -> str:
+    """Why a backend was chosen, and whether its chances are only scores."""
+    return why if calibrated else f"{why}; uncalibrated: scores stand in for chances"
+
+
 def clock(stamp: str | None) -> str:
     """A time of the gateway by this machine's clock: "14:03:22"; nothing if there is none."""
     when = parsed(stamp)

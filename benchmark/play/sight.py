@@ -33,6 +33,8 @@ from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, l
 
 Way = Literal["pixels", "depth"]
 Views = Literal["panoramic", "half"]
+#: By camera, what each of its views takes on the wire.
+ViewBytes = Mapping[str, Sequence[int]]
 
 _BUILDING = "building"
 ROBOT = "r1"
@@ -65,7 +67,7 @@ class PoseError:
 
 
 NO_POSE_ERROR = PoseError()
-_NOT_MEASURED: Mapping[str, Sequence[int]] = {}
+NOT_MEASURED: ViewBytes = {}
 
 
 def _frame(
@@ -115,7 +117,7 @@ class Sight:
         way: Way = "pixels",
         scale: int = 2,
         pose_error: PoseError = NO_POSE_ERROR,
-        view_bytes: Mapping[str, Sequence[int]] = _NOT_MEASURED,
+        view_bytes: ViewBytes = NOT_MEASURED,
         words: Sequence[str] = TARGETS,
     ) -> None:
         """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import traceback
 from collections.abc import Callable
@@ -14,11 +13,10 @@ from benchmark.dataset.build import open_scene
 from benchmark.dataset.format import HabitatEpisode
 from benchmark.dataset.load import SceneData, load_scene, start_of
 from benchmark.play.episode import EpisodeResult, FusedCameras, OnStep
-from benchmark.play.sight import PoseError, Sight
 from benchmark.runner.basis import Basis
 from benchmark.runner.records import Broken, Records
 from benchmark.runner.row import EpisodeRecord
-from benchmark.runner.search import search
+from benchmark.runner.search import search, sight_of
 from benchmark.runner.settings import RunSettings
 from simulator.simulation import SimulatedBuilding
 from simulator.truth.choose import choose_backend
@@ -38,15 +36,12 @@ class ScenePlayer:
         if settings.detectors:
             networks = {"detectors": settings.detectors, "large_detectors": settings.detectors}
         backend = choose_backend(settings.perception, seed=settings.seed, harder=settings.harder, **networks)
-        way = "depth" if backend.needs_truth else "pixels"
         self._building: SimulatedBuilding = open_scene(
-            self._data.record, lighting="flat" if way == "depth" else "baked"
+            self._data.record, lighting="flat" if backend.needs_truth else "baked"
         )
         self._data.check_scene(self._building.scene)
-        self._sight = Sight(
-            self._building, backend, plan=self._data.plan(settings.density_m2), views=settings.views, way=way,  # type: ignore[arg-type]
-            scale=settings.resolution_divisor,
-            pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
+        self._sight = sight_of(
+            self._building, backend, settings, plan=self._data.plan(settings.density_m2),
             view_bytes=self._data.cameras.view_bytes[str(settings.density_m2)],
         )  # fmt: skip
         self._fused = FusedCameras(self._sight, settings.fusion_config())

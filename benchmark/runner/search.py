@@ -2,13 +2,34 @@
 
 from __future__ import annotations
 
+import math
+
 from benchmark.play.episode import Episode, EpisodeResult, FusedCameras, OnStep
 from benchmark.play.shortest_path import ShortestPathPlanner
-from benchmark.play.sight import Sight
+from benchmark.play.sight import NOT_MEASURED, PoseError, Sight, ViewBytes
 from benchmark.policies import Task, Truth, policy_of
 from benchmark.runner.settings import RunSettings
 from services.planner.core.motion.drive import FmmPlanner
+from simulator.simulation import SimulatedBuilding
 from simulator.world.goals import Goals, Start
+from surveilnav.camera_plan import CameraPlan
+from surveilnav.perception.backend import Backend
+
+
+def sight_of(
+    building: SimulatedBuilding,
+    backend: Backend,
+    settings: RunSettings,
+    *,
+    plan: CameraPlan | None = None,
+    view_bytes: ViewBytes = NOT_MEASURED,
+) -> Sight:
+    """The eyes that ``settings`` give a run in ``building``; ``plan`` and ``view_bytes``: see ``Sight``."""
+    return Sight(
+        building, backend, plan=plan, views=settings.views, way="depth" if backend.needs_truth else "pixels",
+        scale=settings.resolution_divisor, view_bytes=view_bytes,
+        pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
+    )  # fmt: skip
 
 
 def search(

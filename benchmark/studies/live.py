@@ -1,6 +1,7 @@
 """The running system, with cameras against without: each search is played by ``surveilnav demo``, both ways from one start.
 
     python -m benchmark.studies.live --buildings office_200 flats_201 ... [--targets tv bed] [--seeds 0] [--perception compact]
+    python -m benchmark.studies.live --surveillance on ...    # with cameras alone: how often demo finds, by target
 
 Services, bus, pixels and the clock are those that users have. Every search begins with empty maps. ``demo`` renders light and
 views before it starts the services, so that takes none of a search's time. Caches are warm otherwise, too: cameras' frames and
@@ -21,9 +22,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmark.canary import digest
 from benchmark.runner.summary import Interval, interval
 from benchmark.studies.rows import Rows
 from simulator.furniture.labels import TARGETS
+from simulator.sources import TRAIN_HOMES
 
 ARMS = ("on", "off")
 KEY = ("building", "seed", "target", "surveillance")
@@ -43,21 +46,24 @@ class Search(NamedTuple):
     surveillance: str
 
 
-def play(search: Search, perception: str, runs: Path) -> dict[str, Any]:
-    """What came of a search, or in "skipped" why it can't be."""
+def play(search: Search, perception: str, runs: Path, models: str = "all") -> dict[str, Any]:
+    """What came of a search, or in "skipped" why it can't be. ``models``: the half of furniture models it is furnished with."""
     command = [
         str(Path(sys.executable).parent / "surveilnav"), "demo", "--json", "--building", search.building, "--seed",
         str(search.seed), "--target", search.target, "--surveillance", search.surveillance, "--perception", perception,
         "--runs", str(runs),
     ]  # fmt: skip
     try:
-        ended = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S, check=False)
+        ended = subprocess.run(
+            command, capture_output=True, text=True, timeout=_LONGEST_S, check=False,
+            env=os.environ | {"SURVEILNAV_SIM__MODELS": models},
+        )  # fmt: skip
         told = json.loads(ended.stdout.strip().splitlines()[-1])
     except (subprocess.TimeoutExpired, json.JSONDecodeError, IndexError) as error:
         return search._asdict() | {"skipped": f"{type(error).__name__}: see {runs}"}
     if "success" not in told:
         return search._asdict() | {"skipped": told.get("error", {}).get("message", "demo said nothing of a search")}
-    return search._asdict() | {name: told.get(name) for name in _KEPT}
+    return search._asdict() | {name: told.get(name) for name in _KEPT} | {"program": digest(), "models": models}
 
 
 # --- the page -----------------------------------------------------------------------------------------------------
@@ -78,17 +84,49 @@ def pairs_of(rows: Sequence[dict[str, Any]]) -> list[Pair]:
 
 def page(rows: Sequence[dict[str, Any]], command: str) -> str:
     """What it says, in Markdown."""
-    pairs = pairs_of(rows)
-    lines = ["# The running system, with cameras and without", ""]
-    if not pairs:
-        return "\n".join([*lines, "No start was played both ways yet.", ""])
-    lines += [*_in_words(pairs), "", f"Made by `{command}`.", "", *_table(pairs), "", *_every(pairs)]
+    pairs, played = pairs_of(rows), [r for r in rows if "skipped" not in r]
+    programs = ", ".join(sorted({r.get("program", "unknown") for r in played}))
+    made = f"Made by `{command}`, program {programs}. {_fitted_to(played)}"
+    if pairs:
+        lines = [
+            "# The running system, with cameras and without",
+            "",
+            *_in_words(pairs),
+            "",
+            made,
+            "",
+            *_table(pairs),
+            "",
+        ]
+        lines += _every(pairs)
+    elif played:
+        lines = [
+            "# The running system, search by search",
+            "",
+            *_how_often(played),
+            "",
+            made,
+            "",
+            *_by_target(played),
+            "",
+        ]
+        lines += _each(played)
+    else:
+        lines = ["# The running system", "", "Nothing was played yet."]
     skipped = sorted({(r["building"], r["seed"], r["target"], r["skipped"]) for r in rows if "skipped" in r})
     if skipped:
         lines += ["", "## Not played", ""] + [
             f"- {b}, seed {s}, {t}: {why.partition(';')[0]}" for b, s, t, why in skipped
         ]
     return "\n".join([*lines, ""])
+
+
+def _fitted_to(rows: Sequence[dict[str, Any]]) -> str:
+    """What of the buildings isn't held out."""
+    homes = [home for home in TRAIN_HOMES if any(r["building"] == home for r in rows)]
+    plans = f"Training saw the plans of {', '.join(homes)}." if homes else "Training saw none of these plans."
+    models = {r.get("models", "all") for r in rows}
+    return f"{plans} Furniture is of {'training and held-out models' if models == {'all'} else ' and '.join(sorted(models))}."
 
 
 def _in_words(pairs: Sequence[Pair]) -> list[str]:
@@ -115,6 +153,38 @@ def _in_words(pairs: Sequence[Pair]) -> list[str]:
             f"{max(first):.1f} s at most."
         )
     return lines
+
+
+def _how_often(rows: Sequence[dict[str, Any]]) -> list[str]:
+    right, buildings = sum(r["success"] for r in rows), {(r["building"], r["seed"]) for r in rows}
+    cameras = " and ".join(sorted({r["surveillance"] for r in rows}))
+    return [
+        f"**{right} of {len(rows)} searches end right ({100 * right / len(rows):.0f} %), SPL "
+        f"{100 * statistics.mean(r['spl'] for r in rows):.1f}.** They are in {len(buildings)} "
+        f"furnished buildings; cameras: {cameras}.",
+        f"In {sum(bool(r['found']) for r in rows)} the robot said that it had found the target.",
+    ]  # fmt: skip
+
+
+def _by_target(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    yield "| target | searches | right | SPL |"
+    yield "|---|---|---|---|"
+    for target in sorted({r["target"] for r in rows}):
+        mine = [r for r in rows if r["target"] == target]
+        spl = 100 * statistics.mean(r["spl"] for r in mine)
+        yield f"| {target} | {len(mine)} | {sum(r['success'] for r in mine)} | {spl:.1f} |"
+
+
+def _each(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    yield "| building | seed | target | right | said | steps | way [m] | shortest [m] | time [s] |"
+    yield "|---|---|---|---|---|---|---|---|---|"
+    for r in sorted(rows, key=lambda r: tuple(r[k] for k in KEY)):
+        time_s = "–" if r["search_s"] is None else f"{r['search_s']:.1f}"
+        said = "found" if r["found"] else r["error"] or "not found"
+        yield (
+            f"| {r['building']} | {r['seed']} | {r['target']} | {'yes' if r['success'] else 'no'} | {said} | {r['steps']} | "
+            f"{r['path_m']:.1f} | {r['shortest_path_m']:.1f} | {time_s} |"
+        )
 
 
 def _points(value: Interval) -> str:
@@ -152,29 +222,48 @@ def _both(on: dict[str, Any], off: dict[str, Any], name: str) -> str:
 # --- running ------------------------------------------------------------------------------------------------------
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Plays what is missing, one search after the other, and writes the page after each."""
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m benchmark.studies.live", description=__doc__.partition("\n")[0])
     parser.add_argument("--buildings", nargs="+", required=True)
     parser.add_argument("--targets", nargs="+", default=list(TARGETS))
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--surveillance", nargs="+", choices=ARMS, default=list(ARMS))
+    parser.add_argument("--models", choices=["all", "train", "val"], default="all", help="the half of furniture models")
     parser.add_argument("--perception", default="auto")
     parser.add_argument("--data", type=Path, default=Path("runs/live"))
     parser.add_argument("--page", type=Path, default=Path("docs/results/live.md"))
     parser.add_argument("--table", action="store_true", help="only write the page of what there is")
+    return parser
+
+
+def _command(parser: argparse.ArgumentParser, args: argparse.Namespace) -> str:
+    """What plays this again."""
+    words = [parser.prog]
+    for name, value in vars(args).items():
+        if name != "table" and value != parser.get_default(name):
+            words += [
+                f"--{name}",
+                *(f'"{v}"' if " " in str(v) else str(v) for v in (value if isinstance(value, list) else [value])),
+            ]
+    return " ".join(words)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Plays what is missing, one search after the other, and writes the page after each."""
+    parser = _parser()
     args = parser.parse_args(argv)
     args.data.mkdir(parents=True, exist_ok=True)
-    rows = Rows(args.data / f"{args.perception}.jsonl", KEY)
-    command = f"python -m benchmark.studies.live --buildings {' '.join(args.buildings)} --perception {args.perception}"
+    rows = Rows(args.data / f"{args.perception}{'' if args.models == 'all' else f'-{args.models}'}.jsonl", KEY)
+    command = _command(parser, args)
     done = rows.done()
     missing = [
         search
-        for building in args.buildings for seed in args.seeds for target in args.targets for arm in ARMS
+        for building in args.buildings for seed in args.seeds for target in args.targets for arm in args.surveillance
         if (search := Search(building, seed, target, arm)) not in done
     ]  # fmt: skip
     began_s = time.monotonic()
     for number, search in enumerate([] if args.table else missing, start=1):
-        row = play(search, args.perception, args.data / "runs")
+        row = play(search, args.perception, args.data / "runs", args.models)
         rows.append(row)
         args.page.write_text(page(rows.load(), command), encoding="utf-8")
         left_s = (time.monotonic() - began_s) / number * (len(missing) - number)

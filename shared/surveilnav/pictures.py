@@ -9,7 +9,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 class PictureSettings(BaseSettings):
     """Past pictures, wherever they are kept."""
 
-    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PICTURES__", extra="ignore")
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PICTURES__", extra="ignore", env_ignore_empty=True)
 
     keep_h: float | None = Field(
         None, ge=0.01, le=100_000, description="hours after which past pictures go from fusion's store, recordings are deleted, "

@@ -119,6 +119,7 @@ WORKER = {
     "ready": False,
     "queued": 16,
     "capacity": 16,
+    "calibrated": False,
     "why": WORDY,
 }
 EVERYTHING = {

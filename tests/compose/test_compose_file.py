@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from services.perception.config import PerceptionSettings
+from surveilnav.pictures import PictureSettings
 
 _ROOT = Path(__file__).parents[2]
 _COMPOSE = yaml.safe_load((_ROOT / "compose.yaml").read_text(encoding="utf-8"))
@@ -126,6 +127,14 @@ def test_what_must_outlive_a_container_lies_in_a_volume_by_building(name: str) -
     assert store.startswith(f"{mount}/")
     assert "${SURVEILNAV_SIM__BUILDING:-" in store, "another building's maps and missions would be taken up"
     assert f"install -d -o 10001 -g 10001 {mount}" in _DOCKERFILE
+
+
+def test_whoever_keeps_past_pictures_is_told_for_how_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "SURVEILNAV_PICTURES__KEEP_H"
+    told = {n: s["environment"][name] for n, s in _SERVICES.items() if name in s.get("environment", {})}
+    assert told == dict.fromkeys(["fusion", "recorder"], f"${{{name}:-}}")
+    monkeypatch.setenv(name, "")
+    assert PictureSettings().keep_h is None, "who sets nothing hands on an empty text"
 
 
 def test_cameras_look_with_the_backend_of_perception_unless_told_otherwise() -> None:

@@ -71,7 +71,7 @@ class Views:
         self._rows: dict[Kind, list[tuple[int, int]]] = {"robot": [], "camera": []}
         for p, pack in enumerate(packs):
             for i, view in enumerate(pack.views):
-                self._rows["robot" if view.kind == "robot" else "camera"].append((p, i))
+                self._rows[view.kind].append((p, i))
         repeats = repeat_factors([pack.views[i].labels for pack in packs for i in range(len(pack.views))])
         of_label = np.array([repeats.get(label, 1.0) for label in range(1 + max(repeats, default=0))])
         self._weights: dict[Kind, NDArray[np.float64]] = {
@@ -166,7 +166,7 @@ class _Shot:
 def _framed(view: TrainingView, canvas: tuple[int, int], rng: np.random.Generator) -> _Shot:
     """Mirrored or not, zoomed, and shifted so that picture and canvas overlap as far as they can."""
     height, width = view.ids.shape
-    full = CANVAS["robot" if view.kind == "robot" else "camera"]
+    full = CANVAS[view.kind]
     zoom = full[0] / width * float(np.exp(rng.uniform(*np.log(_ZOOM if canvas == full else _SMALL_ZOOM))))
     shift = [
         rng.uniform(min(0.0, room), max(0.0, room)) for room in (canvas[0] - zoom * width, canvas[1] - zoom * height)

@@ -29,7 +29,7 @@ _LOSSLESS = 101  # as OpenCV has it
 class PackedView(msgspec.Struct, frozen=True):
     """One row of a file's table: the fields of ``TrainingView`` without its pictures."""
 
-    kind: str
+    kind: Kind
     light: str
     hfov_rad: float
     boxes: list[tuple[float, float, float, float]]
@@ -104,10 +104,9 @@ class Pack:
         near[row.near] = True
         boxes = np.array(row.boxes, np.float32).reshape(-1, 4)
         labels, areas = np.array(row.labels, np.int64), np.array(row.areas, np.int64)
-        kind: Kind = "robot" if row.kind == "robot" else "camera"
-        depth_m = decode_depth(self.depths[i], rgb.shape[1], rgb.shape[0], DEPTH_RANGE_M[kind])
+        depth_m = decode_depth(self.depths[i], rgb.shape[1], rgb.shape[0], DEPTH_RANGE_M[row.kind])
         return TrainingView(
-            kind, row.light, row.hfov_rad, np.ascontiguousarray(rgb[..., ::-1]).astype(np.uint8), depth_m,
+            row.kind, row.light, row.hfov_rad, np.ascontiguousarray(rgb[..., ::-1]).astype(np.uint8), depth_m,
             ids.astype(np.uint8), boxes, labels, areas, near, row.room,
         )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 A score means something else for every detector, class, size and distance. The chance is a logistic regression on the
 score's log-odds and on how large, how far and in what kind of view the thing shows, with a part of its own for each class.
-Without a table the score itself is taken for the chance (``UNCALIBRATED``): monotone, and said to be no more than that.
+Without a table the score itself is taken for the chance: monotone, and said to be no more than that.
 """
 
 from __future__ import annotations

@@ -39,8 +39,37 @@ def test_the_page_says_what_cameras_change():
     assert "| b | 0 | tv | yes / no | 10.0 / 10.0 | 5.0 | 30.0 / 20.0 | 2.5 / 1.0 |" in said
 
 
-def test_without_a_pair_the_page_says_so():
-    assert "No start was played both ways yet." in page([row("a", "on")], "c")
+def test_without_a_pair_the_page_says_how_often_it_ends_right():
+    rows = [
+        row("a", "on", found=True),
+        row("a", "on", seed=1, success=False, spl=0.0, found=False, error="out_of_steps"),
+    ]
+    said = page([r | {"error": r.get("error"), "program": "abc"} for r in rows], "c")
+    assert "**1 of 2 searches end right (50 %), SPL 25.0.** They are in 2 furnished buildings; cameras: on." in said
+    assert "| tv | 2 | 1 | 25.0 |" in said
+    assert "| a | 1 | tv | no | out_of_steps | 90 | 10.0 | 5.0 | 20.0 |" in said
+    assert (
+        "Made by `c`, program abc. Training saw none of these plans. Furniture is of training and held-out models."
+        in said
+    )
+
+
+def test_the_page_says_what_isnt_held_out():
+    said = page(
+        [row("3_bedroom", "on", found=True, error=None, models="val"), row("studio", "on", skipped="no tv")], "c"
+    )
+    assert "Training saw the plans of 3_bedroom. Furniture is of val." in said
+
+
+def test_without_a_row_the_page_says_so():
+    assert "Nothing was played yet." in page([row("a", "on", skipped="no tv")], "c")
+
+
+def test_the_command_on_the_page_is_the_one_that_was_given():
+    given = ["--buildings", "a", "b", "--targets", "tv", "potted plant", "--models", "val", "--table"]
+    parser = live._parser()
+    said = live._command(parser, parser.parse_args(given))
+    assert said == 'python -m benchmark.studies.live --buildings a b --targets tv "potted plant" --models val'
 
 
 @pytest.fixture
@@ -49,10 +78,14 @@ def demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     script, python = tmp_path / "surveilnav", sys.executable
 
     def prints(text: str) -> None:
-        script.write_text(f"#!{python}\nprint({text!r})\n")
+        runs(f"print({text!r})")
+
+    def runs(line: str) -> None:
+        script.write_text(f"#!{python}\nimport json, os\n{line}\n")
         script.chmod(script.stat().st_mode | stat.S_IXUSR)
 
     monkeypatch.setattr(live.sys, "executable", str(tmp_path / "python"))
+    prints.runs = runs
     return prints
 
 
@@ -74,3 +107,8 @@ def test_what_was_played_is_kept(demo):
     found = play(Search("a", 3, "tv", "off"), "oracle", Path("runs"))
     assert (found["seed"], found["surveillance"], found["spl"], found["actions"]) == (3, "off", 0.5, ["stop"])
     assert "report" not in found
+
+
+def test_demo_furnishes_with_the_models_that_were_named(demo):
+    demo.runs('print(json.dumps({"success": True, "message": os.environ["SURVEILNAV_SIM__MODELS"]}))')
+    assert play(Search("a", 3, "tv", "off"), "oracle", Path("runs"), "val")["message"] == "val"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cli.words import human_bytes
+from cli.words import human_bytes, why_perceived
 
 
 @pytest.mark.parametrize(
@@ -22,3 +22,8 @@ from cli.words import human_bytes
 )
 def test_human_bytes(n, text):
     assert human_bytes(n) == text
+
+
+def test_what_has_no_table_of_chances_is_called_uncalibrated():
+    assert why_perceived("asked for", True) == "asked for"
+    assert why_perceived("asked for", False) == "asked for; uncalibrated: scores stand in for chances"

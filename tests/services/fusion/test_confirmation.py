@@ -135,3 +135,15 @@ def test_without_flips_a_sure_detection_is_believed_whatever_comes_later():
     assessments = told(story, ObjectConfig(confirmation=rule))
     assert [(a.label, a.status) for a in assessments[:2]] == [("couch", "confirmed"), ("bed", "confirmed")]
     assert {a.status for a in assessments} == {"confirmed"}
+
+
+@pytest.mark.parametrize(("config", "score", "chance", "status"), [
+    (PAPER, 0.9, 0.1, "confirmed"), (PAPER, 0.1, 0.98, "candidate"),
+    (DEFAULT, 0.9, 0.1, "candidate"), (DEFAULT, 0.1, 0.98, "confirmed"),
+])  # fmt: skip
+def test_the_paper_weighs_scores_and_our_rule_chances(config, score, chance, status):
+    rule, evidence = confirmation_of(config), Evidence()
+    for side in "0123":
+        evidence.add("X", score, chance, ("robot", side))
+    rule.settle(evidence)
+    assert rule.assess(evidence, "candidate").status == status
