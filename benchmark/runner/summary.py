@@ -115,6 +115,34 @@ def paired(pairs: Sequence[tuple[EpisodeRecord, EpisodeRecord]]) -> Paired | Non
     )
 
 
+class Part(NamedTuple):
+    """Some of the episodes that two runs both played: how many, what they make of the difference in SPL in points of all
+    pairs, and why the run that failed did, by name and how often."""
+
+    pairs: int
+    spl: float
+    reasons: dict[str, int]
+
+
+def parts(pairs: Sequence[tuple[EpisodeRecord, EpisodeRecord]]) -> dict[str, Part]:
+    """Where the difference in SPL comes from: the line's minus the first's, of episodes that succeed in it alone, in the
+    first alone, or in both, with the higher or the lower SPL. They add up to the whole difference."""
+
+    def part(chosen: Sequence[tuple[EpisodeRecord, EpisodeRecord]], reasons: Iterable[str] = ()) -> Part:
+        spl = 100.0 * sum(a.spl - b.spl for a, b in chosen) / len(pairs)
+        return Part(len(chosen), spl, dict(Counter(reasons).most_common()))
+
+    it = [(a, b) for a, b in pairs if a.success and not b.success]
+    first = [(a, b) for a, b in pairs if b.success and not a.success]
+    both = [(a, b) for a, b in pairs if a.success and b.success]
+    return {
+        "it alone": part(it, (b.reason for _, b in it)),
+        "the first alone": part(first, (a.reason for a, _ in first)),
+        "both, higher": part([(a, b) for a, b in both if a.spl > b.spl]),
+        "both, lower": part([(a, b) for a, b in both if a.spl < b.spl]),
+    }
+
+
 def _ratio(spl: NDArray[np.float64], scenes: Sequence[str]) -> Interval | None:
     """The mean of the first column (N, 2) over that of the second, and its interval: pairs are drawn, so it is a ratio of the
     same searches. None: no bound can be given."""

@@ -39,7 +39,8 @@ class Arm:
 @dataclass(frozen=True, slots=True)
 class Table:
     """``about``: what is compared, for the page. ``over_bytes``: its plot also shows SPL over what the cameras sent.
-    ``factors``: what its arms combine; the page also tells the levels of each apart."""
+    ``factors``: what its arms combine; the page also tells the levels of each apart. ``explained``: the page also says
+    which searches make the differences in SPL."""
 
     name: str
     title: str
@@ -47,6 +48,7 @@ class Table:
     arms: tuple[Arm, ...]
     over_bytes: bool = False
     factors: tuple[str, ...] = ()
+    explained: bool = False
 
 
 def _run(split: str = "val_mini", **settings: Any) -> RunSettings:
@@ -86,6 +88,7 @@ def _pixels() -> Table:
             Arm("compact, without surveillance", _run("val", perception="compact", surveillance=False)),
             Arm("onnx-coco, with surveillance", _run("val", perception="onnx-coco")),
         ),
+        explained=True,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from benchmark.dataset.splits import EDITION, is_real_home
 from benchmark.play.episode import REASONS
 from benchmark.runner.basis import Basis
 from benchmark.runner.row import EpisodeRecord
-from benchmark.runner.summary import SUCCESS_RULE, WITHIN_M, Interval, Summary, paired, pairs_of, summarise
+from benchmark.runner.summary import SUCCESS_RULE, WITHIN_M, Interval, Summary, paired, pairs_of, parts, summarise
 from benchmark.tables.arms import Arm, Table
 
 #: Categories of which there are so few furniture models that one of them may decide a number.
@@ -64,6 +64,8 @@ def page(
         text += ["", f"![]({table.name}.png)"]
         if table.factors:
             text += ["", "## By factor", "", *_factors(table, lines)]
+        if table.explained:
+            text += ["", "## Which searches make the difference", "", *_parts(lines)]
         text += ["", "## Real homes and generated buildings", "", *_by_origin(lines)]
         text += ["", "## Why searches failed", "", *_reasons(lines)]
         text += ["", "## By category", "", "SR / SPL (searches).", "", *_by(lines, lambda r: r.category)]
@@ -156,6 +158,31 @@ def _by_origin(lines: Sequence[Line]) -> list[str]:
             cells = [line.arm.label, name, str(s.episodes), str(s.sr), str(s.spl), *difference]
             text.append("| " + " | ".join(cells) + " |")
     return text
+
+
+def _parts(lines: Sequence[Line]) -> list[str]:
+    """By which searches a line's SPL differs from the first's: points of all pairs, and how many searches."""
+    text = [
+        "A line's SPL minus the first line's, in points of all searches that both have; in brackets how many searches they are.",
+        "", "| | only it succeeds | only the first succeeds | both, its SPL higher | both, its SPL lower | together |",
+        "|" + "---|" * 6,
+    ]  # fmt: skip
+    why = []
+    for line in lines[1:]:
+        if not (pairs := pairs_of(line.records, lines[0].records)):
+            continue
+        found = parts(pairs)
+        cells = [f"{part.spl:+.1f} ({part.pairs})" for part in found.values()]
+        text.append("| " + " | ".join([line.arm.label, *cells, f"{sum(p.spl for p in found.values()):+.1f}"]) + " |")
+        why += [
+            f"- Why the first fails where only {line.arm.label} succeeds: {_counted(found['it alone'].reasons)}.",
+            f"- Why {line.arm.label} fails where only the first succeeds: {_counted(found['the first alone'].reasons)}.",
+        ]
+    return [*text, "", *why]
+
+
+def _counted(reasons: Mapping[str, int]) -> str:
+    return ", ".join(f"`{name}` {n}" for name, n in reasons.items()) or "it never does"
 
 
 def _signed(i: Interval) -> str:

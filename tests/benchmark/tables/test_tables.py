@@ -14,6 +14,7 @@ from benchmark.dataset.format import VERSION, Manifest, SplitCounts, write
 from benchmark.dataset.splits import SPLITS
 from benchmark.runner.basis import Basis
 from benchmark.runner.records import Broken, Records
+from benchmark.runner.row import EpisodeRecord
 from benchmark.runner.run import Finished
 from benchmark.runner.settings import RunSettings, run_id
 from benchmark.tables.arms import TABLES, Arm, Table
@@ -363,3 +364,22 @@ def test_bytes_are_listed_by_tier():
     assert "| path [m] | jpeg+depth [MB] | summaries [MB] | paper: SR / SPL |" in text
     assert "| 4.0 | 31.7 | 0.0007 | 67.4 / 34.5 |" in text
     assert "| 4.0 | 0 | 0 |  |" in text
+
+
+def test_an_explained_table_says_which_searches_make_the_difference():
+    def played(*spl: float) -> list[EpisodeRecord]:
+        return [
+            msgspec.structs.replace(
+                RECORD, episode_id=str(i), spl=s, success=s > 0.0, reason="" if s > 0.0 else "out_of_steps"
+            )
+            for i, s in enumerate(spl)
+        ]
+
+    lines = [Line.of(ARMS[0], played(0.5, 0.0, 0.4, 0.9, 0.3)), Line.of(ARMS[1], played(0.0, 0.6, 0.7, 0.8, 0.3))]
+    table = dataclasses.replace(TABLE, explained=True)
+    said = page(table, lines, 5, defaultdict(list), BASIS)
+    # (0 - 0.5, 0.6 - 0, 0.7 - 0.4, 0.8 - 0.9, 0) / 5 searches
+    assert "| without | +12.0 (1) | -10.0 (1) | +6.0 (1) | -2.0 (1) | +6.0 |" in said
+    assert "- Why the first fails where only without succeeds: `out_of_steps` 1." in said
+    assert "- Why without fails where only the first succeeds: `out_of_steps` 1." in said
+    assert "make the difference" not in page(TABLE, lines, 5, defaultdict(list), BASIS)
