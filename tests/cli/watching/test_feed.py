@@ -27,6 +27,7 @@ class Gateway:
         self.asked.append(last_id)
         if not self.streams:
             threading.Event().wait(30)
+            raise RuntimeError("the client was closed")
         for told in self.streams.pop(0):
             if isinstance(told, Exception):
                 raise told
