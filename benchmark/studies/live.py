@@ -126,7 +126,8 @@ def _fitted_to(rows: Sequence[dict[str, Any]]) -> str:
     homes = [home for home in TRAIN_HOMES if any(r["building"] == home for r in rows)]
     plans = f"Training saw the plans of {', '.join(homes)}." if homes else "Training saw none of these plans."
     models = {r.get("models", "all") for r in rows}
-    return f"{plans} Furniture is of {'training and held-out models' if models == {'all'} else ' and '.join(sorted(models))}."
+    said = {"all": "training and held-out models", "train": "training models", "val": "held-out models"}
+    return f"{plans} Furniture is of {' and of '.join(said[name] for name in sorted(models))}."
 
 
 def _in_words(pairs: Sequence[Pair]) -> list[str]:
@@ -160,8 +161,8 @@ def _how_often(rows: Sequence[dict[str, Any]]) -> list[str]:
     cameras = " and ".join(sorted({r["surveillance"] for r in rows}))
     return [
         f"**{right} of {len(rows)} searches end right ({100 * right / len(rows):.0f} %), SPL "
-        f"{100 * statistics.mean(r['spl'] for r in rows):.1f}.** They are in {len(buildings)} "
-        f"furnished buildings; cameras: {cameras}.",
+        f"{100 * statistics.mean(r['spl'] for r in rows):.1f}.** Buildings and seeds: "
+        f"{len(buildings)}; cameras: {cameras}.",
         f"In {sum(bool(r['found']) for r in rows)} the robot said that it had found the target.",
     ]  # fmt: skip
 

@@ -45,7 +45,7 @@ def test_without_a_pair_the_page_says_how_often_it_ends_right():
         row("a", "on", seed=1, success=False, spl=0.0, found=False, error="out_of_steps"),
     ]
     said = page([r | {"error": r.get("error"), "program": "abc"} for r in rows], "c")
-    assert "**1 of 2 searches end right (50 %), SPL 25.0.** They are in 2 furnished buildings; cameras: on." in said
+    assert "**1 of 2 searches end right (50 %), SPL 25.0.** Buildings and seeds: 2; cameras: on." in said
     assert "| tv | 2 | 1 | 25.0 |" in said
     assert "| a | 1 | tv | no | out_of_steps | 90 | 10.0 | 5.0 | 20.0 |" in said
     assert (
@@ -58,7 +58,7 @@ def test_the_page_says_what_isnt_held_out():
     said = page(
         [row("3_bedroom", "on", found=True, error=None, models="val"), row("studio", "on", skipped="no tv")], "c"
     )
-    assert "Training saw the plans of 3_bedroom. Furniture is of val." in said
+    assert "Training saw the plans of 3_bedroom. Furniture is of held-out models." in said
 
 
 def test_without_a_row_the_page_says_so():
