@@ -124,23 +124,31 @@ class Part(NamedTuple):
     reasons: dict[str, int]
 
 
-def parts(pairs: Sequence[tuple[EpisodeRecord, EpisodeRecord]]) -> dict[str, Part]:
-    """Where the difference in SPL comes from: the line's minus the first's, of episodes that succeed in it alone, in the
-    first alone, or in both, with the higher or the lower SPL. They add up to the whole difference."""
+class Parts(NamedTuple):
+    """The episodes that succeed in the line alone, in the first alone, and in both with the line's SPL higher or lower."""
+
+    line_alone: Part
+    first_alone: Part
+    both_higher: Part
+    both_lower: Part
+
+
+def parts(pairs: Sequence[tuple[EpisodeRecord, EpisodeRecord]]) -> Parts:
+    """Where the difference in SPL comes from: the line's minus the first's. The parts add up to the whole difference."""
 
     def part(chosen: Sequence[tuple[EpisodeRecord, EpisodeRecord]], reasons: Iterable[str] = ()) -> Part:
         spl = 100.0 * sum(a.spl - b.spl for a, b in chosen) / len(pairs)
         return Part(len(chosen), spl, dict(Counter(reasons).most_common()))
 
-    it = [(a, b) for a, b in pairs if a.success and not b.success]
+    line = [(a, b) for a, b in pairs if a.success and not b.success]
     first = [(a, b) for a, b in pairs if b.success and not a.success]
     both = [(a, b) for a, b in pairs if a.success and b.success]
-    return {
-        "it alone": part(it, (b.reason for _, b in it)),
-        "the first alone": part(first, (a.reason for a, _ in first)),
-        "both, higher": part([(a, b) for a, b in both if a.spl > b.spl]),
-        "both, lower": part([(a, b) for a, b in both if a.spl < b.spl]),
-    }
+    return Parts(
+        part(line, (b.reason for _, b in line)),
+        part(first, (a.reason for a, _ in first)),
+        part([(a, b) for a, b in both if a.spl > b.spl]),
+        part([(a, b) for a, b in both if a.spl < b.spl]),
+    )
 
 
 def _ratio(spl: NDArray[np.float64], scenes: Sequence[str]) -> Interval | None:

@@ -172,11 +172,11 @@ def _parts(lines: Sequence[Line]) -> list[str]:
         if not (pairs := pairs_of(line.records, lines[0].records)):
             continue
         found = parts(pairs)
-        cells = [f"{part.spl:+.1f} ({part.pairs})" for part in found.values()]
-        text.append("| " + " | ".join([line.arm.label, *cells, f"{sum(p.spl for p in found.values()):+.1f}"]) + " |")
+        cells = [f"{part.spl:+.1f} ({part.pairs})" for part in found]
+        text.append("| " + " | ".join([line.arm.label, *cells, f"{sum(p.spl for p in found):+.1f}"]) + " |")
         why += [
-            f"- Why the first fails where only {line.arm.label} succeeds: {_counted(found['it alone'].reasons)}.",
-            f"- Why {line.arm.label} fails where only the first succeeds: {_counted(found['the first alone'].reasons)}.",
+            f"- Why the first fails where only {line.arm.label} succeeds: {_counted(found.line_alone.reasons)}.",
+            f"- Why {line.arm.label} fails where only the first succeeds: {_counted(found.first_alone.reasons)}.",
         ]
     return [*text, "", *why]
 

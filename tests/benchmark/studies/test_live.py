@@ -74,19 +74,15 @@ def test_the_command_on_the_page_is_the_one_that_was_given():
 
 @pytest.fixture
 def demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """``surveilnav`` is a script that prints what it is told to."""
+    """``surveilnav`` is a script of the line of Python that it is given."""
     script, python = tmp_path / "surveilnav", sys.executable
-
-    def prints(text: str) -> None:
-        runs(f"print({text!r})")
 
     def runs(line: str) -> None:
         script.write_text(f"#!{python}\nimport json, os\n{line}\n")
         script.chmod(script.stat().st_mode | stat.S_IXUSR)
 
     monkeypatch.setattr(live.sys, "executable", str(tmp_path / "python"))
-    prints.runs = runs
-    return prints
+    return runs
 
 
 @pytest.mark.parametrize(
@@ -98,17 +94,17 @@ def demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     ],
 )
 def test_what_cant_be_played_says_why(demo, said: str, skipped: str):
-    demo(said)
+    demo(f"print({said!r})")
     assert play(Search("a", 0, "tv", "on"), "oracle", Path("runs"))["skipped"] == skipped
 
 
 def test_what_was_played_is_kept(demo):
-    demo('{"success": true, "spl": 0.5, "report": "no number", "actions": ["stop"]}')
+    demo("""print('{"success": true, "spl": 0.5, "report": "no number", "actions": ["stop"]}')""")
     found = play(Search("a", 3, "tv", "off"), "oracle", Path("runs"))
     assert (found["seed"], found["surveillance"], found["spl"], found["actions"]) == (3, "off", 0.5, ["stop"])
     assert "report" not in found
 
 
 def test_demo_furnishes_with_the_models_that_were_named(demo):
-    demo.runs('print(json.dumps({"success": True, "message": os.environ["SURVEILNAV_SIM__MODELS"]}))')
+    demo('print(json.dumps({"success": True, "message": os.environ["SURVEILNAV_SIM__MODELS"]}))')
     assert play(Search("a", 3, "tv", "off"), "oracle", Path("runs"), "val")["message"] == "val"
