@@ -74,15 +74,26 @@ def test_evidence_must_be_better_by_a_margin(two_floors, here, there, leaves):
     assert decisions[0].phase == ("changing floor" if leaves else "scanning")
 
 
-@pytest.mark.parametrize(("pending", "first"), [(0, "changing floor"), (4, "scanning")])
-def test_no_floor_is_left_before_its_cameras_views_have_come(two_floors, pending, first):
-    """They may show the target here. The robot looks around meanwhile."""
+@pytest.mark.parametrize(("missing_for", "first"), [(0, "changing floor"), (1, "scanning"), (20, "scanning")])
+def test_no_floor_is_left_before_its_cameras_views_have_come(two_floors, missing_for, first):
+    """They may show the target here. The robot looks around meanwhile, and then explores."""
     h, phases = two_floors(SEEN), []
     here = h.now
-    here.maps = lambda maps=here.maps: replace(maps(), pending_views=0 if phases else pending)
-    _, decision = h.run(config=GOES.changed(stairs_known="plan"), watch=lambda s, d: phases.append(d.phase))
+    here.maps = lambda maps=here.maps: replace(maps(), pending_views=4 if len(phases) < missing_for else 0)
+    state, decision = h.run(config=GOES.changed(stairs_known="plan"), watch=lambda s, d: phases.append(d.phase))
     assert phases[0] == first
     assert decision.found
+    assert h.trail == ["0", "1"]
+    assert phases.index("changing floor") >= missing_for
+    assert state.changes[0].step >= missing_for
+
+
+def test_views_that_never_come_bind_the_robot_only_until_its_floor_is_searched(two_floors):
+    h = two_floors(SEEN)
+    here = h.now
+    here.maps = lambda maps=here.maps: replace(maps(), pending_views=4)
+    _, decision = h.run(config=GOES.changed(stairs_known="plan"))
+    assert decision.found, decision.message
     assert h.trail == ["0", "1"]
 
 

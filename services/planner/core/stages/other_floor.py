@@ -2,6 +2,7 @@
 
 The robot never swings between floors: one is left unsearched only for a floor not visited before whose cameras' evidence is
 better by a margin, if exploring on here isn't worth more; a searched floor isn't searched again, and visits are counted.
+Nor is one left while views of its own cameras are still to come: they may show the target here, and the way back is long.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ def other_floor(context: StepContext) -> Decision | None:
 
 
 def _choose_floor(context: StepContext) -> None:
-    """Sets out for the floor that tempts, unless exploring on here is worth more."""
-    goal = _tempting(context)
+    """Sets out for the floor that tempts, unless exploring on here is worth more or may turn out to be."""
+    goal = None if context.maps.pending_views else _tempting(context)
     if goal is not None:
         # going there pays where there is none here: if there is one, exploring finds it on a shorter way
         here = chance_here(context)
