@@ -1,7 +1,7 @@
 """Whether the running system and the benchmark do the same: searches of ``benchmark.studies.live`` played again in one process.
 
     python -m benchmark.studies.live --buildings parametric_flat --perception oracle ...
-    python -m benchmark.studies.same_actions runs/live/oracle.jsonl
+    python -m benchmark.studies.same_actions runs/live/oracle.jsonl ...
 
 Both decide by the same cores. What may differ is what comes to them: which view when, and the luck of ``simulated``, which
 hangs on names that differ. So ``oracle`` and pixels are compared.
@@ -10,7 +10,9 @@ hangs on names that differ. So ``oracle`` and pixels are compared.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import itertools
+import statistics
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,43 +26,51 @@ from simulator.truth.choose import choose_backend
 from simulator.world.goals import find_goals, sample_start
 
 
+class Played(NamedTuple):
+    """What came of a search in one process."""
+
+    actions: list[str]
+    success: bool
+    spl: float
+
+
 class Compared(NamedTuple):
-    """A search of the running system beside the benchmark's. ``same``: so many first actions are the same; ``live``,
-    ``alone``: how many there are; ``next_live``, ``next_alone``: the first ones that differ."""
+    """A search of the running system beside the benchmark's. ``same``: so many first actions are the same; ``live``: how many
+    the running system has; ``next_live``, ``next_alone``: the first ones that differ."""
 
     row: dict[str, Any]
+    alone: Played
     same: int
     live: int
-    alone: int
     next_live: str
     next_alone: str
 
     @property
     def whole(self) -> bool:
         """All actions are the same."""
-        return self.same == self.live == self.alone
+        return self.same == self.live == len(self.alone.actions)
 
 
-def compared(row: dict[str, Any], actions: Sequence[str]) -> Compared:
-    """A row of ``live`` beside the actions of the same search in one process."""
+def compared(row: dict[str, Any], alone: Played) -> Compared:
+    """A row of ``live`` beside the same search in one process."""
     live = [action for action in row["actions"] if action]
-    both = zip(live, actions, strict=False)
-    same = next((i for i, (a, b) in enumerate(both) if a != b), min(len(live), len(actions)))
-    rest = (more[same] if len(more) > same else "–" for more in (live, actions))
-    return Compared(row, same, len(live), len(actions), *rest)
+    both = zip(live, alone.actions, strict=False)
+    same = next((i for i, (a, b) in enumerate(both) if a != b), min(len(live), len(alone.actions)))
+    rest = (more[same] if len(more) > same else "–" for more in (live, alone.actions))
+    return Compared(row, alone, same, len(live), *rest)
 
 
-def played(row: dict[str, Any], building: SimulatedBuilding) -> list[str]:
-    """The actions of a search in one process, by the settings that the benchmark has."""
+def played(row: dict[str, Any], building: SimulatedBuilding) -> Played:
+    """A search in one process, by the settings that the benchmark has."""
     goals = find_goals(building.scene, building.navigation, row["target"], caster=building.caster)
     start = sample_start(building.scene, building.navigation, goals, seed=row["seed"], caster=building.caster)
     settings = RunSettings(perception=row["perception"], surveillance=row["surveillance"] == "on")
     actions: list[str] = []
-    search(
+    result = search(
         Sight(building, choose_backend(row["perception"])), settings, goals, start, seed=row["seed"],
         on_step=lambda *step: actions.append(step[-1].action or ""),
     )  # fmt: skip
-    return [action for action in actions if action]
+    return Played([action for action in actions if action], result.verdict.success, result.verdict.spl)
 
 
 def page(found: Sequence[Compared], command: str) -> str:
@@ -72,39 +82,67 @@ def page(found: Sequence[Compared], command: str) -> str:
         "at one start with empty maps, over Zenoh and in one process. `simulated` isn't compared: its luck hangs on names of "
         "views, which differ.", "",
         f"Made by `{command}`.", "",
-        "| building | seed | target | cameras | perception | actions live / alone | the same | then live / alone |",
-        "|---|---|---|---|---|---|---|---|",
+        *_by_arm(found), "",
+        "Without cameras everything comes in one order. With cameras on pixels it hangs on the clock which of their views are "
+        "in the map at an action: the running system looks at as many as it has time for, the benchmark at "
+        f"{RunSettings().views_per_step} from one action to the next.", "",
+        "## Every search", "",
+        "| building | seed | target | cameras | perception | actions live / alone | right | the same | then live / alone |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     for c in found:
         r, then = c.row, "" if c.whole else f"{c.next_live} / {c.next_alone}"
+        right = " / ".join("yes" if success else "no" for success in (r["success"], c.alone.success))
         lines.append(
-            f"| {r['building']} | {r['seed']} | {r['target']} | {r['surveillance']} | {r['perception']} | {c.live} / {c.alone} | "
-            f"{'all' if c.whole else f'the first {c.same}'} | {then} |"
+            f"| {r['building']} | {r['seed']} | {r['target']} | {r['surveillance']} | {r['perception']} | "
+            f"{c.live} / {len(c.alone.actions)} | {right} | {'all' if c.whole else f'the first {c.same}'} | {then} |"
         )
     return "\n".join([*lines, ""])
 
 
+def _by_arm(found: Sequence[Compared]) -> Iterator[str]:
+    """How alike they are, by perception and cameras."""
+    yield "| perception | cameras | searches | all the same | right or wrong in both | right live / alone | SPL live / alone |"
+    yield "|---|---|---|---|---|---|---|"
+    arms = sorted(found, key=_arm_of)
+    for (perception, cameras), group in itertools.groupby(arms, key=_arm_of):
+        mine = list(group)
+        alike = sum(c.row["success"] == c.alone.success for c in mine)
+        right = f"{sum(c.row['success'] for c in mine)} / {sum(c.alone.success for c in mine)}"
+        spl = f"{_mean(c.row['spl'] for c in mine)} / {_mean(c.alone.spl for c in mine)}"
+        whole = sum(c.whole for c in mine)
+        yield f"| {perception} | {cameras} | {len(mine)} | {whole} | {alike} | {right} | {spl} |"
+
+
+def _arm_of(c: Compared) -> tuple[str, str]:
+    return c.row["perception"], c.row["surveillance"]
+
+
+def _mean(spl: Iterator[float]) -> str:
+    return f"{100.0 * statistics.mean(spl):.1f}"
+
+
 def main(argv: Sequence[str] | None = None) -> None:
-    """Plays the searches of a file of rows, and writes the page."""
+    """Plays the searches of files of rows, and writes the page."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmark.studies.same_actions", description=__doc__.partition("\n")[0]
     )
-    parser.add_argument("rows", type=Path, help="what benchmark.studies.live wrote")
+    parser.add_argument("rows", type=Path, nargs="+", help="what benchmark.studies.live wrote")
     parser.add_argument("--page", type=Path, default=Path("docs/results/same_actions.md"))
     args = parser.parse_args(argv)
-    found, buildings = [], dict[tuple[str, int, int], SimulatedBuilding]()
-    for row in Rows(args.rows, KEY).load():
-        if "skipped" in row:
-            continue
-        key = row["building"], row["seed"], row["cameras"]
+    rows = [row for path in args.rows for row in Rows(path, KEY).load() if "skipped" not in row]
+    found, buildings = [], dict[tuple[str, int, int, str], SimulatedBuilding]()
+    command = " ".join([parser.prog, *map(str, args.rows)])
+    for number, row in enumerate(rows, start=1):
+        key = row["building"], row["seed"], row["cameras"], row.get("models", "all")
         if key not in buildings:
-            buildings = {key: SimulatedBuilding(SimulationSettings(building=key[0], seed=key[1], cameras=key[2]))}
+            settings = SimulationSettings(building=key[0], seed=key[1], cameras=key[2], models=key[3])
+            buildings = {key: SimulatedBuilding(settings)}
             buildings[key].prepare()
         found.append(compared(row, played(row, buildings[key])))
-        print(
-            f"{row['building']} {row['target']} {row['surveillance']}: {found[-1].same} of {found[-1].live}", flush=True
-        )
-    args.page.write_text(page(found, f"python -m benchmark.studies.same_actions {args.rows}"), encoding="utf-8")
+        told = f"{row['building']} {row['seed']} {row['target']} {row['surveillance']}"
+        print(f"{number} of {len(rows)} {told}: {found[-1].same} of {found[-1].live}", flush=True)
+        args.page.write_text(page(found, command), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from benchmark.studies.same_actions import compared, page
+from benchmark.studies.same_actions import Played, compared, page
 
-ROW = {"building": "a", "seed": 0, "target": "tv", "surveillance": "on", "perception": "oracle"}
+ROW = {
+    "building": "a",
+    "seed": 0,
+    "target": "tv",
+    "surveillance": "on",
+    "perception": "oracle",
+    "success": True,
+    "spl": 0.5,
+}
 
 
 @pytest.mark.parametrize(
@@ -20,13 +28,17 @@ ROW = {"building": "a", "seed": 0, "target": "tv", "surveillance": "on", "percep
     ],
 )
 def test_first_actions_that_are_the_same(live: str, alone: str, same: int, whole: bool, then: str):
-    found = compared(ROW | {"actions": list(live)}, list(alone))
+    found = compared(ROW | {"actions": list(live)}, Played(list(alone), True, 0.5))
     assert (found.same, found.whole, found.next_live) == (same, whole, then)
 
 
-def test_the_page_counts_whole_searches():
-    found = [compared(ROW | {"actions": list("FFS")}, list(alone)) for alone in ("FFS", "FLS")]
-    said = page(found, "the command")
-    assert "1 of 2 searches are the same to the last action** (6 actions" in said
-    assert "| 3 / 3 | all |  |" in said
-    assert "| 3 / 3 | the first 1 | F / L |" in said
+def test_the_page_counts_whole_searches_and_what_came_of_them():
+    others = [Played(list("FFS"), True, 0.5), Played(list("FLS"), False, 0.0)]
+    found = [compared(ROW | {"actions": list("FFS")}, alone) for alone in others]
+    off = compared(ROW | {"actions": list("FS"), "surveillance": "off"}, Played(list("FS"), True, 0.25))
+    said = page([found[0], off, found[1]], "the command")
+    assert "2 of 3 searches are the same to the last action** (8 actions" in said
+    assert "| oracle | off | 1 | 1 | 1 | 1 / 1 | 50.0 / 25.0 |" in said
+    assert "| oracle | on | 2 | 1 | 1 | 2 / 1 | 50.0 / 25.0 |" in said
+    assert "| 3 / 3 | yes / yes | all |  |" in said
+    assert "| 3 / 3 | yes / no | the first 1 | F / L |" in said
