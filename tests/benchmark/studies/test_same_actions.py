@@ -13,6 +13,7 @@ ROW = {
     "surveillance": "on",
     "perception": "oracle",
     "success": True,
+    "found": True,
     "spl": 0.5,
 }
 
@@ -30,6 +31,13 @@ ROW = {
 def test_first_actions_that_are_the_same(live: str, alone: str, same: int, whole: bool, then: str):
     found = compared(ROW | {"actions": list(live)}, Played(list(alone), True, 0.5))
     assert (found.same, found.whole, found.next_live) == (same, whole, then)
+
+
+def test_a_mission_that_failed_halts_the_robot_and_that_is_no_difference():
+    found = compared(ROW | {"found": False, "actions": ["F", "F", "stop"]}, Played(list("FF"), False, 0.0))
+    assert (found.whole, found.live) == (True, 2)
+    found = compared(ROW | {"actions": ["F", "F", "stop"]}, Played(list("FF"), False, 0.0))
+    assert not found.whole
 
 
 def test_the_page_counts_whole_searches_and_what_came_of_them():

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.planner.core import MapView, MissionState, PlannerConfig, RobotView
+from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, memory
 from services.planner.core.motion.drive import FmmPlanner, bearing_error_rad, turn_towards
 from services.planner.core.motion.terrain import build_terrain
 from surveilnav.geometry import Grid
+from surveilnav.robot_body import clearance_m
 
 CONFIG = PlannerConfig()
 GRID = Grid(0.0, 0.0, 0.05, 80, 80)
@@ -61,6 +62,66 @@ def test_lines_up_for_a_slit(gap_cells, seed):
     terrain = terrain_with(speed)
     robot = robot_at(float(rng.uniform(0.5, 1.6)), float(rng.uniform(0.5, 3.5)), float(rng.uniform(-3, 3)))
     assert drive(terrain, robot, terrain.disc(3.5, 2.0, 0.2)) is not None
+
+
+def cluttered_door(seed):
+    """(occupancy, start): two rooms of 2.4 x 5 m with a door of 35 to 45 cm between them, and clutter."""
+    rng = np.random.default_rng(seed)
+    occupied = np.zeros((100, 100), np.uint8)
+    occupied[[0, -1], :] = occupied[:, [0, -1]] = 1
+    at, width = int(rng.integers(20, 80)), int(rng.integers(7, 10))
+    for _ in range(int(rng.integers(3, 10))):
+        row, col = rng.integers(5, 95, 2)
+        rows, cols = rng.integers(2, 14, 2)
+        occupied[row : row + rows, col : col + cols] = 1
+    occupied[at - 2 : at + width + 2, 40:60] &= rng.random((width + 4, 20)) < 0.03
+    occupied[:at, 48:52] = occupied[at + width :, 48:52] = 1
+    return occupied, (float(rng.uniform(0.6, 1.8)), float(rng.uniform(0.6, 4.4)), float(rng.uniform(-3, 3)))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 5, 92])
+def test_never_paces_for_ever_between_places_that_each_look_better_from_another(seed):
+    """Without a price on places that it comes to again and again, 92 is a round of three places."""
+    occupied, (x, y, yaw) = cluttered_door(seed)
+    grid, nothing = Grid(0.0, 0.0, 0.05, 100, 100), np.zeros_like(occupied)
+    clearance = clearance_m(occupied != 0, grid.resolution_m)
+    maps = MapView("0", 0.0, grid, occupied, np.ones_like(occupied), nothing, np.full(grid.shape, np.nan), [], 1)
+    state, robot = MissionState("x"), robot_at(x, y, yaw)
+    memory.arrive(state, robot)
+    for _ in range(120):
+        memory.remember(state, robot, CONFIG)
+        terrain = build_terrain(maps, robot, state, CONFIG)
+        goals = terrain.disc(4.0, 2.5, 0.3) & (terrain.speed > 0.0)
+        if goals[terrain.cell(robot.x_m, robot.y_m)]:
+            return
+        action = FmmPlanner().route(terrain, goals, robot, CONFIG).action
+        if action == "move_forward":
+            t = np.linspace(0.0, 1.0, 26)[:, None] * CONFIG.step_m
+            way = np.array([robot.x_m, robot.y_m]) + t * (math.cos(robot.yaw_rad), math.sin(robot.yaw_rad))
+            cells = grid.cells_of(way)
+            free = bool((clearance[cells[:, 0], cells[:, 1]] >= 0.14).all())
+            x, y = way[-1] if free else way[0]
+            robot = replace(robot, x_m=float(x), y_m=float(y), collided=not free, last_action=action)
+        else:
+            turn = CONFIG.turn_rad if action == "turn_left" else -CONFIG.turn_rad
+            robot = replace(robot, yaw_rad=robot.yaw_rad + turn, collided=False, last_action=action)
+    pytest.fail(f"still at ({robot.x_m:.2f}, {robot.y_m:.2f}) after 120 steps")
+
+
+def test_a_place_that_the_robot_only_passes_again_costs_nothing():
+    nothing = np.zeros(GRID.shape, np.uint8)
+    maps = MapView("0", 0.0, GRID, nothing, np.ones(GRID.shape, np.uint8), nothing, np.full(GRID.shape, np.nan), [], 1)
+    state, robot = MissionState("x"), robot_at(1.0, 1.0)
+    memory.arrive(state, robot)
+    revisits = []
+    for x in (1.0, 1.0, 1.25, 1.0, 1.25, 1.0, 1.25, 1.0):
+        memory.remember(state, replace(robot, x_m=x), CONFIG)
+        terrain = build_terrain(maps, robot, state, CONFIG)
+        revisits.append(terrain.revisit_m[terrain.cell(1.0, 1.0)] / CONFIG.step_m)
+    assert revisits == [0, 0, 0, 0, 0, 1, 1, 4]  # standing isn't coming; the third time costs
+    for k in range(60):
+        memory.remember(state, replace(robot, x_m=0.52 + 0.05 * k), CONFIG)
+    assert not build_terrain(maps, robot, state, CONFIG).revisit_m.any()
 
 
 def test_straight_on_when_nothing_is_in_the_way():

@@ -221,23 +221,27 @@ def test_descent_reaches_the_source_and_crosses_nothing(seed):
     assert (speed[cells[:, 0], cells[:, 1]] > 0).mean() > 0.98  # a kept point every other cell may graze a corner
 
 
-@settings(max_examples=10)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10_000))
 def test_coarse_reaches_what_fine_reaches(seed):
+    """And never says that it is farther. Where it may be nearer: a tight place is as dear as the best of four cells."""
     rng = np.random.default_rng(seed)
     occupancy = np.zeros((120, 120), np.uint8)
     for _ in range(6):
         r, c = rng.integers(10, 110, 2)
         occupancy[r, max(0, c - 30) : c + 30] = 1
-    grid = Grid(0.0, 0.0, 0.05, 120, 120)
-    terrain = build_terrain(_maps(grid, occupancy), _robot(0.3, 0.3), MissionState("x"), CONFIG)
-    sources = np.zeros(terrain.grid.shape, bool)
-    sources[terrain.cell(0.3, 0.3)] = True
-    fine = travel_time_m(terrain.speed, sources, 0.05)
-    coarse = coarse_travel_time_m(terrain, 0.3, 0.3)
-    assert np.isfinite(coarse[np.isfinite(fine)]).all()
-    both = np.isfinite(fine)
-    assert np.abs(coarse[both] - fine[both]).max() < 0.4 + 0.2 * fine[both].max()
+    terrain = build_terrain(
+        _maps(Grid(0.0, 0.0, 0.05, 120, 120), occupancy), _robot(0.3, 0.3), MissionState("x"), CONFIG
+    )
+    without_tight = replace(terrain, speed=np.where(terrain.speed < CONFIG.wall_speed, 0.0, terrain.speed))
+    for ground, share in ((terrain, 0.5), (without_tight, 0.05)):
+        sources = np.zeros(ground.grid.shape, bool)
+        sources[ground.cell(0.3, 0.3)] = True
+        fine, coarse = travel_time_m(ground.speed, sources, 0.05), coarse_travel_time_m(ground, 0.3, 0.3)
+        both = np.isfinite(fine)
+        assert np.isfinite(coarse[both]).all()
+        assert (coarse[both] - fine[both]).max() < 0.4 + 0.2 * fine[both].max()
+        assert np.median(np.abs(coarse[both] - fine[both]) / np.maximum(fine[both], 1.0)) < share
 
 
 @pytest.mark.parametrize(("gap_m", "passes"), [(0.8, True), (0.6, True), (0.35, True), (0.1, False)])

@@ -86,14 +86,15 @@ def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, 
     end, plus a small price per turn. Looking so far ahead takes the robot through narrow places, in front of which the
     single best step would lead to and fro. The price makes the choice stable: a turn towards the best sequence makes
     that cheaper and no other cheaper still, so the robot never swings. A step costs its own travel time: one that
-    squeezes past an obstacle must be worth more than one around it.
+    squeezes past an obstacle must be worth more than one around it. Rounds of several places, each of which looks better
+    from the one before, are broken by the price of what is visited again and again (``Terrain.revisit_m``).
     """
     grid, r = terrain.grid, terrain.grid.resolution_m
     u, v = (robot.x_m - grid.origin_x_m) / r, (robot.y_m - grid.origin_y_m) / r
     bumps = (terrain.bumps - (grid.origin_x_m, grid.origin_y_m, 0.0)) / (r, r, 1.0)
     best = int(
         _look_ahead(
-            terrain.speed, field / r, u, v, robot.yaw_rad, bumps, config.step_m / r, config.turn_rad,
+            terrain.speed, field / r, terrain.revisit_m / r, u, v, robot.yaw_rad, bumps, config.step_m / r, config.turn_rad,
             config.turn_cost_m / r, _SAME_SPOT_M / r,
         )
     )  # fmt: skip
@@ -101,7 +102,7 @@ def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, 
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _look_ahead(speed, field, u, v, yaw, bumps, step, turn, turn_cost, same_spot):  # type: ignore[no-untyped-def]
+def _look_ahead(speed, field, revisit, u, v, yaw, bumps, step, turn, turn_cost, same_spot):  # type: ignore[no-untyped-def]
     """Turns before the first step of the best sequence; lengths in cells. Of sequences that end at the goal or are
     ``_AHEAD`` steps long the best counts, else the longest; where not even one step is free, the heading that is blocked
     latest is taken."""
@@ -130,7 +131,7 @@ def _look_ahead(speed, field, u, v, yaw, bumps, step, turn, turn_cost, same_spot
             left = _at(field, u1, v1) if clear >= 1.0 else np.inf
             if left == np.inf:
                 continue
-            time += spent + turn_cost * abs(i)
+            time += spent + turn_cost * abs(i) + revisit[int(v1), int(u1)]
             end = time + left, pushed, time, u1, v1, heading + i * turn, steps + 1, first if steps else i
             heapq.heappush(queue, end)
             pushed += 1

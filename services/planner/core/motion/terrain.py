@@ -36,6 +36,7 @@ class Terrain:
         clearance_m: float32, distance to the nearest obstacle as mapped.
         speed: float64, 0 where the robot's centre can't be, else in (0, 1].
         bumps: (n, 3) float64 x, y [m], yaw [rad]: headings that met something.
+        revisit_m: float64, what a step that ends in a cell costs more because the robot came there again and again of late.
     """
 
     grid: Grid
@@ -46,6 +47,7 @@ class Terrain:
     clearance_m: NDArray[np.float32]
     speed: NDArray[np.float64]
     bumps: NDArray[np.float64]
+    revisit_m: NDArray[np.float64]
 
     def crop(self, layer: NDArray) -> NDArray:
         """The window of a layer of the whole map."""
@@ -95,7 +97,30 @@ def build_terrain(
     if grid.contains(here):
         speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
     bumps = np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3))
-    return Terrain(grid, row0, col0, occupied, explored & ~occupied, clearance, speed, bumps)
+    revisit = _revisit_m(grid, state.here.visited[-_LATELY:], config)
+    return Terrain(grid, row0, col0, occupied, explored & ~occupied, clearance, speed, bumps, revisit)
+
+
+#: So many steps count as of late, and so many arrivals at a place in them are nothing strange.
+_LATELY = 60
+_ARRIVALS = 2
+
+
+def _revisit_m(grid: Grid, visited: Sequence[tuple[float, float]], config: PlannerConfig) -> NDArray[np.float64]:
+    """By cell, a price that grows with the square of how often the robot came there.
+
+    A planner that looks a few steps ahead can pace between places of which each looks better from another. Where the robot
+    was raises what is expected from there (node counting: Koenig & Szymanski 1999, "Value-update rules for real-time search").
+    """
+    cost = np.zeros(grid.shape)
+    if len(visited) > _ARRIVALS:
+        places = np.asarray(visited)
+        came = np.append(True, np.any(np.abs(np.diff(places, axis=0)) > 1e-6, axis=1))
+        cells, times = np.unique(grid.cells_of(places[came]), axis=0, return_counts=True)
+        inside = grid.contains(cells)
+        cells, more = cells[inside], np.maximum(times[inside] - _ARRIVALS, 0)
+        cost[cells[:, 0], cells[:, 1]] = config.step_m * more**2
+    return cost
 
 
 def _speed(clearance: NDArray[np.float32], explored: NDArray[np.bool_], config: PlannerConfig) -> NDArray[np.float64]:
