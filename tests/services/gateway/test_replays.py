@@ -59,7 +59,7 @@ def test_it_says_where_it_is_and_goes_elsewhere(client: httpx.Client, player: Fa
     assert found["began"].startswith("2001-09-09")
     with Client(str(client.base_url)) as gateway:
         assert gateway.change_replay(at_s=12.5)["at_s"] == 12.5
-        assert gateway.replay()["jumps"] == 1
+        until(lambda: gateway.replay()["jumps"] == 1)
     (control,) = player.controls
     assert (control.at_s, control.speed, control.playing) == (12.5, None, None)
 
