@@ -85,8 +85,8 @@ def page(found: Sequence[Compared], command: str) -> str:
         "views, which differ.", "",
         f"Made by `{command}`.", "",
         *_by_arm(found), "",
-        "With cameras it hangs on the clock which of their views are in the map at an action. The running system looks at as many "
-        f"as it has time for. The benchmark looks at {RunSettings().views_per_step} from one action to the next.", "",
+        "With cameras it hangs on the clock which of their views are in the map at an action. The running system looks at as "
+        f"many as it has time for. The benchmark looks at {RunSettings().views_per_step} from one action to the next.", "",
         "## Every search", "",
         "| building | seed | target | cameras | perception | actions live / alone | right | the same | then live / alone |",
         "|---|---|---|---|---|---|---|---|---|",
