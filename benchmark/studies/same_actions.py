@@ -4,7 +4,7 @@
     python -m benchmark.studies.same_actions runs/live/oracle.jsonl ...
 
 Both decide by the same cores. What may differ is what comes to them: which view when, and the luck of ``simulated``, which
-hangs on names that differ. So ``oracle`` and pixels are compared.
+depends on names that differ. So ``oracle`` and pixels are compared.
 """
 
 from __future__ import annotations
@@ -81,11 +81,11 @@ def page(found: Sequence[Compared], command: str) -> str:
     lines = [
         "# The running system and the benchmark, action by action", "",
         f"**{whole} of {len(found)} searches are the same to the last action** ({n} actions by the running system). Each began "
-        "at one start with empty maps, over Zenoh and in one process. `simulated` isn't compared: its luck hangs on names of "
+        "at one start with empty maps, over Zenoh and in one process. `simulated` isn't compared: its luck depends on names of "
         "views, which differ.", "",
         f"Made by `{command}`.", "",
         *_by_arm(found), "",
-        "With cameras it hangs on the clock which of their views are in the map at an action. The running system looks at as "
+        "With cameras it depends on timing which of their views are in the map at an action. The running system looks at as "
         f"many as it has time for. The benchmark looks at {RunSettings().views_per_step} from one action to the next.", "",
         "## Every search", "",
         "| building | seed | target | cameras | perception | actions live / alone | right | the same | then live / alone |",

@@ -234,7 +234,7 @@ def test_coarse_reaches_what_fine_reaches(seed):
         _maps(Grid(0.0, 0.0, 0.05, 120, 120), occupancy), _robot(0.3, 0.3), MissionState("x"), CONFIG
     )
     without_tight = replace(terrain, speed=np.where(terrain.speed < CONFIG.wall_speed, 0.0, terrain.speed))
-    for ground, share in ((terrain, 0.5), (without_tight, 0.05)):
+    for ground, share in ((terrain, 0.25), (without_tight, 0.03)):
         sources = np.zeros(ground.grid.shape, bool)
         sources[ground.cell(0.3, 0.3)] = True
         fine, coarse = travel_time_m(ground.speed, sources, 0.05), coarse_travel_time_m(ground, 0.3, 0.3)

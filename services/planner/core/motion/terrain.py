@@ -101,7 +101,7 @@ def build_terrain(
     return Terrain(grid, row0, col0, occupied, explored & ~occupied, clearance, speed, bumps, revisit)
 
 
-#: So many steps count as of late, and so many arrivals at a place in them are nothing strange.
+#: So many steps count as of late, and so many arrivals at a place in them cost nothing.
 _LATELY = 60
 _ARRIVALS = 2
 
@@ -109,8 +109,8 @@ _ARRIVALS = 2
 def _revisit_m(grid: Grid, visited: Sequence[tuple[float, float]], config: PlannerConfig) -> NDArray[np.float64]:
     """By cell, a price that grows with the square of how often the robot came there.
 
-    A planner that looks a few steps ahead can pace between places of which each looks better from another. Where the robot
-    was raises what is expected from there (node counting: Koenig & Szymanski 1999, "Value-update rules for real-time search").
+    A planner that looks a few steps ahead can go round between places each of which looks better from another. Visits raise
+    what it expects to pay there (node counting: Koenig & Szymanski 1999, "Value-update rules for real-time search").
     """
     cost = np.zeros(grid.shape)
     if len(visited) > _ARRIVALS:
