@@ -97,13 +97,13 @@ def build_terrain(
     if grid.contains(here):
         speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
     bumps = np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3))
-    revisit = _revisit_m(grid, state.here.visited[-_LATELY:], config)
+    revisit = _revisit_m(grid, state.here.visited[-_RECENT_STEPS:], config)
     return Terrain(grid, row0, col0, occupied, explored & ~occupied, clearance, speed, bumps, revisit)
 
 
-#: So many steps count as of late, and so many arrivals at a place in them cost nothing.
-_LATELY = 60
-_ARRIVALS = 2
+#: Steps that count as recent, and arrivals at a place among them that cost nothing.
+_RECENT_STEPS = 60
+_FREE_ARRIVALS = 2
 
 
 def _revisit_m(grid: Grid, visited: Sequence[tuple[float, float]], config: PlannerConfig) -> NDArray[np.float64]:
@@ -113,12 +113,12 @@ def _revisit_m(grid: Grid, visited: Sequence[tuple[float, float]], config: Plann
     what it expects to pay there (node counting: Koenig & Szymanski 1999, "Value-update rules for real-time search").
     """
     cost = np.zeros(grid.shape)
-    if len(visited) > _ARRIVALS:
+    if len(visited) > _FREE_ARRIVALS:
         places = np.asarray(visited)
         came = np.append(True, np.any(np.abs(np.diff(places, axis=0)) > 1e-6, axis=1))
         cells, times = np.unique(grid.cells_of(places[came]), axis=0, return_counts=True)
         inside = grid.contains(cells)
-        cells, more = cells[inside], np.maximum(times[inside] - _ARRIVALS, 0)
+        cells, more = cells[inside], np.maximum(times[inside] - _FREE_ARRIVALS, 0)
         cost[cells[:, 0], cells[:, 1]] = config.step_m * more**2
     return cost
 
