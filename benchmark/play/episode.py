@@ -10,11 +10,11 @@ from itertools import groupby
 
 import numpy as np
 
-from benchmark.play.sight import ROBOT, Sight, Sighted
+from benchmark.play.cameras import Cameras, InvokedCameras
+from benchmark.play.sight import ROBOT, Sight, Sighted, text_as_sent
 from benchmark.policies.policy import Searcher
-from services.fusion.core import FusionConfig, Integrated, JointMap, active_cameras
+from services.fusion.core import FusionConfig, JointMap
 from services.fusion.core.guard import ViewError
-from services.fusion.core.view_order import FloorWedge, most_worth_first
 from services.planner.core import Decision, MapView, RobotView
 from services.robot_node import core as robot
 from simulator.world.goals import Goals, Start, Verdict, judge
@@ -72,56 +72,13 @@ class FusedCameras:
         return copy.deepcopy(self._kept[names])
 
 
-class _Cameras:
-    """Invokes cameras (eq. 1), and knows which of their views are still to come. ``offered_bytes``: by camera invoked."""
-
-    def __init__(self, sight: Sight, config: FusionConfig, delay_steps: int, views_per_step: int) -> None:
-        self._sight, self._tau_z_m, self._range_m = sight, config.map.tau_z_m, config.map.explored_range_camera_m
-        self._delay_steps, self._views_per_step = delay_steps, views_per_step
-        self.offered_bytes: dict[str, int] = {}
-        self._due: list[tuple[int, tuple[str, ...]]] = []
-        self._waiting: list[tuple[FloorWedge, Sighted]] = []
-
-    def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
-        """Invokes the cameras of the robot's floor at step ``now``; the names of those whose views have come since."""
-        active = active_cameras([floor_z_m], self._sight.infos, self._tau_z_m)
-        if new := tuple(name for name in active if name not in self.offered_bytes):
-            self.offered_bytes |= {name: sum(v.offered_bytes for v in self._sight.camera(name)) for name in new}
-            self._due.append((now + self._delay_steps, new))
-        arrived = tuple(name for at, names in self._due if at <= now for name in names)
-        self._due = [(at, names) for at, names in self._due if at > now]
-        return arrived
-
-    @property
-    def n_pending(self) -> int:
-        """How many views of the invoked cameras the maps don't hold yet."""
-        return len(self._waiting) + sum(len(self._sight.camera(name)) for _, names in self._due for name in names)
-
-    def wait(self, names: tuple[str, ...]) -> None:
-        """Views have come and wait to be looked at."""
-        views = [seen for name in names for seen in self._sight.camera(name)]
-        self._waiting += [(self._wedge(seen.view), seen) for seen in views]
-
-    def looked_at(self, joint: JointMap, robot_m: tuple[float, float, float]) -> list[Sighted]:
-        """The views that perception has time for until the robot's next, those that may show most first."""
-        n = self._views_per_step or len(self._waiting)
-        if n < len(self._waiting):
-            order = most_worth_first(joint, [wedge for wedge, _ in self._waiting], [robot_m])
-            self._waiting = [self._waiting[k] for k in order]
-        chosen, self._waiting = self._waiting[:n], self._waiting[n:]
-        return [seen for _, seen in chosen]
-
-    def _wedge(self, view: PosedView) -> FloorWedge:
-        return FloorWedge.of(view.T_world_camera, view.camera, view.floor_z_m, self._range_m)
-
-
 class Episode:
     """A search for ``goals.label`` from ``start``, step by step: sense, fuse, decide, act."""
 
     def __init__(
         self, sight: Sight, goals: Goals, start: Start, searcher: Searcher, *, surveillance: bool = True,
         summaries: bool = True, fusion: FusionConfig | None = None, fused: FusedCameras | None = None,
-        delay_steps: int = 0, views_per_step: int = 0, seed: int = 0,
+        delay_steps: int = 0, views_per_step: int = 0, seed: int = 0, cameras: Cameras | None = None,
         on_step: OnStep | None = None,
     ) -> None:  # fmt: skip
         """An episode that can be run once.
@@ -132,19 +89,20 @@ class Episode:
             delay_steps: so many actions after its invocation a camera's views arrive.
             views_per_step: so many cameras' views are looked at from one action to the next; 0: all of them at once.
             seed: the luck of this episode's perception.
+            cameras: which of their views come when; None: by ``delay_steps`` and ``views_per_step``.
             on_step: ``on_step(step, view, joint, maps, decision)`` may look on.
         """
         self._began_s = time.perf_counter()
         self._sight, self._goals, self._start, self._searcher = sight, goals, start, searcher
         self._fusion, self._fused, self._seed, self._on_step = fusion, fused, seed, on_step
         self._surveillance, self._at_once = surveillance, views_per_step == 0
-        self._cameras = _Cameras(sight, fusion or FusionConfig(), delay_steps, views_per_step)
+        self._cameras = cameras or InvokedCameras(sight, fusion or FusionConfig(), delay_steps, views_per_step)
         self._navigation = sight.building.navigation
         self._state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad, mission=_MISSION)
         self._stairs = tuple(robot.stairs_of(self._navigation))
         self._reports = surveillance and summaries and len(self._navigation.floors) > 1
         self._reported = sight.by_floor() if self._reports else _NO_SUMMARIES
-        self._text = sight.backend.embed_texts([value_prompt(goals.label)])[0]
+        self._text = text_as_sent(sight.backend, value_prompt(goals.label))
         self._embedding_model = sight.backend.models.embedder
         self._joint: JointMap | None = None
         self._floor = start.floor  # as the maps call it
@@ -176,16 +134,15 @@ class Episode:
     def fuse(self, seen: Sighted, arrived: tuple[str, ...]) -> tuple[JointMap, MapView]:
         """The joint maps with the cameras' views and the robot's, and what the planner is shown of them."""
         if self._joint is None and self._fused is not None and self._at_once:
-            self._joint = self._fused.maps_of(arrived)
+            self._joint, in_turn = self._fused.maps_of(arrived), iter([seen])
         else:
             self._joint = self._joint or JointMap(self._fusion)
-            self._cameras.wait(arrived)
-            x_m, y_m, _ = seen.view.T_world_camera[:3, 3].tolist()
-            for camera_view in self._cameras.looked_at(self._joint, (x_m, y_m, seen.view.floor_z_m)):
-                _accepted(self._joint, camera_view)
-        if (placed := _accepted(self._joint, seen)) is not None:
-            self._floor = placed.floor
-        maps = map_view(self._joint, self._floor, self._text, self._embedding_model)
+            in_turn = self._cameras.in_turn(self._joint, seen, arrived)
+        for view in in_turn:
+            floor = _take(self._joint, view)
+            if view is seen:
+                self._floor = floor or self._floor
+        maps = map_view(_maps_for(self._joint, self._floor, seen.view), self._floor, self._text, self._embedding_model)
         return self._joint, replace(maps, pending_views=self._cameras.n_pending)
 
     def decide(self, maps: MapView) -> Decision:
@@ -212,7 +169,7 @@ class Episode:
             verdict=verdict, found=decision.found, steps=self._searcher.steps, error=decision.error,
             reason=reason_of(verdict, decision, seen, self._goals, self._floors), message=decision.message,
             seconds=time.perf_counter() - self._began_s, robot_bytes=self._robot_bytes,
-            camera_bytes=self._cameras.offered_bytes, seen=seen, trajectory=self._trajectory,
+            camera_bytes=dict(self._cameras.offered_bytes), seen=seen, trajectory=self._trajectory,
             trajectory_floors=self._floors, summary_bytes={name: self._sight.summary(name)[1] for name in cameras},
         )  # fmt: skip
 
@@ -220,21 +177,32 @@ class Episode:
 def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
     for name in names:
         for seen in sight.camera(name):
-            _accepted(joint, seen)
+            _take(joint, seen)
 
 
-def _accepted(joint: JointMap, seen: Sighted) -> Integrated | None:
-    """What the maps made of a view, by the same guard as on the bus; None: they hold it already.
+def _take(joint: JointMap, seen: Sighted) -> str:
+    """Has the maps take a view, by the same guard as on the bus; the floor that it was taken on, "" if they know none.
 
-    A search may begin right before a wall, where not one pixel has a depth: such a view is taken all the same, so that there
-    are maps to decide on.
+    A view before a wall, where not one pixel has a depth, is left out, as on the bus.
+
+    Raises:
+        ViewError: a view that can't be.
     """
     try:
-        return joint.accept(seen.view, seen.perception)
+        done = joint.accept(seen.view, seen.perception)
     except ViewError as error:
         if error.name != "no_depth":
             raise
-        return joint.integrate(seen.view, seen.perception)
+        return joint.floor_at(seen.view.floor_z_m)
+    return done.floor if done is not None else ""
+
+
+def _maps_for(joint: JointMap, floor: str, view: PosedView) -> JointMap:
+    """The joint maps, or empty ones where a search begins before a wall: the planner must be able to turn the robot."""
+    if joint.knows(floor):
+        return joint
+    x_m, y_m, _ = view.T_world_camera[:3, 3].tolist()
+    return JointMap.unseen(floor, view.floor_z_m, (x_m, y_m), joint.config)
 
 
 def map_view(joint: JointMap, floor: str, text: np.ndarray, embedding_model: str) -> MapView:

@@ -14,6 +14,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from services.camera_node.core import Seen, labels_of, summary
 from services.robot_node import core as robot
@@ -25,10 +26,25 @@ from surveilnav.bus.wire import encode
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
 from surveilnav.geometry import Matrix4, Pinhole, Pose
-from surveilnav.messages import CameraInfo, CameraSummary, CameraViewInfo, FrameHeader, Observation
+from surveilnav.messages import (
+    CameraInfo,
+    CameraSummary,
+    CameraViewInfo,
+    FrameHeader,
+    InferReply,
+    ModelIds,
+    Observation,
+)
 from surveilnav.perception.backend import Backend
 from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
-from surveilnav.sensing.packing import decode_frame, encode_rgbd
+from surveilnav.sensing.packing import (
+    decode_frame,
+    encode_rgbd,
+    pack_embedding,
+    perception_from_wire,
+    perception_to_wire,
+    unpack_embedding,
+)
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
 
 Way = Literal["pixels", "depth"]
@@ -47,6 +63,21 @@ class Sighted:
     view: PosedView
     perception: ViewPerception | None
     offered_bytes: int
+
+
+def _as_sent(seen: ViewPerception, view: PosedView, models: ModelIds) -> ViewPerception:
+    """What fusion understands of a worker's reply about ``view``: on its way an embedding is rounded."""
+    detections, image_embedding = perception_to_wire(seen)
+    reply = InferReply(
+        stamp_ns=0, worker="", backend=seen.backend, source=view.source, view=view.view, seq=view.seq,
+        detections=detections, image_embedding=image_embedding, latency_ms=0.0, models=models, words=list(seen.words),
+    )  # fmt: skip
+    return perception_from_wire(reply, view.camera)
+
+
+def text_as_sent(backend: Backend, text: str) -> NDArray[np.float32]:
+    """The embedding (D,) of a text, as fusion gets it from a worker."""
+    return unpack_embedding(pack_embedding(backend.embed_texts([text])[0]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +250,8 @@ class Sight:
             return None
         told = TrueInstances(rendered.instance_ids, self._labels, view.T_world_camera)
         truth = told if self.backend.needs_truth else None
-        return self.backend.perceive(view.rgb, view.depth_m, view.camera, prompts=self._words, truth=truth, key=key)
+        seen = self.backend.perceive(view.rgb, view.depth_m, view.camera, prompts=self._words, truth=truth, key=key)
+        return _as_sent(seen, view, self.backend.models)
 
     def _depth(
         self, T_world_camera: Matrix4, camera: Pinhole, range_m: tuple[float, float], noise: DepthNoise, *name: object

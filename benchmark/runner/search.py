@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from benchmark.play.cameras import Cameras
 from benchmark.play.episode import Episode, EpisodeResult, FusedCameras, OnStep
 from benchmark.play.shortest_path import ShortestPathPlanner
 from benchmark.play.sight import NOT_MEASURED, PoseError, Sight, ViewBytes
@@ -41,6 +42,7 @@ def search(
     seed: int,
     goal_on_floor: bool = False,
     fused: FusedCameras | None = None,
+    cameras: Cameras | None = None,
     on_step: OnStep | None = None,
 ) -> EpisodeResult:
     """Plays a search for ``goals.label`` from ``start``, the same whenever it is played.
@@ -49,8 +51,7 @@ def search(
         sight: of the building that goals and start lie in, with the perception that ``settings`` name.
         seed: the luck of perception and policy.
         goal_on_floor: it begins on a floor with a goal, and the searcher is told so.
-        fused: see ``Episode``.
-        on_step: see ``Episode``.
+        fused, cameras, on_step: see ``Episode``.
     """
     policy, navigation = policy_of(settings.policy), sight.building.navigation
     task = Task(
@@ -59,5 +60,6 @@ def search(
     )  # fmt: skip
     return Episode(
         sight, goals, start, policy.begin(task), surveillance=settings.surveillance, fusion=settings.fusion_config(),
-        fused=fused, delay_steps=settings.delay_steps, views_per_step=settings.views_per_step, seed=seed, on_step=on_step,
+        fused=fused, delay_steps=settings.delay_steps, views_per_step=settings.views_per_step, seed=seed, cameras=cameras,
+        on_step=on_step,
     ).run()  # fmt: skip

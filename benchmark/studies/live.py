@@ -23,7 +23,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmark.canary import digest
+from benchmark.play.sight import ROBOT
 from benchmark.runner.summary import Interval, interval
+from benchmark.studies.arrivals import arrivals_of
 from benchmark.studies.rows import Rows
 from simulator.furniture.labels import TARGETS
 from simulator.sources import TRAIN_HOMES
@@ -53,6 +55,8 @@ def play(search: Search, perception: str, runs: Path, models: str = "all") -> di
         str(search.seed), "--target", search.target, "--surveillance", search.surveillance, "--perception", perception,
         "--runs", str(runs),
     ]  # fmt: skip
+    recordings = runs / "recordings"
+    before = set(recordings.glob("*.mcap"))
     try:
         ended = subprocess.run(
             command, capture_output=True, text=True, timeout=_LONGEST_S, check=False,
@@ -63,7 +67,10 @@ def play(search: Search, perception: str, runs: Path, models: str = "all") -> di
         return search._asdict() | {"skipped": f"{type(error).__name__}: see {runs}"}
     if "success" not in told:
         return search._asdict() | {"skipped": told.get("error", {}).get("message", "demo said nothing of a search")}
-    return search._asdict() | {name: told.get(name) for name in _KEPT} | {"program": digest(), "models": models}
+    row = search._asdict() | {name: told.get(name) for name in _KEPT} | {"program": digest(), "models": models}
+    for recording in set(recordings.glob("*.mcap")) - before:
+        row["arrivals"] = arrivals_of(recording, ROBOT).as_row()
+    return row
 
 
 # --- the page -----------------------------------------------------------------------------------------------------

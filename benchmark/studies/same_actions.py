@@ -4,7 +4,8 @@
     python -m benchmark.studies.same_actions runs/live/oracle.jsonl ...
 
 Both decide by the same cores. What may differ is what comes to them: which view when, and the luck of ``simulated``, which
-depends on names that differ. So ``oracle`` and pixels are compared.
+depends on names that differ. So ``oracle`` and pixels are compared. Searches with cameras are played once more with views
+that come when they came in the running system: that tells timing from all else.
 """
 
 from __future__ import annotations
@@ -19,11 +20,14 @@ from typing import Any, NamedTuple
 from benchmark.play.sight import Sight
 from benchmark.runner.search import search
 from benchmark.runner.settings import RunSettings
+from benchmark.studies.arrivals import Arrivals, RecordedCameras
 from benchmark.studies.live import KEY
 from benchmark.studies.rows import Rows
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import find_goals, sample_start
+
+_IN_TIME = {None: "", True: "all", False: "not all"}
 
 
 class Played(NamedTuple):
@@ -36,7 +40,8 @@ class Played(NamedTuple):
 
 class Compared(NamedTuple):
     """A search of the running system beside the benchmark's. ``same``: so many first actions are the same; ``live``: how many
-    the running system has; ``next_live``, ``next_alone``: the first ones that differ."""
+    the running system has; ``next_live``, ``next_alone``: the first ones that differ; ``in_time``: whether all are the same with
+    the running system's timing, None if nobody knows."""
 
     row: dict[str, Any]
     alone: Played
@@ -44,6 +49,7 @@ class Compared(NamedTuple):
     live: int
     next_live: str
     next_alone: str
+    in_time: bool | None = None
 
     @property
     def whole(self) -> bool:
@@ -58,47 +64,67 @@ def compared(row: dict[str, Any], alone: Played) -> Compared:
         live = live[:-1]
     both = zip(live, alone.actions, strict=False)
     same = next((i for i, (a, b) in enumerate(both) if a != b), min(len(live), len(alone.actions)))
-    rest = (more[same] if len(more) > same else "–" for more in (live, alone.actions))
-    return Compared(row, alone, same, len(live), *rest)
+    next_live, next_alone = (more[same] if len(more) > same else "–" for more in (live, alone.actions))
+    return Compared(row, alone, same, len(live), next_live, next_alone)
 
 
-def played(row: dict[str, Any], building: SimulatedBuilding) -> Played:
-    """A search in one process, by the settings that the benchmark has."""
+def played(row: dict[str, Any], building: SimulatedBuilding, arrivals: Arrivals | None = None) -> Played:
+    """A search in one process, by the settings that the benchmark has, or with views that come by ``arrivals``."""
     goals = find_goals(building.scene, building.navigation, row["target"], caster=building.caster)
     start = sample_start(building.scene, building.navigation, goals, seed=row["seed"], caster=building.caster)
     settings = RunSettings(perception=row["perception"], surveillance=row["surveillance"] == "on")
-    actions: list[str] = []
+    sight, actions = Sight(building, choose_backend(row["perception"])), list[str]()
     result = search(
-        Sight(building, choose_backend(row["perception"])), settings, goals, start, seed=row["seed"],
+        sight, settings, goals, start, seed=row["seed"], cameras=RecordedCameras(sight, arrivals) if arrivals else None,
         on_step=lambda *step: actions.append(step[-1].action or ""),
     )  # fmt: skip
     return Played([action for action in actions if action], result.verdict.success, result.verdict.spl)
 
 
+def both_ways(row: dict[str, Any], building: SimulatedBuilding) -> Compared:
+    """A row of ``live`` beside the same search in one process, and beside the one with its timing."""
+    found = compared(row, played(row, building))
+    if row["surveillance"] == "off" or "arrivals" not in row:
+        return found
+    in_time = compared(row, played(row, building, Arrivals.of_row(row["arrivals"])))
+    return found._replace(in_time=in_time.whole)
+
+
 def page(found: Sequence[Compared], command: str) -> str:
     """What it says, in Markdown."""
-    whole, n = sum(c.whole for c in found), sum(c.live for c in found)
+    whole = ", ".join(f"{said} {sum(c.whole for c in mine)} of {len(mine)}" for said, mine in _by_cameras(found))
+    n, timed = sum(c.live for c in found), [c.in_time for c in found if c.in_time is not None]
     lines = [
         "# The running system and the benchmark, action by action", "",
-        f"**{whole} of {len(found)} searches are the same to the last action** ({n} actions by the running system). Each began "
+        f"**Searches that are the same to the last action: {whole}** ({n} actions by the running system). Each began "
         "at one start with empty maps, over Zenoh and in one process. `simulated` isn't compared: its luck depends on names of "
         "views, which differ.", "",
         f"Made by `{command}`.", "",
         *_by_arm(found), "",
         "With cameras it depends on timing which of their views are in the map at an action. The running system looks at as "
-        f"many as it has time for. The benchmark looks at {RunSettings().views_per_step} from one action to the next.", "",
+        f"many as it has time for. The benchmark looks at {RunSettings().views_per_step} from one action to the next. "
+        f"**Where their views come when they came in the running system, {sum(timed)} of {len(timed)} are the same.**", "",
         "## Every search", "",
-        "| building | seed | target | cameras | perception | actions live / alone | right | the same | then live / alone |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| building | seed | target | cameras | perception | actions live / alone | right | the same | then live / alone | "
+        "with its timing |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     for c in found:
         r, then = c.row, "" if c.whole else f"{c.next_live} / {c.next_alone}"
         right = " / ".join("yes" if success else "no" for success in (r["success"], c.alone.success))
         lines.append(
             f"| {r['building']} | {r['seed']} | {r['target']} | {r['surveillance']} | {r['perception']} | "
-            f"{c.live} / {len(c.alone.actions)} | {right} | {'all' if c.whole else f'the first {c.same}'} | {then} |"
+            f"{c.live} / {len(c.alone.actions)} | {right} | {'all' if c.whole else f'the first {c.same}'} | {then} | "
+            f"{_IN_TIME[c.in_time]} |"
         )
     return "\n".join([*lines, ""])
+
+
+def _by_cameras(found: Sequence[Compared]) -> Iterator[tuple[str, list[Compared]]]:
+    """The searches without cameras and those with them, where there are any."""
+    for cameras, said in (("off", "without cameras"), ("on", "with them")):
+        if mine := [c for c in found if c.row["surveillance"] == cameras]:
+            yield said, mine
 
 
 def _by_arm(found: Sequence[Compared]) -> Iterator[str]:
@@ -140,7 +166,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             settings = SimulationSettings(building=key[0], seed=key[1], cameras=key[2], models=key[3])
             buildings = {key: SimulatedBuilding(settings)}
             buildings[key].prepare()
-        found.append(compared(row, played(row, buildings[key])))
+        found.append(both_ways(row, buildings[key]))
         told = f"{row['building']} {row['seed']} {row['target']} {row['surveillance']}"
         print(f"{number} of {len(rows)} {told}: {found[-1].same} of {found[-1].live}", flush=True)
         args.page.write_text(page(found, command), encoding="utf-8")

@@ -10,13 +10,13 @@ import msgspec
 from pydantic import ValidationError
 from zstandard import ZstdError, frame_content_size
 
-from cli.replay.recorded import End, Heard, Maps, told
 from services.fusion.core import FusionConfig, JointMap
 from services.fusion.core.guard import ViewError
 from services.fusion.core.snapshot import SnapshotError, digest, freeze, thaw, unpack
 from services.fusion.journal import perceived_of
 from services.fusion.store import Entry
 from services.recorder.reading import RecordingError
+from services.recorder.recorded import End, Heard, Maps, told
 from surveilnav.contract import VIEW_LOG
 from surveilnav.errors import WireError
 from surveilnav.messages import LoggedView

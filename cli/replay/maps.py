@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from cli.replay.check import config_of, entry_of, maps_of
-from cli.replay.recorded import Maps
 from services.fusion.config import FusionSettings
 from services.fusion.core import FusionConfig
 from services.fusion.durable_map import DurableMap
@@ -14,6 +13,7 @@ from services.fusion.perception_client import PerceptionClient
 from services.fusion.replies import Replies
 from services.fusion.robot_places import RobotPlaces
 from services.fusion.store import Store
+from services.recorder.recorded import Maps
 from surveilnav.bus import Node, Refused
 from surveilnav.contract import MAP_LAYER, OBJECTS, VIEW_PICTURE
 from surveilnav.messages import LoggedView

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from functools import partial
 
-from cli.replay.recorded import Heard
+from services.recorder.recorded import Heard
 from surveilnav import contract
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import PERCEPTION_TEXT, Stream

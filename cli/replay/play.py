@@ -16,10 +16,10 @@ from cli.replay.clock import ReplayClock
 from cli.replay.control import ReplayControls
 from cli.replay.maps import MapsAgain
 from cli.replay.memory import Memory
-from cli.replay.recorded import Begin, Heard, Maps, Told, told
 from cli.stack import Stack
 from services.recorder.core.pictures import header_of
 from services.recorder.reading import RecordingError
+from services.recorder.recorded import Begin, Heard, Maps, Told, told
 from surveilnav.bus import Node, Publisher
 from surveilnav.bus.router import free_port
 from surveilnav.contract import CAMERA_FRAME, ID_PATTERN, ROBOT_OBSERVATION, VIEW_LOG, Stream

@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 
 from cli.main import app
 from cli.replay.check import check, config_of
-from cli.replay.recorded import Begin, Heard, Maps, told
 from services.fusion.core import FusionConfig, JointMap
 from services.fusion.core.snapshot import digest, freeze, pack
 from services.recorder.core.line import bus_line
 from services.recorder.reading import RecordingError
+from services.recorder.recorded import Begin, Heard, Maps, told
 from surveilnav import messages as m
 from surveilnav.contract import ROBOT_HALT, VIEW_LOG
 

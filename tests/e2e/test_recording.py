@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from cli.replay.check import check
-from cli.replay.recorded import Heard, told
+from services.recorder.recorded import Heard, told
 from surveilnav.bus.router import free_port
 from surveilnav.contract import RECORDINGS, VIEW_LOG
 from surveilnav.messages import FINISHED_STATES

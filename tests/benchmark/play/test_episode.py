@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from benchmark.play import episode
+from benchmark.play.cameras import InvokedCameras
 from benchmark.play.episode import REASONS, Episode, _was_seen, reason_of
-from benchmark.play.sight import PoseError, Sight, Sighted
+from benchmark.play.sight import PoseError, Sight, Sighted, text_as_sent
 from benchmark.policies import Task, policy_of
 from services.fusion.core import JointMap
 from services.fusion.core.guard import ViewError
@@ -20,6 +21,8 @@ from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import find_goals, sample_start
 from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.perception.prompts import value_prompt
+from surveilnav.sensing.packing import pack_embedding, unpack_embedding
 from surveilnav.sensing.views import PosedView
 
 # --- why it failed ------------------------------------------------------------------------------------------------
@@ -95,9 +98,9 @@ def searched(flat, steps, **how):
     goals = find_goals(flat.scene, flat.navigation, "toilet", caster=flat.caster)
     start = sample_start(flat.scene, flat.navigation, goals, seed=1)
     shown, arrived = [], []
-    real = episode._Cameras.wait
+    real = InvokedCameras.in_turn
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(episode._Cameras, "wait", lambda *a: (arrived.append(len(shown)) if a[1] else None, real(*a))[1])
+        patch.setattr(InvokedCameras, "in_turn", lambda *a: (arrived.append(len(shown)) if a[3] else None, real(*a))[1])
         Episode(
             Sight(flat, backend, way="depth"), goals, start,
             policy_of("surveilnav").begin(Task("toilet", 1, steps, FmmPlanner())),
@@ -155,14 +158,44 @@ def test_a_camera_that_is_wrong_about_its_place_sees_the_same_and_says_another(f
     assert math.degrees(math.acos((np.trace(turn) - 1) / 2)) == pytest.approx(3.0)
 
 
-def test_a_view_without_any_depth_is_taken_so_that_a_search_may_begin_before_a_wall():
-    depth_m = np.zeros((48, 64), np.float32)
+def before_a_wall(depth_m=0.0):
     camera = Pinhole.from_hfov(64, 48, math.radians(79.0))
-    T_world_camera = camera_pose((0.0, 0.0, 0.88), 0.0, 0.0)
-    rgb = np.zeros((48, 64, 3), np.uint8)
-    view = PosedView("robot/r1", 0, 0, 1, "0", T_world_camera, camera, 0.88, rgb, depth_m, (0.5, 5.0))
-    joint = JointMap()
-    assert episode._accepted(joint, Sighted(view, None, 0)).floor == "0"
-    assert list(joint.floors) == ["0"]
+    T_world_camera = camera_pose((1.0, 2.0, 0.88), 0.0, 0.0)
+    rgb, depth = np.zeros((48, 64, 3), np.uint8), np.full((48, 64), depth_m, np.float32)
+    return PosedView("robot/r1", 0, 0, 1, "0", T_world_camera, camera, 0.88, rgb, depth, (0.5, 5.0))
+
+
+def test_a_view_without_any_depth_is_left_out_as_on_the_bus_and_the_planner_gets_empty_maps():
+    joint, view = JointMap(), before_a_wall()
+    assert episode._take(joint, Sighted(view, None, 0)) == ""
+    assert list(joint.floors) == []
+    maps = episode.map_view(episode._maps_for(joint, "0", view), "0", np.ones(4, np.float32) / 2, "")
+    assert not maps.occupancy.any()
+    assert not maps.explored.any()
+    assert [int(i) for i in maps.grid.cells_of((1.0, 2.0))] == [n // 2 for n in maps.occupancy.shape]
     with pytest.raises(ViewError, match=r"shape|size|depth"):
-        episode._accepted(joint, Sighted(replace(view, depth_m=depth_m[:4]), None, 0))
+        episode._take(joint, Sighted(replace(view, depth_m=view.depth_m[:4]), None, 0))
+
+
+def test_a_view_left_out_is_still_of_the_floor_that_the_robot_stands_on():
+    joint = JointMap()
+    assert episode._take(joint, Sighted(before_a_wall(2.0), None, 0)) == "0"
+    revision = joint.revision
+    assert episode._take(joint, Sighted(replace(before_a_wall(), seq=1), None, 0)) == "0"
+    assert joint.revision == revision
+    assert episode._maps_for(joint, "0", before_a_wall()) is joint
+
+
+def test_embeddings_are_rounded_as_on_their_way_over_the_bus(flat):
+    """float16: without it the value layer differs from the running system's in its fifth digit."""
+    backend = choose_backend("oracle")
+    seen = Sight(flat, backend, way="depth").camera(flat.plan.cameras[0].name)
+    embeddings = [v.perception.image_embedding for v in seen if v.perception]
+    embeddings += [d.embedding for v in seen if v.perception for d in v.perception.detections]
+    embeddings.append(text_as_sent(backend, value_prompt("bed")))
+    assert len(embeddings) > 3
+    raw = backend.embed_texts([value_prompt("bed")])[0]
+    for embedding in embeddings:
+        assert np.array_equal(unpack_embedding(pack_embedding(embedding)), embedding)
+    assert not np.array_equal(raw, embeddings[-1])
+    assert np.allclose(raw, embeddings[-1], atol=1e-3)

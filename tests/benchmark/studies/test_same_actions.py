@@ -45,8 +45,18 @@ def test_the_page_counts_whole_searches_and_what_came_of_them():
     found = [compared(ROW | {"actions": list("FFS")}, alone) for alone in others]
     off = compared(ROW | {"actions": list("FS"), "surveillance": "off"}, Played(list("FS"), True, 0.25))
     said = page([found[0], off, found[1]], "the command")
-    assert "2 of 3 searches are the same to the last action** (8 actions" in said
+    assert "to the last action: without cameras 1 of 1, with them 1 of 2** (8 actions" in said
     assert "| oracle | off | 1 | 1 | 1 | 1 / 1 | 50.0 / 25.0 |" in said
     assert "| oracle | on | 2 | 1 | 1 | 2 / 1 | 50.0 / 25.0 |" in said
     assert "| 3 / 3 | yes / yes | all |  |" in said
     assert "| 3 / 3 | yes / no | the first 1 | F / L |" in said
+
+
+def test_the_page_says_how_many_are_the_same_with_the_running_systems_timing():
+    found = compared(ROW | {"actions": list("FFS")}, Played(list("FLS"), True, 0.5))
+    in_time = [found._replace(in_time=value) for value in (True, False, None, True)]
+    said = page(in_time, "the command")
+    assert "**Where their views come when they came in the running system, 2 of 3 are the same.**" in said
+    assert [line.rpartition("| ")[2] for line in said.splitlines() if "the first 1" in line] == [
+        "all |", "not all |", " |", "all |",
+    ]  # fmt: skip

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
-from cli.replay.recorded import Begin, End, Heard, Maps, told
 from services.recorder.file import RecordingFile
+from services.recorder.recorded import Begin, End, Heard, Maps, told
 from services.recorder.service import RecorderService
 from surveilnav import contract
 from surveilnav import messages as m

@@ -1,0 +1,79 @@
+"""Which views of the cameras come to the maps, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Protocol
+
+from benchmark.play.sight import Sight, Sighted
+from services.fusion.core import FusionConfig, JointMap, active_cameras
+from services.fusion.core.view_order import FloorWedge, most_worth_first
+from surveilnav.sensing.views import PosedView
+
+
+class Cameras(Protocol):
+    """The cameras of a search, asked once a step."""
+
+    @property
+    def offered_bytes(self) -> Mapping[str, int]:
+        """By camera that was invoked, the bytes of its views."""
+
+    @property
+    def n_pending(self) -> int:
+        """How many views of the invoked cameras the maps don't hold yet."""
+
+    def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
+        """Invokes the cameras of the robot's floor at step ``now``; the names of those whose views have come since."""
+
+    def in_turn(self, joint: JointMap, seen: Sighted, arrived: tuple[str, ...]) -> Iterator[Sighted]:
+        """This step's views in the order in which the maps take them, the robot's (``seen``) among them. ``arrived``: what
+        ``invoke`` said. Each is taken before the next is asked for."""
+
+
+class InvokedCameras:
+    """Invokes cameras (eq. 1), and knows which of their views are still to come. ``offered_bytes``: by camera invoked."""
+
+    def __init__(self, sight: Sight, config: FusionConfig, delay_steps: int, views_per_step: int) -> None:
+        self._sight, self._tau_z_m, self._range_m = sight, config.map.tau_z_m, config.map.explored_range_camera_m
+        self._delay_steps, self._views_per_step = delay_steps, views_per_step
+        self.offered_bytes: dict[str, int] = {}
+        self._due: list[tuple[int, tuple[str, ...]]] = []
+        self._waiting: list[tuple[FloorWedge, Sighted]] = []
+
+    def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
+        """Invokes the cameras of the robot's floor at step ``now``; the names of those whose views have come since."""
+        active = active_cameras([floor_z_m], self._sight.infos, self._tau_z_m)
+        if new := tuple(name for name in active if name not in self.offered_bytes):
+            self.offered_bytes |= {name: sum(v.offered_bytes for v in self._sight.camera(name)) for name in new}
+            self._due.append((now + self._delay_steps, new))
+        arrived = tuple(name for at, names in self._due if at <= now for name in names)
+        self._due = [(at, names) for at, names in self._due if at > now]
+        return arrived
+
+    @property
+    def n_pending(self) -> int:
+        """How many views of the invoked cameras the maps don't hold yet."""
+        return len(self._waiting) + sum(len(self._sight.camera(name)) for _, names in self._due for name in names)
+
+    def in_turn(self, joint: JointMap, seen: Sighted, arrived: tuple[str, ...]) -> Iterator[Sighted]:
+        """What perception has time for of the cameras' views, those that may show most first; then the robot's."""
+        self._wait(arrived)
+        x_m, y_m, _ = seen.view.T_world_camera[:3, 3].tolist()
+        yield from self._looked_at(joint, (x_m, y_m, seen.view.floor_z_m))
+        yield seen
+
+    def _wait(self, names: tuple[str, ...]) -> None:
+        views = [seen for name in names for seen in self._sight.camera(name)]
+        self._waiting += [(self._wedge(seen.view), seen) for seen in views]
+
+    def _looked_at(self, joint: JointMap, robot_m: tuple[float, float, float]) -> list[Sighted]:
+        """The views that perception has time for until the robot's next, those that may show most first."""
+        n = self._views_per_step or len(self._waiting)
+        if n < len(self._waiting):
+            order = most_worth_first(joint, [wedge for wedge, _ in self._waiting], [robot_m])
+            self._waiting = [self._waiting[k] for k in order]
+        chosen, self._waiting = self._waiting[:n], self._waiting[n:]
+        return [seen for _, seen in chosen]
+
+    def _wedge(self, view: PosedView) -> FloorWedge:
+        return FloorWedge.of(view.T_world_camera, view.camera, view.floor_z_m, self._range_m)
