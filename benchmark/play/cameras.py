@@ -20,7 +20,7 @@ class Cameras(Protocol):
 
     @property
     def n_pending(self) -> int:
-        """How many views of the invoked cameras the maps don't hold yet."""
+        """How many views of the cameras of the robot's floor the maps don't hold yet."""
 
     def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
         """Invokes the cameras of the robot's floor at step ``now``; the names of those whose views have come since."""
@@ -38,12 +38,13 @@ class InvokedCameras:
         self._delay_steps, self._views_per_step = delay_steps, views_per_step
         self.offered_bytes: dict[str, int] = {}
         self._due: list[tuple[int, tuple[str, ...]]] = []
-        self._waiting: list[tuple[FloorWedge, Sighted]] = []
+        self._waiting: dict[tuple[str, int], tuple[FloorWedge, Sighted]] = {}  # by source and view
+        self._here: tuple[str, ...] = ()  # the cameras of the robot's floor
 
     def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
-        """Invokes the cameras of the robot's floor at step ``now``; the names of those whose views have come since."""
-        active = active_cameras([floor_z_m], self._sight.infos, self._tau_z_m)
-        if new := tuple(name for name in active if name not in self.offered_bytes):
+        """See ``Cameras``."""
+        self._here = tuple(active_cameras([floor_z_m], self._sight.infos, self._tau_z_m))
+        if new := tuple(name for name in self._here if name not in self.offered_bytes):
             self.offered_bytes |= {name: sum(v.offered_bytes for v in self._sight.camera(name)) for name in new}
             self._due.append((now + self._delay_steps, new))
         arrived = tuple(name for at, names in self._due if at <= now for name in names)
@@ -52,8 +53,9 @@ class InvokedCameras:
 
     @property
     def n_pending(self) -> int:
-        """How many views of the invoked cameras the maps don't hold yet."""
-        return len(self._waiting) + sum(len(self._sight.camera(name)) for _, names in self._due for name in names)
+        """See ``Cameras``."""
+        due = {name for _, names in self._due for name in names}
+        return len(self._waiting_here()) + sum(len(self._sight.camera(name)) for name in self._here if name in due)
 
     def in_turn(self, joint: JointMap, seen: Sighted, arrived: tuple[str, ...]) -> Iterator[Sighted]:
         """What perception has time for of the cameras' views, those that may show most first; then the robot's."""
@@ -63,17 +65,23 @@ class InvokedCameras:
         yield seen
 
     def _wait(self, names: tuple[str, ...]) -> None:
-        views = [seen for name in names for seen in self._sight.camera(name)]
-        self._waiting += [(self._wedge(seen.view), seen) for seen in views]
+        for name in names:
+            for seen in self._sight.camera(name):
+                self._waiting[seen.view.source, seen.view.view] = self._wedge(seen.view), seen
 
     def _looked_at(self, joint: JointMap, robot_m: tuple[float, float, float]) -> list[Sighted]:
         """The views that perception has time for until the robot's next, those that may show most first."""
-        n = self._views_per_step or len(self._waiting)
-        if n < len(self._waiting):
-            order = most_worth_first(joint, [wedge for wedge, _ in self._waiting], [robot_m])
-            self._waiting = [self._waiting[k] for k in order]
-        chosen, self._waiting = self._waiting[:n], self._waiting[n:]
-        return [seen for _, seen in chosen]
+        keys = self._waiting_here()
+        n = self._views_per_step or len(keys)
+        if n < len(keys):
+            order = most_worth_first(joint, [self._waiting[key][0] for key in keys], [robot_m])
+            keys = [keys[k] for k in order]
+        return [self._waiting.pop(key)[1] for key in keys[:n]]
+
+    def _waiting_here(self) -> list[tuple[str, int]]:
+        """Source and view of those of the robot's floor: nobody looks at another's while it is away."""
+        here = {f"camera/{name}" for name in self._here}
+        return [key for key in self._waiting if key[0] in here]
 
     def _wedge(self, view: PosedView) -> FloorWedge:
         return FloorWedge.of(view.T_world_camera, view.camera, view.floor_z_m, self._range_m)

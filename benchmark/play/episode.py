@@ -95,7 +95,7 @@ class Episode:
         self._began_s = time.perf_counter()
         self._sight, self._goals, self._start, self._searcher = sight, goals, start, searcher
         self._fusion, self._fused, self._seed, self._on_step = fusion, fused, seed, on_step
-        self._surveillance, self._at_once = surveillance, views_per_step == 0
+        self._surveillance, self._all_at_once = surveillance, views_per_step == 0 and cameras is None
         self._cameras = cameras or InvokedCameras(sight, fusion or FusionConfig(), delay_steps, views_per_step)
         self._navigation = sight.building.navigation
         self._state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad, mission=_MISSION)
@@ -107,6 +107,7 @@ class Episode:
         self._joint: JointMap | None = None
         self._floor = start.floor  # as the maps call it
         self._robot_bytes = 0
+        self._refused = False  # whether the robot refused the last action: then that wasn't its last
         self._trajectory: list[tuple[float, float, float]] = []
         self._floors: list[str] = []
         self._note_place()
@@ -133,7 +134,7 @@ class Episode:
 
     def fuse(self, seen: Sighted, arrived: tuple[str, ...]) -> tuple[JointMap, MapView]:
         """The joint maps with the cameras' views and the robot's, and what the planner is shown of them."""
-        if self._joint is None and self._fused is not None and self._at_once:
+        if self._joint is None and self._fused is not None and self._all_at_once:
             self._joint, in_turn = self._fused.maps_of(arrived), iter([seen])
         else:
             self._joint = self._joint or JointMap(self._fusion)
@@ -148,12 +149,16 @@ class Episode:
     def decide(self, maps: MapView) -> Decision:
         """The searcher's waypoint and action."""
         status = robot.status_of(self._state, robot=ROBOT, stairs=self._stairs)
-        return self._searcher.act(maps, RobotView.from_status(status, _MISSION, self._stairs), self._reported)
+        view = RobotView.from_status(status, _MISSION, self._stairs)
+        if self._refused:
+            view = replace(view, last_action=None, collided=False)
+        return self._searcher.act(maps, view, self._reported)
 
     def act(self, decision: Decision) -> None:
         """Carries it out. A refused stair leaves the robot where it is: the mission sees that at its next step."""
         action, to_floor = decision.action, decision.to_floor
-        if action and not robot.refusal(self._state, action, self._navigation, to_floor):
+        self._refused = bool(action and robot.refusal(self._state, action, self._navigation, to_floor))
+        if action and not self._refused:
             self._state = robot.act(self._state, action, self._navigation, to_floor)
             self._note_place()
 
@@ -183,7 +188,7 @@ def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
 def _take(joint: JointMap, seen: Sighted) -> str:
     """Has the maps take a view, by the same guard as on the bus; the floor that it was taken on, "" if they know none.
 
-    A view before a wall, where not one pixel has a depth, is left out, as on the bus.
+    A view before a wall, where not one pixel has a depth, is left out, as on the bus. So is one that they hold ("").
 
     Raises:
         ViewError: a view that can't be.

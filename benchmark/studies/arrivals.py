@@ -1,64 +1,72 @@
-"""In which order the running system's maps took views, and how many of them they held when the planner decided.
+"""In which order the running system's maps took views, and on which state of them the planner decided: from a recording.
 
-A recording of a search says it. So a search can be played in one process with the same views in the maps at each decision:
-what is decided then can differ by the program alone, not by timing.
+So a search can be played in one process with the same views in the maps at each decision. What is decided then can differ by
+the program alone, not by timing.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmark.play.sight import Sight, Sighted
 from services.fusion.core import JointMap
+from services.recorder.reading import RecordingError
 from services.recorder.recorded import Heard, told
-from surveilnav.contract import MAP_REVISION, MISSION_PLAN, VIEW_LOG
+from surveilnav.contract import MISSION_PLAN, VIEW_LOG
+
+
+class MapsState(NamedTuple):
+    """The revision of the maps, and how many cameras' views were still to come."""
+
+    revision: int
+    pending_views: int
 
 
 class Arrivals(NamedTuple):
-    """Views in the order of fusion's log, and what the planner was told.
+    """What came to the maps, and when the planner looked at them.
 
     Attributes:
-        views: source ("camera/<id>" or "robot/<id>") and index of each.
-        told: by the number of the robot's observation, the last revision of the maps before the planner decided on it, and how
-            many cameras' views were still to come then.
+        views: source ("camera/<id>" or "robot/<id>") and index of each, in the order of fusion's log.
+        decided_on: the state of the maps of each decision, by the number of the robot's observation.
     """
 
     views: tuple[tuple[str, int], ...]
-    told: Mapping[int, tuple[int, int]]
+    decided_on: Mapping[int, MapsState]
 
     def as_row(self) -> dict[str, Any]:
         """As JSON holds it."""
-        return {"views": self.views, "told": [[seq, *said] for seq, said in sorted(self.told.items())]}
+        return {"views": self.views, "decided_on": [[seq, *state] for seq, state in sorted(self.decided_on.items())]}
 
     @classmethod
     def of_row(cls, row: Mapping[str, Any]) -> Arrivals:
         """What ``as_row`` made."""
-        views = tuple((str(source), int(view)) for source, view in row["views"])
-        return cls(views, {seq: (revision, pending) for seq, revision, pending in row["told"]})
+        views = tuple((str(source), int(index)) for source, index in row["views"])
+        return cls(views, {seq: MapsState(*state) for seq, *state in row["decided_on"]})
 
 
-def arrivals_of(recording: Path, robot: str) -> Arrivals:
-    """What a recording says of them.
+def arrivals_of(recording: Path) -> Arrivals:
+    """What the recording of a mission says.
 
     Raises:
-        RecordingError: it is no recording of this program.
+        RecordingError: it is no recording of this program, or lacks views.
     """
-    views: dict[int, tuple[str, int]] = {}
-    said: dict[int, tuple[int, int]] = {}
-    decided: set[int] = set()
+    views, decided_on = dict[int, tuple[str, int] | None](), dict[int, MapsState]()
     for heard in told(recording):
         if not isinstance(heard, Heard):
             continue
-        message = heard.message
-        if heard.stream is VIEW_LOG and message.number:
-            views[message.number] = message.source, message.view
-        elif heard.stream is MISSION_PLAN and message.robot == robot:
-            decided.add(message.seq)
-        elif heard.stream is MAP_REVISION and (seq := message.robots.get(robot)) is not None and seq not in decided:
-            said[seq] = message.revision, message.pending_views
-    return Arrivals(tuple(views[number] for number in sorted(views)), said)
+        if heard.stream is VIEW_LOG and heard.message.number:
+            view = heard.message
+            views[view.number] = None if view.fault else (view.source, view.view)
+        elif heard.stream is MISSION_PLAN:
+            decided_on[heard.message.seq] = MapsState(heard.message.revision, heard.message.pending_views)
+    if not decided_on or sorted(views) != list(range(1, len(views) + 1)):
+        raise RecordingError(
+            f"expected all views from the first on and what was decided, got {recording}, which lacks some"
+        )
+    return Arrivals(tuple(view for _, view in sorted(views.items()) if view), decided_on)
 
 
 class RecordedCameras:
@@ -67,7 +75,8 @@ class RecordedCameras:
     offered_bytes: Mapping[str, int] = {}
 
     def __init__(self, sight: Sight, arrivals: Arrivals) -> None:
-        self._sight, self._told, self._views = sight, arrivals.told, iter(arrivals.views)
+        self._sight, self._decided_on = sight, arrivals.decided_on
+        self._log, self._seq = deque(arrivals.views), -1
         self.n_pending = 0
 
     def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
@@ -75,16 +84,25 @@ class RecordedCameras:
         return ()
 
     def in_turn(self, joint: JointMap, seen: Sighted, arrived: tuple[str, ...]) -> Iterator[Sighted]:
-        """This step's views in the order of the log, until the maps are as they were when the planner was told of them."""
-        revision, self.n_pending = self._told.get(seen.view.seq, (joint.revision, 0))
-        for source, view in self._views:
-            if source == seen.view.source:
-                break
-            yield self._of_camera(source, view)
+        """This step's views in the order of the log, until the maps are as they were when the planner looked at them."""
+        again, self._seq = (
+            seen.view.seq == self._seq,
+            seen.view.seq,
+        )  # after a refused stair the robot says the same again
+        state = self._decided_on.get(self._seq, MapsState(0, 0))
+        self.n_pending = state.pending_views
+        if not again:
+            while self._camera_is_next():
+                yield self._of_camera(*self._log.popleft())
+            if self._log:
+                self._log.popleft()
         yield seen
-        while joint.revision < revision and (more := next(self._views, None)):
-            yield self._of_camera(*more)
+        while joint.revision < state.revision and self._camera_is_next():
+            yield self._of_camera(*self._log.popleft())
 
-    def _of_camera(self, source: str, view: int) -> Sighted:
+    def _camera_is_next(self) -> bool:
+        return bool(self._log) and self._log[0][0].startswith("camera/")
+
+    def _of_camera(self, source: str, index: int) -> Sighted:
         views = self._sight.camera(source.removeprefix("camera/"))
-        return next(seen for seen in views if seen.view.view == view)
+        return next(seen for seen in views if seen.view.view == index)

@@ -19,14 +19,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmark.canary import digest
-from benchmark.play.sight import ROBOT
 from benchmark.runner.summary import Interval, interval
 from benchmark.studies.arrivals import arrivals_of
 from benchmark.studies.rows import Rows
+from services.recorder.reading import RecordingError
 from simulator.furniture.labels import TARGETS
 from simulator.sources import TRAIN_HOMES
 
@@ -69,7 +70,8 @@ def play(search: Search, perception: str, runs: Path, models: str = "all") -> di
         return search._asdict() | {"skipped": told.get("error", {}).get("message", "demo said nothing of a search")}
     row = search._asdict() | {name: told.get(name) for name in _KEPT} | {"program": digest(), "models": models}
     for recording in set(recordings.glob("*.mcap")) - before:
-        row["arrivals"] = arrivals_of(recording, ROBOT).as_row()
+        with suppress(RecordingError):  # then the search can't be played with its timing
+            row["arrivals"] = arrivals_of(recording).as_row()
     return row
 
 

@@ -27,8 +27,6 @@ from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.truth.choose import choose_backend
 from simulator.world.goals import find_goals, sample_start
 
-_IN_TIME = {None: "", True: "all", False: "not all"}
-
 
 class Played(NamedTuple):
     """What came of a search in one process."""
@@ -40,8 +38,8 @@ class Played(NamedTuple):
 
 class Compared(NamedTuple):
     """A search of the running system beside the benchmark's. ``same``: so many first actions are the same; ``live``: how many
-    the running system has; ``next_live``, ``next_alone``: the first ones that differ; ``in_time``: whether all are the same with
-    the running system's timing, None if nobody knows."""
+    the running system has; ``next_live``, ``next_alone``: the first ones that differ. ``with_live_timing``: beside
+    the search where cameras' views come as in the running system; None: nobody knows."""
 
     row: dict[str, Any]
     alone: Played
@@ -49,7 +47,7 @@ class Compared(NamedTuple):
     live: int
     next_live: str
     next_alone: str
-    in_time: bool | None = None
+    with_live_timing: Compared | None = None
 
     @property
     def whole(self) -> bool:
@@ -81,19 +79,22 @@ def played(row: dict[str, Any], building: SimulatedBuilding, arrivals: Arrivals 
     return Played([action for action in actions if action], result.verdict.success, result.verdict.spl)
 
 
-def both_ways(row: dict[str, Any], building: SimulatedBuilding) -> Compared:
-    """A row of ``live`` beside the same search in one process, and beside the one with its timing."""
+def compare(row: dict[str, Any], building: SimulatedBuilding) -> Compared:
+    """A row of ``live`` beside the same search in one process, with cameras also beside the one with live timing."""
     found = compared(row, played(row, building))
     if row["surveillance"] == "off" or "arrivals" not in row:
         return found
-    in_time = compared(row, played(row, building, Arrivals.of_row(row["arrivals"])))
-    return found._replace(in_time=in_time.whole)
+    again = compared(row, played(row, building, Arrivals.of_row(row["arrivals"])))
+    return found._replace(with_live_timing=again)
 
 
 def page(found: Sequence[Compared], command: str) -> str:
     """What it says, in Markdown."""
     whole = ", ".join(f"{said} {sum(c.whole for c in mine)} of {len(mine)}" for said, mine in _by_cameras(found))
-    n, timed = sum(c.live for c in found), [c.in_time for c in found if c.in_time is not None]
+    n, timed = (
+        sum(c.live for c in found),
+        [c.with_live_timing.whole for c in found if c.with_live_timing is not None],
+    )
     lines = [
         "# The running system and the benchmark, action by action", "",
         f"**Searches that are the same to the last action: {whole}** ({n} actions by the running system). Each began "
@@ -102,11 +103,12 @@ def page(found: Sequence[Compared], command: str) -> str:
         f"Made by `{command}`.", "",
         *_by_arm(found), "",
         "With cameras it depends on timing which of their views are in the map at an action. The running system looks at as "
-        f"many as it has time for. The benchmark looks at {RunSettings().views_per_step} from one action to the next. "
-        f"**Where their views come when they came in the running system, {sum(timed)} of {len(timed)} are the same.**", "",
+        f"many as it has time for. The benchmark looks at {RunSettings().views_per_step} from one action to the next."
+        + (f" **With live timing {sum(timed)} of {len(timed)} are the same**: each view came into the maps at the step of the "
+           "recording." if timed else ""), "",
         "## Every search", "",
         "| building | seed | target | cameras | perception | actions live / alone | right | the same | then live / alone | "
-        "with its timing |",
+        "with live timing |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     for c in found:
@@ -114,10 +116,15 @@ def page(found: Sequence[Compared], command: str) -> str:
         right = " / ".join("yes" if success else "no" for success in (r["success"], c.alone.success))
         lines.append(
             f"| {r['building']} | {r['seed']} | {r['target']} | {r['surveillance']} | {r['perception']} | "
-            f"{c.live} / {len(c.alone.actions)} | {right} | {'all' if c.whole else f'the first {c.same}'} | {then} | "
-            f"{_IN_TIME[c.in_time]} |"
+            f"{c.live} / {len(c.alone.actions)} | {right} | {_how_far(c)} | {then} | "
+            f"{_how_far(c.with_live_timing)} |"
         )
     return "\n".join([*lines, ""])
+
+
+def _how_far(c: Compared | None) -> str:
+    """So many actions are the same."""
+    return "" if c is None else "all" if c.whole else f"the first {c.same}"
 
 
 def _by_cameras(found: Sequence[Compared]) -> Iterator[tuple[str, list[Compared]]]:
@@ -166,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             settings = SimulationSettings(building=key[0], seed=key[1], cameras=key[2], models=key[3])
             buildings = {key: SimulatedBuilding(settings)}
             buildings[key].prepare()
-        found.append(both_ways(row, buildings[key]))
+        found.append(compare(row, buildings[key]))
         told = f"{row['building']} {row['seed']} {row['target']} {row['surveillance']}"
         print(f"{number} of {len(rows)} {told}: {found[-1].same} of {found[-1].live}", flush=True)
         args.page.write_text(page(found, command), encoding="utf-8")

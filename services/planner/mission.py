@@ -258,7 +258,7 @@ class Mission:
                 "distance_remaining_m": decision.distance_m, "message": decision.message,
             }  # fmt: skip
         self._note(**facts)
-        self.plan = self._plan(decision, status)
+        self.plan = self._plan(decision, status, maps)
         self._pending = Pending.of(decision, status.seq)
         self._save_or_warn()
         self._tell(self._plans, self.plan)
@@ -379,10 +379,10 @@ class Mission:
             floor_choice_bytes=self.status.floor_choice_bytes, summary_bytes_by_floor=self._summaries.received_bytes(),
         )  # fmt: skip
 
-    def _plan(self, decision: Decision, status: RobotStatus) -> Plan:
+    def _plan(self, decision: Decision, status: RobotStatus, maps: MapView) -> Plan:
         return Plan(
             stamp_ns=clock_ns(), mission=self.id, robot=self.robot, floor=status.floor, step=self._memory.step,
             seq=status.seq, action=decision.action or "", waypoint=decision.waypoint,
             path_m=[(round(x, 3), round(y, 3)) for x, y in decision.path], candidates=list(decision.candidates),
-            why=decision.message,
+            why=decision.message, revision=maps.revision, pending_views=maps.pending_views,
         )  # fmt: skip

@@ -94,6 +94,7 @@ class Plan(Message, frozen=True, kw_only=True):
     """The planner's present plan: waypoint, path (x, y in the world, metres), and what else it weighed.
 
     ``why``: what the robot is up to, for people. ``candidates``: also objects that were left aside, each with why.
+    ``revision``, ``pending_views``: of the maps that it was decided on, and how many views of cameras were still to come then.
     """
 
     mission: str
@@ -106,3 +107,5 @@ class Plan(Message, frozen=True, kw_only=True):
     path_m: list[tuple[float, float]]
     candidates: list[Candidate]
     why: str = ""
+    revision: int = 0
+    pending_views: int = 0

@@ -9,13 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmark.play import episode
+from benchmark.play import cameras, episode
 from benchmark.play.cameras import InvokedCameras
 from benchmark.play.episode import REASONS, Episode, _was_seen, reason_of
 from benchmark.play.sight import PoseError, Sight, Sighted, text_as_sent
 from benchmark.policies import Task, policy_of
-from services.fusion.core import JointMap
+from services.fusion.core import FusionConfig, JointMap
 from services.fusion.core.guard import ViewError
+from services.planner.core import Decision
 from services.planner.core.motion.drive import FmmPlanner
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 from simulator.truth.choose import choose_backend
@@ -129,6 +130,45 @@ def test_of_the_views_that_have_come_a_few_are_looked_at_each_step(flat):
     assert everything[0] == at_once[0]
     seen = [np.frombuffer(explored, np.uint8).sum() for _, explored, _ in slowly]
     assert 0 < seen[0] < seen[1] < seen[2] < np.frombuffer(at_once[2][1], np.uint8).sum()
+
+
+def test_of_a_floor_that_the_robot_left_nothing_is_looked_at_or_waited_for(monkeypatch):
+    floors = {0.0: ["below"], 2.8: ["above"], 1.4: []}
+    monkeypatch.setattr(cameras, "active_cameras", lambda floors_z_m, *_: floors[floors_z_m[0]])
+    monkeypatch.setattr(cameras, "most_worth_first", lambda joint, wedges, robots: range(len(wedges)))
+    monkeypatch.setattr(InvokedCameras, "_wedge", lambda *_: None)
+
+    def views_of(name):
+        views = [SimpleNamespace(source=f"camera/{name}", view=i) for i in range(5)]
+        return [SimpleNamespace(view=view, offered_bytes=1) for view in views]
+
+    invoked = InvokedCameras(SimpleNamespace(camera=views_of, infos=[]), FusionConfig(), 1, 2)
+    seen, found = Sighted(before_a_wall(), None, 0), []
+    for step, floor_z_m in enumerate((0.0, 0.0, 1.4, 2.8, 2.8, 0.0, 0.0)):
+        arrived = invoked.invoke(floor_z_m, step)
+        taken = list(invoked.in_turn(JointMap(), seen, arrived))
+        assert taken.pop() is seen
+        found.append((sorted({v.view.source for v in taken}), [v.view.view for v in taken], invoked.n_pending))
+    assert found == [
+        ([], [], 5), (["camera/below"], [0, 1], 3), ([], [], 0), ([], [], 5), (["camera/above"], [0, 1], 3),
+        (["camera/below"], [2, 3], 1), (["camera/below"], [4], 0),
+    ]  # fmt: skip
+
+
+def test_a_stair_that_the_robot_refused_was_not_its_last_action(flat):
+    """As in the running system's planner: else a step before it that hit something is taken for another one."""
+    goals = find_goals(flat.scene, flat.navigation, "toilet", caster=flat.caster)
+    start = sample_start(flat.scene, flat.navigation, goals, seed=1)
+    plan = iter([
+        Decision("turn_left", "looking_around"), Decision("take_stairs", "to_floor", to_floor="9"),
+        Decision("turn_right", "looking_around"), Decision(None, "finished", finished=True),
+    ])  # fmt: skip
+    last = []
+    searcher = SimpleNamespace(
+        steps=0, act=lambda maps, robot, summaries: (last.append(robot.last_action), next(plan))[1]
+    )
+    Episode(Sight(flat, choose_backend("oracle"), way="depth"), goals, start, searcher, surveillance=False).run()
+    assert last == [None, "turn_left", None, "turn_right"]
 
 
 def test_a_pose_error_is_as_large_as_it_says_and_each_cameras_own():

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 
-from benchmark.studies.same_actions import Played, compared, page
+from benchmark.play.cameras import InvokedCameras
+from benchmark.play.sight import Sight
+from benchmark.studies import same_actions
+from benchmark.studies.arrivals import Arrivals, MapsState
+from benchmark.studies.same_actions import Played, compare, compared, page, played
+from simulator.simulation import SimulatedBuilding, SimulationSettings
 
 ROW = {
     "building": "a",
@@ -52,11 +59,40 @@ def test_the_page_counts_whole_searches_and_what_came_of_them():
     assert "| 3 / 3 | yes / no | the first 1 | F / L |" in said
 
 
-def test_the_page_says_how_many_are_the_same_with_the_running_systems_timing():
-    found = compared(ROW | {"actions": list("FFS")}, Played(list("FLS"), True, 0.5))
-    in_time = [found._replace(in_time=value) for value in (True, False, None, True)]
-    said = page(in_time, "the command")
-    assert "**Where their views come when they came in the running system, 2 of 3 are the same.**" in said
-    assert [line.rpartition("| ")[2] for line in said.splitlines() if "the first 1" in line] == [
-        "all |", "not all |", " |", "all |",
+def test_the_page_says_how_many_are_the_same_with_live_timing():
+    other = compared(ROW | {"actions": list("FFS")}, Played(list("FLS"), True, 0.5))
+    same = compared(ROW | {"actions": list("FFS")}, Played(list("FFS"), True, 0.5))
+    said = page([other._replace(with_live_timing=again) for again in (same, other, None, same)], "the command")
+    assert "**With live timing 2 of 3 are the same**" in said
+    assert [line.rpartition(" | ")[2] for line in said.splitlines() if "| FF" not in line and "F / L" in line] == [
+        "all |", "the first 1 |", " |", "all |",
     ]  # fmt: skip
+    assert "With live timing" not in page([other], "the command")
+
+
+def test_with_live_timing_a_search_is_the_recorded_one(monkeypatch):
+    """With what its own maps had taken at each decision a search is the same; with views that never come it is another."""
+    monkeypatch.setattr(same_actions, "Sight", partial(Sight, way="depth"))  # the same search in a tenth of the time
+    building = SimulatedBuilding(SimulationSettings(building="parametric_flat", cameras=2))
+    row = ROW | {"target": "toilet", "seed": 1}
+    alone = played(row, building)
+    views, decided_on = [], {}
+    real = InvokedCameras.in_turn
+
+    def noted(cameras, joint, seen, arrived):
+        for view in real(cameras, joint, seen, arrived):
+            views.append((view.view.source, view.view.view))
+            yield view
+        decided_on[seen.view.seq] = MapsState(joint.revision, cameras.n_pending)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(InvokedCameras, "in_turn", noted)
+        assert played(row, building) == alone
+    n_views = sum(source.startswith("camera/") for source, _ in views)
+    assert n_views > 10
+    row |= {"actions": alone.actions, "arrivals": Arrivals(tuple(views), decided_on).as_row()}
+    found = compare(row, building)
+    assert found.whole
+    assert found.with_live_timing.whole
+    late = Arrivals(tuple(v for v in views if v[0] == "robot/r1"), dict.fromkeys(decided_on, MapsState(0, n_views)))
+    assert not compare(row | {"arrivals": late.as_row()}, building).with_live_timing.whole
