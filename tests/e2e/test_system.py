@@ -93,8 +93,12 @@ def test_a_mission_survives_the_death_of_its_planner(running):
     s.kill("planner")
     s.stack.start("planner")
     until(lambda: s.node.ask_all(MISSION_STATUS, mission=mission), timeout_s=30.0)
-    told = httpx.get(f"http://127.0.0.1:{s.gateway_port}/api/v1/missions").raise_for_status().json()["items"]
-    assert [(m["id"], m["state"], m["found"]) for m in told if m["id"] == mission] == [(mission, "done", True)]
+
+    def told() -> list[tuple[str, str, bool]]:
+        missions = httpx.get(f"http://127.0.0.1:{s.gateway_port}/api/v1/missions").raise_for_status().json()["items"]
+        return [(m["id"], m["state"], m["found"]) for m in missions if m["id"] == mission]
+
+    until(lambda: told() == [(mission, "done", True)], told, 20.0)  # the gateway hears of its end a moment later
 
 
 @pytest.mark.slow
