@@ -85,10 +85,8 @@ class RecordedCameras:
 
     def in_turn(self, joint: JointMap, seen: Sighted, arrived: tuple[str, ...]) -> Iterator[Sighted]:
         """This step's views in the order of the log, until the maps are as they were when the planner looked at them."""
-        again, self._seq = (
-            seen.view.seq == self._seq,
-            seen.view.seq,
-        )  # after a refused stair the robot says the same again
+        again = seen.view.seq == self._seq  # after a refused stair the robot's observation is the same
+        self._seq = seen.view.seq
         state = self._decided_on.get(self._seq, MapsState(0, 0))
         self.n_pending = state.pending_views
         if not again:

@@ -79,7 +79,7 @@ def played(row: dict[str, Any], building: SimulatedBuilding, arrivals: Arrivals 
     return Played([action for action in actions if action], result.verdict.success, result.verdict.spl)
 
 
-def compare(row: dict[str, Any], building: SimulatedBuilding) -> Compared:
+def play_and_compare(row: dict[str, Any], building: SimulatedBuilding) -> Compared:
     """A row of ``live`` beside the same search in one process, with cameras also beside the one with live timing."""
     found = compared(row, played(row, building))
     if row["surveillance"] == "off" or "arrivals" not in row:
@@ -91,10 +91,8 @@ def compare(row: dict[str, Any], building: SimulatedBuilding) -> Compared:
 def page(found: Sequence[Compared], command: str) -> str:
     """What it says, in Markdown."""
     whole = ", ".join(f"{said} {sum(c.whole for c in mine)} of {len(mine)}" for said, mine in _by_cameras(found))
-    n, timed = (
-        sum(c.live for c in found),
-        [c.with_live_timing.whole for c in found if c.with_live_timing is not None],
-    )
+    n = sum(c.live for c in found)
+    timed = [c.with_live_timing.whole for c in found if c.with_live_timing is not None]
     lines = [
         "# The running system and the benchmark, action by action", "",
         f"**Searches that are the same to the last action: {whole}** ({n} actions by the running system). Each began "
@@ -173,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             settings = SimulationSettings(building=key[0], seed=key[1], cameras=key[2], models=key[3])
             buildings = {key: SimulatedBuilding(settings)}
             buildings[key].prepare()
-        found.append(compare(row, buildings[key]))
+        found.append(play_and_compare(row, buildings[key]))
         told = f"{row['building']} {row['seed']} {row['target']} {row['surveillance']}"
         print(f"{number} of {len(rows)} {told}: {found[-1].same} of {found[-1].live}", flush=True)
         args.page.write_text(page(found, command), encoding="utf-8")

@@ -10,7 +10,7 @@ from benchmark.play.cameras import InvokedCameras
 from benchmark.play.sight import Sight
 from benchmark.studies import same_actions
 from benchmark.studies.arrivals import Arrivals, MapsState
-from benchmark.studies.same_actions import Played, compare, compared, page, played
+from benchmark.studies.same_actions import Played, compared, page, play_and_compare, played
 from simulator.simulation import SimulatedBuilding, SimulationSettings
 
 ROW = {
@@ -91,8 +91,8 @@ def test_with_live_timing_a_search_is_the_recorded_one(monkeypatch):
     n_views = sum(source.startswith("camera/") for source, _ in views)
     assert n_views > 10
     row |= {"actions": alone.actions, "arrivals": Arrivals(tuple(views), decided_on).as_row()}
-    found = compare(row, building)
+    found = play_and_compare(row, building)
     assert found.whole
     assert found.with_live_timing.whole
     late = Arrivals(tuple(v for v in views if v[0] == "robot/r1"), dict.fromkeys(decided_on, MapsState(0, n_views)))
-    assert not compare(row | {"arrivals": late.as_row()}, building).with_live_timing.whole
+    assert not play_and_compare(row | {"arrivals": late.as_row()}, building).with_live_timing.whole
