@@ -23,7 +23,7 @@ COPY benchmark benchmark
 RUN pip install -q --no-cache-dir --no-deps --target /opt/surveilnav .
 # Where Debian's mirrors can't be reached, parametric furniture stands in.
 RUN mkdir -p /var/cache/surveilnav && apt-get update -qq \
- && { PYTHONPATH=/opt/surveilnav SURVEILNAV_CACHE_DIR=/var/cache/surveilnav python -m simulator.furniture.assets \
+ && { PYTHONPATH=/opt/surveilnav SURVEILNAV_CACHE_DIR=/var/cache/surveilnav python -m surveilnav.simulator.furniture.assets \
       || echo "note: no Sweet Home 3D packages in this image"; }
 
 # --- what runs, but for the packages ---

@@ -30,7 +30,7 @@ test: $(READY) ## all tests that need no Docker engine, on real Zenoh; TEST_WORK
 	$(BIN)/python -m pytest -q -m "not compose and not page" -n $(TEST_WORKERS) --dist worksteal $(ARGS)
 
 canary: $(READY) ## sixteen fixed searches, action by action as written in benchmark/canary.json (2 minutes)
-	$(BIN)/python -m benchmark.canary $(ARGS)
+	$(BIN)/python -m surveilnav.benchmark.canary $(ARGS)
 
 test-page: $(READY) ## the page in a browser, on a running system (skipped where there is no Chromium)
 	$(BIN)/python -m pytest -q tests/page $(ARGS)
@@ -74,22 +74,22 @@ bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)
 
 bench-homes: $(READY) ## nine homes x targets x seeds, with and without cameras; resumable; needs detector weights
-	$(BIN)/python -m benchmark.studies.homes $(ARGS)
+	$(BIN)/python -m surveilnav.benchmark.studies.homes $(ARGS)
 
 bench-calibration: $(READY) ## the simulated detector fitted to the real one; resumable; needs detector weights
-	$(BIN)/python -m benchmark.studies.calibration $(ARGS)
+	$(BIN)/python -m surveilnav.benchmark.studies.calibration $(ARGS)
 
 bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
-	$(BIN)/python -m benchmark.studies.association $(ARGS)
+	$(BIN)/python -m surveilnav.benchmark.studies.association $(ARGS)
 
 docs: $(READY) ## write what is generated: the contract, the settings, the commands, the card of compact, the README's plot
 	$(BIN)/python -m surveilnav.contract > docs/understand/contract.md
-	$(BIN)/python -m cli.settings_page > docs/use/settings.md
-	$(BIN)/python -m cli.command_page > docs/use/command-line.md
+	$(BIN)/python -m surveilnav.cli.settings_page > docs/use/settings.md
+	$(BIN)/python -m surveilnav.cli.command_page > docs/use/command-line.md
 	$(BIN)/python -m training.detector.card > docs/understand/compact.md
-	$(BIN)/python -m cli.client_resources > shared/surveilnav/client/resources.py.new
+	$(BIN)/python -m surveilnav.cli.client_resources > shared/surveilnav/client/resources.py.new
 	mv shared/surveilnav/client/resources.py.new shared/surveilnav/client/resources.py
-	$(BIN)/python -m benchmark.tables.readme docs/images/results.png
+	$(BIN)/python -m surveilnav.benchmark.tables.readme docs/images/results.png
 
 clean: ## remove caches; .venv, .venv-torch and runs/ stay
 	rm -rf .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache build dist

@@ -1,7 +1,7 @@
 """A golden run: a dozen fixed searches, and whether the program still plays them action by action as it did.
 
-    python -m benchmark.canary            # plays them; exit 1 if one came out another way
-    python -m benchmark.canary --renew    # the new way is meant: write it down, and say why in CHANGELOG.md
+    python -m surveilnav.benchmark.canary            # plays them; exit 1 if one came out another way
+    python -m surveilnav.benchmark.canary --renew    # the new way is meant: write it down, and say why in CHANGELOG.md
 
 ``canary.json`` has the searches and what they did. Its digest covers success, steps, actions, path in millimetres and
 reason of failure; renaming, messages, bytes and seconds don't touch it. Numbers of runs are stamped with it
@@ -23,16 +23,21 @@ from typing import Any
 
 import msgspec
 
-from benchmark.play.workers import in_workers
-from benchmark.runner.settings import RunSettings
+from surveilnav.benchmark.play.workers import in_workers
+from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
 
 FILE = Path(__file__).with_name("canary.json")
 #: One letter an action, so that a search reads as a line.
 _LETTERS = {
-    "move_forward": "F", "turn_left": "L", "turn_right": "R", "look_up": "U", "look_down": "D", "take_stairs": "T",
+    "move_forward": "F",
+    "turn_left": "L",
+    "turn_right": "R",
+    "look_up": "U",
+    "look_down": "D",
+    "take_stairs": "T",
     "stop": "S",
-}  # fmt: skip
+}
 _POLL_S = 1.0
 
 
@@ -102,10 +107,10 @@ def digest_of(searches: Sequence[Search]) -> str:
 
 def play(golden: Search) -> Outcome:
     """Plays one. Raises what opening its building may, and PerceptionError where its detector can't be had."""
-    from benchmark.runner.search import search, sight_of
-    from simulator.simulation import SimulatedBuilding, SimulationSettings
-    from simulator.truth.choose import choose_backend
-    from simulator.world.goals import Start, find_goals
+    from surveilnav.benchmark.runner.search import search, sight_of
+    from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+    from surveilnav.simulator.truth.choose import choose_backend
+    from surveilnav.simulator.world.goals import Start, find_goals
 
     settings = msgspec.convert(golden.run, RunSettings)
     building = SimulatedBuilding(
@@ -118,13 +123,21 @@ def play(golden: Search) -> Outcome:
     start = Start(p_m, at.floor, at.yaw_rad, goals.field.at((at.x_m, at.y_m), at.floor))
     actions: list[str] = []
     episode = search(
-        sight_of(building, backend, settings), settings, goals, start, seed=1, goal_on_floor=at.floor in goals.viewpoints,
+        sight_of(building, backend, settings),
+        settings,
+        goals,
+        start,
+        seed=1,
+        goal_on_floor=at.floor in goals.viewpoints,
         on_step=lambda *step: actions.append(step[-1].action or ""),
-    )  # fmt: skip
+    )
     return Outcome(
-        success=episode.verdict.success, steps=episode.steps, path_mm=round(1e3 * episode.verdict.path_m),
-        reason=episode.reason, actions=_written(actions),
-    )  # fmt: skip
+        success=episode.verdict.success,
+        steps=episode.steps,
+        path_mm=round(1e3 * episode.verdict.path_m),
+        reason=episode.reason,
+        actions=_written(actions),
+    )
 
 
 def _written(actions: Sequence[str]) -> str:
@@ -142,8 +155,10 @@ def _differs(was: Outcome, now: Outcome) -> str:
     if was.actions != now.actions:
         both = enumerate(zip(was.actions, now.actions, strict=False))
         same = next((i for i, (a, b) in both if a != b), min(len(was.actions), len(now.actions)))
-        facts.append(f"after {was.actions[max(0, same - 12) : same]!r} came {was.actions[same : same + 8]!r}, "
-                     f"comes {now.actions[same : same + 8]!r}")  # fmt: skip
+        facts.append(
+            f"after {was.actions[max(0, same - 12) : same]!r} came {was.actions[same : same + 8]!r}, "
+            f"comes {now.actions[same : same + 8]!r}"
+        )
     return "; ".join(facts)
 
 
@@ -193,7 +208,7 @@ def _came_to(search: Search, now: Outcome | None, trouble: str) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="benchmark.canary", description=(__doc__ or "").partition("\n")[0])
+    parser = argparse.ArgumentParser(prog="surveilnav.benchmark.canary", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("names", nargs="*", help="only these searches")
     parser.add_argument("--renew", action="store_true", help="write down what all of them do now")
     parser.add_argument("--no-pixels", action="store_true", help="leave out what doesn't gate")

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.dataset import DEFAULT_ROOT, Root
-from cli.options import AsJson, console, results
+from surveilnav.cli.dataset import DEFAULT_ROOT, Root
+from surveilnav.cli.options import AsJson, console, results
 
 if TYPE_CHECKING:
-    from benchmark.runner.run import Finished
-    from benchmark.tables.arms import Table
-    from benchmark.tables.make import Made
+    from surveilnav.benchmark.runner.run import Finished
+    from surveilnav.benchmark.tables.arms import Table
+    from surveilnav.benchmark.tables.make import Made
 
 PerScene = Annotated[
     int | None,
@@ -53,23 +53,34 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Play episodes; kill it at any moment and start it again. Exit 0 only if every episode was played."""
-    from benchmark.runner.run import run as play
-    from benchmark.runner.settings import RunSettings, run_id
-    from benchmark.runner.summary import SUCCESS_RULE, summarise
-    from cli.progress import counting
+    from surveilnav.benchmark.runner.run import run as play
+    from surveilnav.benchmark.runner.settings import RunSettings, run_id
+    from surveilnav.benchmark.runner.summary import SUCCESS_RULE, summarise
+    from surveilnav.cli.progress import counting
     from surveilnav.errors import ConfigError
 
     settings = RunSettings(
-        split=split, policy=policy, planner=planner, surveillance=_on(surveillance), perception=perception,  # type: ignore[arg-type]
-        density_m2=density, views=views, max_steps=max_steps, seed=seed,  # type: ignore[arg-type]
-    )  # fmt: skip
+        split=split,
+        policy=policy,
+        planner=planner,  # type: ignore[arg-type]
+        surveillance=_on(surveillance),
+        perception=perception,  # type: ignore[arg-type]
+        density_m2=density,
+        views=views,  # type: ignore[arg-type]
+        max_steps=max_steps,
+        seed=seed,
+    )
     folder = out or Path("runs/bench") / run_id(settings)
     began_s = time.monotonic()
     with counting(console, "episodes") as progress:
         finished = play(
-            root, folder, settings, workers=workers, per_scene=per_scene,
+            root,
+            folder,
+            settings,
+            workers=workers,
+            per_scene=per_scene,
             on_progress=lambda p: progress(p.done, p.total, ""),
-        )  # fmt: skip
+        )
     _say_faults(finished)
     if not finished.records:
         raise ConfigError(f"no episode could be played; see above, or {folder}")
@@ -100,16 +111,24 @@ def _say_faults(finished: Finished) -> None:
 
 def _numbers(finished: Finished, folder: Path, seconds: float) -> dict[str, Any]:
     """A run as one object."""
-    from benchmark.runner.summary import SUCCESS_RULE, summarise
+    from surveilnav.benchmark.runner.summary import SUCCESS_RULE, summarise
 
     s = summarise(finished.records)
     return {
-        "sr": round(s.sr.mean, 2), "spl": round(s.spl.mean, 2), "soft_spl": round(s.soft_spl.mean, 2),
-        "episodes": s.episodes, "seconds": round(seconds, 1), "traffic": s.bytes,
-        "success": SUCCESS_RULE, "missing": finished.missing, "broken": len(finished.broken),
+        "sr": round(s.sr.mean, 2),
+        "spl": round(s.spl.mean, 2),
+        "soft_spl": round(s.soft_spl.mean, 2),
+        "episodes": s.episodes,
+        "seconds": round(seconds, 1),
+        "traffic": s.bytes,
+        "success": SUCCESS_RULE,
+        "missing": finished.missing,
+        "broken": len(finished.broken),
         "unopened": finished.unopened,
-        "episode_seconds": round(sum(r.seconds for r in finished.records), 1), "reasons": s.reasons, "out": str(folder),
-    }  # fmt: skip
+        "episode_seconds": round(sum(r.seconds for r in finished.records), 1),
+        "reasons": s.reasons,
+        "out": str(folder),
+    }
 
 
 @app.command()
@@ -128,9 +147,9 @@ def table(
 ) -> None:
     """Make tables: play what is missing of their runs, write pages and plots. Exit 0 only if every episode that was asked
     for was played."""
-    from benchmark.tables.arms import TABLES, Arm
-    from benchmark.tables.make import expect_own_runs, make
-    from cli.progress import counting
+    from surveilnav.benchmark.tables.arms import TABLES, Arm
+    from surveilnav.benchmark.tables.make import expect_own_runs, make
+    from surveilnav.cli.progress import counting
     from surveilnav.errors import ConfigError
 
     if unknown := [n for n in name or () if n not in TABLES]:
@@ -157,7 +176,7 @@ def table(
 
 def _labels_with(texts: Sequence[str], names: Sequence[str] | None) -> list[str]:
     """The labels of tables' arms that are one of ``texts``, or have one in it that is no arm's. ConfigError: none has."""
-    from benchmark.tables.arms import TABLES
+    from surveilnav.benchmark.tables.arms import TABLES
     from surveilnav.errors import ConfigError
 
     labels = [a.label for one in names or TABLES for a in TABLES[one].arms]
@@ -181,15 +200,20 @@ def _said(table: Table, made: Made) -> dict[str, Any]:
     there = page or f"{table.name}: no page, nothing was played with this program"
     console.print(f"{there} ({made.played} of {len(table.arms)} arms are played)")
     return {
-        "table": table.name, "page": page, "arms": len(table.arms), "played": made.played, "complete": made.complete,
-        "not_counted": made.faults, "mended": made.mended,
-    }  # fmt: skip
+        "table": table.name,
+        "page": page,
+        "arms": len(table.arms),
+        "played": made.played,
+        "complete": made.complete,
+        "not_counted": made.faults,
+        "mended": made.mended,
+    }
 
 
 @app.command()
 def policies(as_json: AsJson = False) -> None:
     """List the policies."""
-    from benchmark.policies import POLICIES
+    from surveilnav.benchmark.policies import POLICIES
 
     if as_json:
         print(json.dumps({p.name: p.about for p in POLICIES.values()}))

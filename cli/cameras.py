@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.listing import Column, listing
-from cli.options import DEFAULT_URL, AsJson, Url, gateway, items, only_before_nothing, print_json, results
-from cli.words import clock
+from surveilnav.cli.listing import Column, listing
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, only_before_nothing, print_json, results
+from surveilnav.cli.words import clock
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,7 +21,7 @@ app = typer.Typer(invoke_without_command=True, help="List cameras; pause, resume
 
 def _ids(ctx: typer.Context, incomplete: str) -> list[str]:
     """For the shell: cameras that begin so; none if no gateway answers."""
-    from cli.completing import camera_ids
+    from surveilnav.cli.completing import camera_ids
 
     return camera_ids(ctx, incomplete)
 
@@ -86,7 +86,7 @@ def delete_pictures(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 def _known(asked: Client, typed: str) -> str:
     """The id that was meant: as typed, or the only one that begins so."""
-    from cli.completing import meant
+    from surveilnav.cli.completing import meant
 
     return meant("camera", typed, [camera["id"] for camera in asked.cameras()])
 
@@ -113,14 +113,27 @@ def show_cameras(found: list[Camera], console: Console) -> None:
         console.print("no camera has announced itself; see `surveilnav status`")
         return
     columns = (
-        Column("id", "id"), Column("floor", "id"), Column("at x, y [m]", "number"), Column("state"), Column("views", "number"),
-        Column("last heard of", "number"), Column("saw", "note"),
-    )  # fmt: skip
-    listing(console, columns, [
+        Column("id", "id"),
+        Column("floor", "id"),
+        Column("at x, y [m]", "number"),
+        Column("state"),
+        Column("views", "number"),
+        Column("last heard of", "number"),
+        Column("saw", "note"),
+    )
+    listing(
+        console,
+        columns,
         [
-            c["id"], c["floor"], f"{c['position_m'][0]:.1f}, {c['position_m'][1]:.1f}", state_of(c),
-            f"{c['views_processed']}/{len(c['views'])}", clock(c["last_seen"]),
-            ", ".join(f"{label} {chance:.2f}" for label, chance in c["labels"].items() if chance is not None),
-        ]
-        for c in found
-    ])  # fmt: skip
+            [
+                c["id"],
+                c["floor"],
+                f"{c['position_m'][0]:.1f}, {c['position_m'][1]:.1f}",
+                state_of(c),
+                f"{c['views_processed']}/{len(c['views'])}",
+                clock(c["last_seen"]),
+                ", ".join(f"{label} {chance:.2f}" for label, chance in c["labels"].items() if chance is not None),
+            ]
+            for c in found
+        ],
+    )

@@ -1,12 +1,12 @@
-"""``python -m cli.client_resources``: the resources of the REST interface as types of the Python client (``make docs``)."""
+"""``python -m surveilnav.cli.client_resources``: the resources of the REST interface as types of the client."""
 
 from __future__ import annotations
 
 from typing import Any
 from unittest.mock import MagicMock
 
-from services.gateway.app import create_app
-from services.gateway.core.resources.event import Event
+from surveilnav.services.gateway.app import create_app
+from surveilnav.services.gateway.core.resources.event import Event
 
 _HEAD = '''"""What the gateway answers, as types: dictionaries, as JSON has them.
 

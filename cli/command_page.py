@@ -1,4 +1,4 @@
-"""``python -m cli.command_page``: docs/use/command-line.md, from the commands themselves (``make docs``)."""
+"""``python -m surveilnav.cli.command_page``: docs/use/command-line.md, from the commands themselves (``make docs``)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 
 import typer
 
-from cli.exits import Exit
-from cli.main import app
+from surveilnav.cli.exits import Exit
+from surveilnav.cli.main import app
 
 #: What ``--json`` prints, by command: `Name` is a resource of REST.
 SHAPES: dict[str, str] = {

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.options import BUILDING_KINDS, AsJson, console
+from surveilnav.cli.options import BUILDING_KINDS, AsJson, console
 
 if TYPE_CHECKING:
-    from benchmark.dataset.splits import SplitSpec
+    from surveilnav.benchmark.dataset.splits import SplitSpec
 
 app = typer.Typer(no_args_is_help=True, help="The collaborative dataset: buildings, cameras, episodes.")
 
@@ -48,9 +48,9 @@ def build(
     """
     import msgspec
 
-    from benchmark.dataset.make import make
-    from benchmark.dataset.splits import own_split, splits_of
-    from cli.progress import counting
+    from surveilnav.benchmark.dataset.make import make
+    from surveilnav.benchmark.dataset.splits import own_split, splits_of
+    from surveilnav.cli.progress import counting
     from surveilnav.errors import ConfigError
 
     if building and len(split or ()) > 1:
@@ -71,7 +71,7 @@ def build(
 
 def _notes(root: Path, splits: Sequence[SplitSpec]) -> Iterator[tuple[str, str]]:
     """What people should know of the splits' scenes: of each its name and a note."""
-    from benchmark.dataset.format import SceneRecord, read
+    from surveilnav.benchmark.dataset.format import SceneRecord, read
 
     for split in splits:
         for spec in split.scenes:
@@ -86,8 +86,8 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Name whatever is wrong with a dataset. Exit 0 only if nothing is."""
-    from benchmark.dataset.check import check as faults_of
-    from cli.progress import counting
+    from surveilnav.benchmark.dataset.check import check as faults_of
+    from surveilnav.cli.progress import counting
 
     with counting(console, "scenes") as progress:
         faults = list(faults_of(root, deep=deep, on_scene=progress))
@@ -110,10 +110,10 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Draw floors, cameras with what they see, goals and starts."""
-    from benchmark.dataset.integrity import read_manifest
-    from benchmark.dataset.load import scenes_of
-    from benchmark.dataset.show import draw
-    from cli.progress import counting
+    from surveilnav.benchmark.dataset.integrity import read_manifest
+    from surveilnav.benchmark.dataset.load import scenes_of
+    from surveilnav.benchmark.dataset.show import draw
+    from surveilnav.cli.progress import counting
 
     read_manifest(root)
     scenes = scene or scenes_of(root, split)

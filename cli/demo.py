@@ -16,24 +16,24 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from cli.evidence import actions, deciding_views, layers, objects, trajectory
-from cli.map_watch import MapWatch
-from cli.old_runs import drop_old_runs
-from cli.progress import bar
-from cli.recorder import Recorder
-from cli.report import Moment, RunRecord, run_json, traffic_lines, write_report
-from cli.report import outcome as in_words
-from cli.stack import Stack, environment
-from cli.words import human_bytes
-from simulator.plans.polygons import contains
-from simulator.simulation import SimulatedBuilding, SimulationSettings
-from simulator.world.goals import Goals, Start, Verdict, find_goals, judge, sample_start
 from surveilnav.bus import Node, Refused, clock_ns
 from surveilnav.bus.router import free_port
+from surveilnav.cli.evidence import actions, deciding_views, layers, objects, trajectory
+from surveilnav.cli.map_watch import MapWatch
+from surveilnav.cli.old_runs import drop_old_runs
+from surveilnav.cli.progress import bar
+from surveilnav.cli.recorder import Recorder
+from surveilnav.cli.report import Moment, RunRecord, run_json, traffic_lines, write_report
+from surveilnav.cli.report import outcome as in_words
+from surveilnav.cli.stack import Stack, environment
+from surveilnav.cli.words import human_bytes
 from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, RECORDINGS
 from surveilnav.errors import BusError, MissionError, SurveilNavError
 from surveilnav.messages import MissionCancel, MissionGoal, MissionStatus
 from surveilnav.pictures import PictureSettings
+from surveilnav.simulator.plans.polygons import contains
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.world.goals import Goals, Start, Verdict, find_goals, judge, sample_start
 
 ROBOT = "r1"
 _READY_S = 180.0
@@ -88,9 +88,12 @@ def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
 def _prepare(options: DemoOptions, console: Console) -> tuple[SimulatedBuilding, Goals, Start]:
     console.print(f"building: [bold]{escape(options.building)}[/] seed {options.seed}")
     settings = SimulationSettings(
-        building=options.building, seed=options.seed, area_per_camera_m2=options.area_per_camera_m2,
-        cameras=options.cameras if options.surveillance else 0, cameras_everywhere=options.cameras_everywhere,
-    )  # fmt: skip
+        building=options.building,
+        seed=options.seed,
+        area_per_camera_m2=options.area_per_camera_m2,
+        cameras=options.cameras if options.surveillance else 0,
+        cameras_everywhere=options.cameras_everywhere,
+    )
     with bar(console) as progress:
         building = SimulatedBuilding(settings, progress)
         goals = find_goals(building.scene, building.navigation, options.target, caster=building.caster)
@@ -106,9 +109,14 @@ def _prepare(options: DemoOptions, console: Console) -> tuple[SimulatedBuilding,
 
 
 def _play(
-    options: DemoOptions, building: SimulatedBuilding, goals: Goals, start: Start, run_dir: Path, started: datetime,
+    options: DemoOptions,
+    building: SimulatedBuilding,
+    goals: Goals,
+    start: Start,
+    run_dir: Path,
+    started: datetime,
     console: Console,
-) -> RunRecord:  # fmt: skip
+) -> RunRecord:
     """The search itself: from the start of the services to what the report needs of them."""
     cameras = [camera.name for camera in building.plan.cameras] if options.surveillance else []
     variables = _variables(options, start, run_dir)
@@ -134,11 +142,18 @@ def _play(
 
 def _variables(options: DemoOptions, start: Start, run_dir: Path) -> dict[str, str]:
     return environment(
-        router=f"tcp/127.0.0.1:{free_port()}", building=options.building, seed=options.seed, cameras=options.cameras,
-        area_per_camera_m2=options.area_per_camera_m2, perception=options.perception, surveillance=options.surveillance,
-        state=run_dir / "state", cameras_everywhere=options.cameras_everywhere, recordings=options.runs / "recordings",
+        router=f"tcp/127.0.0.1:{free_port()}",
+        building=options.building,
+        seed=options.seed,
+        cameras=options.cameras,
+        area_per_camera_m2=options.area_per_camera_m2,
+        perception=options.perception,
+        surveillance=options.surveillance,
+        state=run_dir / "state",
+        cameras_everywhere=options.cameras_everywhere,
+        recordings=options.runs / "recordings",
         robot_start=f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}",
-    )  # fmt: skip
+    )
 
 
 def _search(
@@ -218,28 +233,52 @@ def _judge(recorder: Recorder, goals: Goals, start: Start) -> Verdict:
 
 
 def _record(
-    options: DemoOptions, building: SimulatedBuilding, recorder: Recorder, node: Node, status: MissionStatus,
-    verdict: Verdict, start: Start, started: datetime,
-) -> RunRecord:  # fmt: skip
+    options: DemoOptions,
+    building: SimulatedBuilding,
+    recorder: Recorder,
+    node: Node,
+    status: MissionStatus,
+    verdict: Verdict,
+    start: Start,
+    started: datetime,
+) -> RunRecord:
     floors = [revision.floor for revision in recorder.revisions()]
     known = [o for floor in floors for o in objects(node, floor)]
     backend, why = recorder.perception()
     return RunRecord(
-        building=building.scene.name, seed=options.seed, target=status.target, perception=backend, perception_why=why,
-        surveillance=options.surveillance, started=started, seconds=0.0, status=status,
+        building=building.scene.name,
+        seed=options.seed,
+        target=status.target,
+        perception=backend,
+        perception_why=why,
+        surveillance=options.surveillance,
+        started=started,
+        seconds=0.0,
+        status=status,
         verdict={
-            "found": status.state == "done" and status.found, "success": verdict.success, "steps": status.step,
-            "spl": verdict.spl, "soft_spl": verdict.soft_spl, "path_m": verdict.path_m,
-            "shortest_path_m": verdict.shortest_path_m, "distance_to_viewpoint_m": verdict.distance_to_viewpoint_m,
-            "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
+            "found": status.state == "done" and status.found,
+            "success": verdict.success,
+            "steps": status.step,
+            "spl": verdict.spl,
+            "soft_spl": verdict.soft_spl,
+            "path_m": verdict.path_m,
+            "shortest_path_m": verdict.shortest_path_m,
+            "distance_to_viewpoint_m": verdict.distance_to_viewpoint_m,
+            "success_at_0_2_m": verdict.success_at_0_2_m,
+            "success_at_1_m": verdict.success_at_1_m,
         },
-        trajectory=trajectory(recorder), actions=actions(recorder), plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
+        trajectory=trajectory(recorder),
+        actions=actions(recorder),
+        plans=[recorder.plans[seq] for seq in sorted(recorder.plans)],
         layers={floor: layers(node, floor, status.target) for floor in floors},
-        cameras=recorder.camera_infos(), invoked=recorder.invoked_cameras(), objects=known,
+        cameras=recorder.camera_infos(),
+        invoked=recorder.invoked_cameras(),
+        objects=known,
         deciding_views=deciding_views(node, recorder, known, status),
-        traffic=traffic_lines(recorder.traffic()), timeline=[Moment(*entry) for entry in recorder.timeline],
+        traffic=traffic_lines(recorder.traffic()),
+        timeline=[Moment(*entry) for entry in recorder.timeline],
         notes=[*building.notes, *start.notes],
-    )  # fmt: skip
+    )
 
 
 def _room_of(record: RunRecord, building: SimulatedBuilding) -> str:

@@ -12,13 +12,13 @@ from typing import Any, Literal
 
 from rich.console import Console
 
-from simulator.furniture.assets import is_here as is_here_already
-from simulator.simulation import Progress, SimulatedBuilding, SimulationSettings
-from simulator.sources import EXAMPLE_HOMES
 from surveilnav.config import cache_dir, models_dir, offline
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception.models import CATALOGUE, COCO_DETECTORS, is_here, model_id, survey
 from surveilnav.perception.names import BackendName
+from surveilnav.simulator.furniture.assets import is_here as is_here_already
+from surveilnav.simulator.simulation import Progress, SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.sources import EXAMPLE_HOMES
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,11 @@ def _assets() -> Finding:
     if is_here_already():
         return Finding("example homes", "ok", f"Sweet Home 3D's {len(EXAMPLE_HOMES)} homes and furniture")
     return Finding(
-        "example homes", "note", "Sweet Home 3D's homes and furniture aren't here yet",
+        "example homes",
+        "note",
+        "Sweet Home 3D's homes and furniture aren't here yet",
         "surveilnav prepare (needs apt and a network); parametric_flat works without",
-    )  # fmt: skip
+    )
 
 
 def _built_in() -> Finding:

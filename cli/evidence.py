@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from cli.recorder import Recorder
-from cli.report import DecidingView, Step
-from cli.report.floor_map import Layers
 from surveilnav.bus import Node, clock_ns
+from surveilnav.cli.recorder import Recorder
+from surveilnav.cli.report import DecidingView, Step
+from surveilnav.cli.report.floor_map import Layers
 from surveilnav.contract import CAMERA_REQUEST, MAP_LAYER, OBJECTS
 from surveilnav.errors import BusError, WireError
 from surveilnav.geometry import yaw_of
@@ -27,10 +27,19 @@ def trajectory(recorder: Recorder) -> list[Step]:
         yaw_rad = yaw_of(header.T_world_base.matrix())
         steps.append(
             Step(
-                x_m, y_m, header.floor, seq, header.stamp_ns, recorder.arrived_s[seq], yaw_rad, header.path_m,
-                header.last_action or "", header.collided, jpeg,
+                x_m,
+                y_m,
+                header.floor,
+                seq,
+                header.stamp_ns,
+                recorder.arrived_s[seq],
+                yaw_rad,
+                header.path_m,
+                header.last_action or "",
+                header.collided,
+                jpeg,
             )
-        )  # fmt: skip
+        )
     return steps
 
 

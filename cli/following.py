@@ -7,8 +7,8 @@ import time
 from rich.console import Console
 from rich.markup import escape
 
-from cli.mission_words import said_of, state_of, steps_of
-from cli.words import duration, metres
+from surveilnav.cli.mission_words import said_of, state_of, steps_of
+from surveilnav.cli.words import duration, metres
 from surveilnav.client import Client
 from surveilnav.client.resources import Mission
 from surveilnav.errors import GatewayError

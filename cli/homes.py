@@ -14,14 +14,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from cli.terminal import plain
-from simulator.meshes import is_mesh
-from simulator.meshes.layout import is_hm3d
-from simulator.sources import open_building
-from simulator.world.navigation import NavigationMap
-from simulator.world.raycast import RayCaster
-from simulator.world.reach import Survey, survey
+from surveilnav.cli.terminal import plain
 from surveilnav.errors import ConfigError, SurveilNavError
+from surveilnav.simulator.meshes import is_mesh
+from surveilnav.simulator.meshes.layout import is_hm3d
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.reach import Survey, survey
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from cli.terminal import plain
+from surveilnav.cli.terminal import plain
 
 _GAP = 2
 #: Columns are narrowed to no less than this.

@@ -12,9 +12,23 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from cli import bench, cameras, dataset, map, missions, models, objects, robots, start, status, survey, traffic, watch
-from cli.exits import Exit
-from cli.replay.command import replay
+from surveilnav.cli import (
+    bench,
+    cameras,
+    dataset,
+    map,
+    missions,
+    models,
+    objects,
+    robots,
+    start,
+    status,
+    survey,
+    traffic,
+    watch,
+)
+from surveilnav.cli.exits import Exit
+from surveilnav.cli.replay.command import replay
 
 
 class _Root(TyperGroup):
@@ -30,10 +44,14 @@ class _Root(TyperGroup):
 
 
 app = typer.Typer(
-    name="surveilnav", cls=_Root, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich",
+    name="surveilnav",
+    cls=_Root,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
     help="Surveillance cameras and a robot search a building together.",
     epilog="Completion for your shell: [bold]surveilnav --install-completion[/]",
-)  # fmt: skip
+)
 
 _SIMULATED, _RUNNING, _BENCHMARK = "A simulated building", "The running system", "Models and benchmark"
 _command: Callable[..., Any]
@@ -69,7 +87,7 @@ def main() -> None:
 
 def _explained(error: Exception, as_json: bool) -> Exit:
     """Tells people, and with ``--json`` a program, what is wrong; a bug keeps its traceback."""
-    from cli.mistakes import as_object, in_words, usage_of
+    from surveilnav.cli.mistakes import as_object, in_words, usage_of
 
     usage = usage_of(error)
     words = usage if usage is not None else in_words(error)

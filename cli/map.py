@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.options import DEFAULT_URL, AsJson, Url, console, gateway, print_json, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, console, gateway, print_json, results
 
 if TYPE_CHECKING:
-    from cli.map_drawing import Drawing
+    from surveilnav.cli.map_drawing import Drawing
     from surveilnav.client import Client
     from surveilnav.client.resources import Layer
 
@@ -87,7 +87,7 @@ def _write(out: Path, asked: Client, place: Layer) -> None:
 
 def drawn(asked: Client, place: Layer, width: int | None = None) -> Drawing:
     """The map as characters, as wide as the terminal."""
-    from cli.map_drawing import draw
+    from surveilnav.cli.map_drawing import draw
 
     floor = place["floor"]
     layers = {name: asked.layer_array(floor, name) for name in ("occupancy", "explored", "frontier")}

@@ -18,10 +18,13 @@ from surveilnav.client.resources import Camera, Layer, Object, Robot
 _ASPECT = 2
 #: (character, style, what it is), the later over the earlier.
 _MARKS = {
-    "explored": ("·", "bright_black", "explored"), "frontier": ("?", "yellow", "frontier"), "occupancy": ("#", "", "obstacle"),
-    "camera": ("C", "bold magenta", "camera"), "object": ("o", "bold green", "confirmed object"),
+    "explored": ("·", "bright_black", "explored"),
+    "frontier": ("?", "yellow", "frontier"),
+    "occupancy": ("#", "", "obstacle"),
+    "camera": ("C", "bold magenta", "camera"),
+    "object": ("o", "bold green", "confirmed object"),
     "robot": ("R", "bold cyan", "robot"),
-}  # fmt: skip
+}
 _SHADES = " ░▒▓█"
 _ARROWS = ">^<v"
 
@@ -37,9 +40,13 @@ class Drawing:
 
 
 def draw(
-    layers: Mapping[str, NDArray], place: Layer, robots: Sequence[Robot], cameras: Sequence[Camera],
-    objects: Sequence[Object], width: int,
-) -> Drawing:  # fmt: skip
+    layers: Mapping[str, NDArray],
+    place: Layer,
+    robots: Sequence[Robot],
+    cameras: Sequence[Camera],
+    objects: Sequence[Object],
+    width: int,
+) -> Drawing:
     """A map at most ``width`` characters wide.
 
     Args:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from cli.report import MapMoment
-from cli.report.cell_changes import states_of
 from surveilnav.bus import Node
+from surveilnav.cli.report import MapMoment
+from surveilnav.cli.report.cell_changes import states_of
 from surveilnav.contract import MAP_LAYER
 from surveilnav.errors import BusError, WireError
 from surveilnav.sensing.layers import unpack_layer

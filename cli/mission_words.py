@@ -6,14 +6,19 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from cli.listing import Cell, Column, facts, listing
-from cli.words import clock, duration, metres
+from surveilnav.cli.listing import Cell, Column, facts, listing
+from surveilnav.cli.words import clock, duration, metres
 from surveilnav.client.resources import Mission, MissionPlan, Place
 
 _COLUMNS = (
-    Column("id", "id"), Column("state"), Column("target", "text"), Column("robot", "id"), Column("step", "number"),
-    Column("way", "number"), Column("message", "note"),
-)  # fmt: skip
+    Column("id", "id"),
+    Column("state"),
+    Column("target", "text"),
+    Column("robot", "id"),
+    Column("step", "number"),
+    Column("way", "number"),
+    Column("message", "note"),
+)
 _COLOURS = {"active": "cyan", "confirming": "cyan", "paused": "yellow", "queued": "yellow", "failed": "red"}
 
 
@@ -62,16 +67,28 @@ def show_mission(mission: Mission, plan: MissionPlan | None, console: Console) -
     """All that is known of one, and its plan."""
     asked = f" (asked for: {mission['asked']})" if mission["asked"] else ""
     left = duration(mission["time_remaining_s"])
-    facts(console, [
-        ("mission", mission["id"]), ("target", mission["target"] + asked), ("state", state_of(mission)),
-        ("found", "yes" if mission["found"] else ""), ("the simulator", _judged(mission)),
-        ("why", said_of(mission)), ("robot", mission["robot"] or "none yet"),
-        ("floor", mission["floor"] or ""), ("phase", mission["phase"]), ("step", steps_of(mission)),
-        ("way so far", metres(mission["path_m"])), ("to waypoint", metres(mission["distance_remaining_m"])),
-        ("time left", f"{left} to the waypoint" if left else ""), ("took", duration(mission["elapsed_s"])),
-        ("started", clock(mission["started"])), ("finished", clock(mission["finished"])),
-        ("last heard of", clock(mission["last_seen"]) + (", its planner is gone" if mission["stale"] else "")),
-    ])  # fmt: skip
+    facts(
+        console,
+        [
+            ("mission", mission["id"]),
+            ("target", mission["target"] + asked),
+            ("state", state_of(mission)),
+            ("found", "yes" if mission["found"] else ""),
+            ("the simulator", _judged(mission)),
+            ("why", said_of(mission)),
+            ("robot", mission["robot"] or "none yet"),
+            ("floor", mission["floor"] or ""),
+            ("phase", mission["phase"]),
+            ("step", steps_of(mission)),
+            ("way so far", metres(mission["path_m"])),
+            ("to waypoint", metres(mission["distance_remaining_m"])),
+            ("time left", f"{left} to the waypoint" if left else ""),
+            ("took", duration(mission["elapsed_s"])),
+            ("started", clock(mission["started"])),
+            ("finished", clock(mission["finished"])),
+            ("last heard of", clock(mission["last_seen"]) + (", its planner is gone" if mission["stale"] else "")),
+        ],
+    )
     if plan:
         console.print()
         show_plan(plan, console)

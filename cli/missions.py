@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.options import (
+from surveilnav.cli.options import (
     DEFAULT_URL,
     AsJson,
     MaxSteps,
@@ -28,7 +28,7 @@ app = typer.Typer(invoke_without_command=True, help="List missions; show, cancel
 
 def _ids(ctx: typer.Context, incomplete: str) -> list[str]:
     """For the shell: missions that begin so; none if no gateway answers."""
-    from cli.completing import mission_ids
+    from surveilnav.cli.completing import mission_ids
 
     return mission_ids(ctx, incomplete)
 
@@ -49,7 +49,7 @@ def find(
     as_json: AsJson = False,
 ) -> None:
     """Send a robot of the running system to find TARGET. Exit 0 only if it was found."""
-    from cli.following import follow_mission
+    from surveilnav.cli.following import follow_mission
 
     with gateway(url) as asked:
         mission = follow_mission(asked, target, robot, max_steps, console, queue=queue)
@@ -64,7 +64,7 @@ def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False
     only_before_nothing(ctx)
     if ctx.invoked_subcommand:
         return
-    from cli.mission_words import show_missions
+    from surveilnav.cli.mission_words import show_missions
 
     with gateway(url) as asked:
         missions = asked.missions()
@@ -77,7 +77,7 @@ def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False
 @app.command()
 def show(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Say all that is known of one mission, and what its robot is up to."""
-    from cli.mission_words import show_mission
+    from surveilnav.cli.mission_words import show_mission
 
     with gateway(url) as asked:
         mission = asked.mission(_known(asked, id))
@@ -90,7 +90,7 @@ def show(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 @app.command()
 def plan(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Say what was weighed for the next waypoint, and why it was chosen."""
-    from cli.mission_words import show_plan
+    from surveilnav.cli.mission_words import show_plan
 
     with gateway(url) as asked:
         found = asked.plan(_known(asked, id))
@@ -130,7 +130,7 @@ def _changed(mission: Mission, as_json: bool) -> None:
 
 def _known(asked: Client, typed: str) -> str:
     """The id that was meant: as typed, or the only one that begins so."""
-    from cli.completing import meant
+    from surveilnav.cli.completing import meant
 
     return meant("mission", typed, [mission["id"] for mission in asked.missions()])
 

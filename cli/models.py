@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from cli.options import AsJson, console, items, print_json, results
+from surveilnav.cli.options import AsJson, console, items, print_json, results
 
 if TYPE_CHECKING:
     from surveilnav.perception import models
@@ -21,7 +21,7 @@ Names = Annotated[list[str], typer.Argument(help="Models, as `surveilnav models 
 @app.command("list")
 def list_models(as_json: AsJson = False) -> None:
     """Say which models there are, how large, under which licence, and where they lie on this machine."""
-    from cli.listing import Column, listing
+    from surveilnav.cli.listing import Column, listing
     from surveilnav.perception import models
 
     rows = [_row(model) for model in models.CATALOGUE.values()]
@@ -29,16 +29,28 @@ def list_models(as_json: AsJson = False) -> None:
         print_json(items(rows))
         return
     columns = (
-        Column("model", "id"), Column("kind"), Column("MB", "number"), Column("licence", "text"), Column("hash", "word"),
+        Column("model", "id"),
+        Column("kind"),
+        Column("MB", "number"),
+        Column("licence", "text"),
+        Column("hash", "word"),
         Column("here", "note"),
-    )  # fmt: skip
-    listing(results, columns, [
+    )
+    listing(
+        results,
+        columns,
         [
-            row["name"], row["kind"], f"{row['bytes'] / 1e6:,.0f}" if row["bytes"] else "?", row["licence"], row["hash"],
-            (row["fault"], "red") if row["fault"] else row["path"] or "-",
-        ]
-        for row in rows
-    ])  # fmt: skip
+            [
+                row["name"],
+                row["kind"],
+                f"{row['bytes'] / 1e6:,.0f}" if row["bytes"] else "?",
+                row["licence"],
+                row["hash"],
+                (row["fault"], "red") if row["fault"] else row["path"] or "-",
+            ]
+            for row in rows
+        ],
+    )
     results.print(
         "\nhash: `known` stands in the catalogue, `card` beside the weights. `first pull` is trusted when it "
         "first comes, and written into models.lock.json; later content is held to it.\n"
@@ -51,11 +63,19 @@ def _row(model: models.Model) -> dict[str, Any]:
 
     seen = models.survey(model.name)
     return {
-        "name": model.name, "kind": model.kind, "family": model.family, "vocabulary": model.vocabulary,
-        "bytes": _size_bytes(model, seen), "licence": model.licence, "hash": _hash_known(model),
-        "source": model.source or model.setting, "confirmed": model.confirmed, "note": model.note,
-        "path": str(seen.path) if seen.path else "", "fault": seen.fault,
-    }  # fmt: skip
+        "name": model.name,
+        "kind": model.kind,
+        "family": model.family,
+        "vocabulary": model.vocabulary,
+        "bytes": _size_bytes(model, seen),
+        "licence": model.licence,
+        "hash": _hash_known(model),
+        "source": model.source or model.setting,
+        "confirmed": model.confirmed,
+        "note": model.note,
+        "path": str(seen.path) if seen.path else "",
+        "fault": seen.fault,
+    }
 
 
 def _size_bytes(model: models.Model, seen: models.Seen) -> int:
@@ -79,7 +99,7 @@ def pull(
     as_json: AsJson = False,
 ) -> None:
     """Fetch models. What broke off goes on where it was; what is here already is checked and kept."""
-    from cli.progress import downloading
+    from surveilnav.cli.progress import downloading
     from surveilnav.perception import models
 
     found: dict[str, str] = {}
@@ -101,7 +121,7 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Hash models anew, and compare. Exit 1 if one is damaged, or named and not here. A model's id ends with its digest."""
-    from cli.progress import counting
+    from surveilnav.cli.progress import counting
     from surveilnav.perception import models
 
     asked, seen = list(names or models.CATALOGUE), dict[str, models.Seen]()

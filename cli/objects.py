@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.listing import Column, listing
-from cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
+from surveilnav.cli.listing import Column, listing
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,16 +46,30 @@ def show_objects(found: list[Object], console: Console) -> None:
         console.print("nothing is known of such objects yet")
         return
     columns = (
-        Column("object", "text"), Column("floor", "id"), Column("at x, y, z [m]", "number"), Column("status"),
-        Column("chance", "number"), Column("fits", "number"), Column("seen by", "note"),
-    )  # fmt: skip
-    listing(console, columns, [
+        Column("object", "text"),
+        Column("floor", "id"),
+        Column("at x, y, z [m]", "number"),
+        Column("status"),
+        Column("chance", "number"),
+        Column("fits", "number"),
+        Column("seen by", "note"),
+    )
+    listing(
+        console,
+        columns,
         [
-            f"{o['label']} {o['id']}", o["floor"], ", ".join("?" if v is None else f"{v:.1f}" for v in o["center_m"]),
-            o["status"], _share(o["confidence"]), _share(o["relevance"]), ", ".join(o["sources"]),
-        ]
-        for o in found
-    ])  # fmt: skip
+            [
+                f"{o['label']} {o['id']}",
+                o["floor"],
+                ", ".join("?" if v is None else f"{v:.1f}" for v in o["center_m"]),
+                o["status"],
+                _share(o["confidence"]),
+                _share(o["relevance"]),
+                ", ".join(o["sources"]),
+            ]
+            for o in found
+        ],
+    )
 
 
 def _share(value: float | None) -> str:

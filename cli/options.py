@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.terminal import Terminal
+from surveilnav.cli.terminal import Terminal
 from surveilnav.perception.names import BackendName
 
 if TYPE_CHECKING:

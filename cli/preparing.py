@@ -12,15 +12,15 @@ from typing import Any
 
 from rich.console import Console
 
-from cli.progress import bar, counting, downloading
-from simulator.furniture.assets import PACKAGES, ensure_assets, is_here
-from simulator.simulation import SimulatedBuilding, SimulationSettings
-from simulator.sources import EXAMPLE_HOMES, PARAMETRIC
-from simulator.truth.choose import choose_backend
+from surveilnav.cli.progress import bar, counting, downloading
 from surveilnav.errors import AssetError
 from surveilnav.perception import models
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.presets import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS, PAPER
+from surveilnav.simulator.furniture.assets import PACKAGES, ensure_assets, is_here
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.sources import EXAMPLE_HOMES, PARAMETRIC
+from surveilnav.simulator.truth.choose import choose_backend
 
 #: The search that is played so that all loops are compiled: the smallest of the golden run that has cameras.
 _SEARCH = "with cameras"
@@ -48,10 +48,13 @@ class Prepared:
     def as_dict(self) -> dict[str, Any]:
         """As ``--json`` says it."""
         return {
-            "building": self.building, "floors": self.floors, "cameras": self.cameras,
-            "perception": {"backend": self.backend, "why": self.why}, "notes": self.notes,
+            "building": self.building,
+            "floors": self.floors,
+            "cameras": self.cameras,
+            "perception": {"backend": self.backend, "why": self.why},
+            "notes": self.notes,
             "seconds": {step: round(seconds, 1) for step, seconds in self.seconds.items()},
-        }  # fmt: skip
+        }
 
 
 def run_prepare(settings: SimulationSettings, perception: str, console: Console, *, loops: bool) -> Prepared:
@@ -123,7 +126,7 @@ def compile_loops(on_progress: Callable[[int, int, str], None]) -> None:
     Args:
         on_progress: is told (compiled, of, which): of all loops, though no search needs every one.
     """
-    from benchmark.canary import play, read
+    from surveilnav.benchmark.canary import play, read
 
     search = next(s for s in read().searches if s.name == _SEARCH)
     ended = threading.Event()
@@ -148,9 +151,5 @@ def _loops() -> list[Any]:
     """All functions of ours that Numba compiles, as far as they are loaded."""
     from numba.core.dispatcher import Dispatcher
 
-    ours = [
-        m
-        for name, m in list(sys.modules.items())
-        if m and name.partition(".")[0] in ("services", "simulator", "surveilnav")
-    ]
+    ours = [m for name, m in list(sys.modules.items()) if m and name.partition(".")[0] == "surveilnav"]
     return list({id(v): v for m in ours for v in list(vars(m).values()) if isinstance(v, Dispatcher)}.values())

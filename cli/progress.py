@@ -20,7 +20,7 @@ from rich.progress import (
     TransferSpeedColumn,
 )
 
-from cli.words import duration
+from surveilnav.cli.words import duration
 
 _SAY_EVERY_S = 15.0
 
@@ -80,8 +80,14 @@ class _Told:
 def counting(console: Console, things: str) -> Iterator[Callable[[int, int, str], None]]:
     """A function (done, of, which) for long work: a bar, or a line every now and then where there is no terminal."""
     if console.is_terminal:
-        columns = (TextColumn(things), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"),
-                   TimeElapsedColumn(), TimeRemainingColumn())  # fmt: skip
+        columns = (
+            TextColumn(things),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.description}"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
         with Progress(*columns, console=console, transient=True) as progress:
             task = progress.add_task("", total=None)
             yield lambda done, of, which: progress.update(task, completed=done, total=of, description=which)
@@ -108,8 +114,13 @@ def counting(console: Console, things: str) -> Iterator[Callable[[int, int, str]
 def downloading(console: Console) -> Iterator[Callable[[int, int | None, str], None]]:
     """A function (bytes so far, of, file) for downloads: a bar for each file, or a line where there is no terminal."""
     if console.is_terminal:
-        columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn(),
-                   TimeRemainingColumn())  # fmt: skip
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            DownloadColumn(),
+            TransferSpeedColumn(),
+            TimeRemainingColumn(),
+        )
         with Progress(*columns, console=console) as progress:
             tasks: dict[str, TaskID] = {}
 

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cli.words import why_perceived
 from surveilnav.bus import Node
+from surveilnav.cli.words import why_perceived
 from surveilnav.contract import (
     CAMERA_INFO,
     MAP_REVISION,

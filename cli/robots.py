@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
 
 if TYPE_CHECKING:
     from surveilnav.client.resources import RobotHalt

@@ -1,6 +1,6 @@
 """docs/use/settings.md: every setting that the environment can make, from the classes that read it.
 
-python -m cli.settings_page > docs/use/settings.md    # make docs
+python -m surveilnav.cli.settings_page > docs/use/settings.md    # make docs
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_settings import BaseSettings
 
-from services.camera_node.config import CameraSettings
-from services.fusion.config import FusionSettings
-from services.fusion.core.config import FusionConfig
-from services.gateway.config import GatewaySettings
-from services.perception.config import PerceptionSettings
-from services.planner.config import PlannerSettings
-from services.recorder.config import RecorderSettings
-from services.robot_node.config import RobotSettings
-from simulator.simulation import SimulationSettings
 from surveilnav.bus import BusSettings
 from surveilnav.pictures import PictureSettings
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core.config import FusionConfig
+from surveilnav.services.gateway.config import GatewaySettings
+from surveilnav.services.perception.config import PerceptionSettings
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.recorder.config import RecorderSettings
+from surveilnav.services.robot_node.config import RobotSettings
+from surveilnav.simulator.simulation import SimulationSettings
 
 _BEGINNING = """\
 # Settings
@@ -129,9 +129,11 @@ def _part(field: FieldInfo) -> type[BaseModel]:
 
 def _setting(prefix: str, name: str, field: FieldInfo) -> Setting:
     return Setting(
-        prefix + name.upper(), _written(field.get_default(call_default_factory=True)), tuple(_choices(field)),
+        prefix + name.upper(),
+        _written(field.get_default(call_default_factory=True)),
+        tuple(_choices(field)),
         field.description or "",
-    )  # fmt: skip
+    )
 
 
 def _choices(field: FieldInfo) -> Iterator[str]:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
-from services.gateway.core.resources import NEEDED
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import ENDS_WITH_STDIN
 from surveilnav.errors import SurveilNavError
+from surveilnav.services.gateway.core.resources import NEEDED
 
 _SOON_S = 5.0
 _WHY_LATE = "; after an installation they compile their loops for half a minute"
@@ -71,14 +71,16 @@ class Stack:
             "router": _Program("surveilnav.bus.router", ("--listen", self.environment["SURVEILNAV_BUS__ROUTER"]))
         }
         if self.searches:
-            programs |= {name: _Program(f"services.{name}") for name in ("perception", "fusion", "planner")}
-            programs["robot"] = _Program("services.robot_node")
+            programs |= {name: _Program(f"surveilnav.services.{name}") for name in ("perception", "fusion", "planner")}
+            programs["robot"] = _Program("surveilnav.services.robot_node")
         for camera in self.cameras:
-            programs[f"camera-{camera}"] = _Program("services.camera_node", more={"SURVEILNAV_CAMERA__ID": camera})
+            programs[f"camera-{camera}"] = _Program(
+                "surveilnav.services.camera_node", more={"SURVEILNAV_CAMERA__ID": camera}
+            )
         if self.gateway:
-            programs["gateway"] = _Program("services.gateway")
+            programs["gateway"] = _Program("surveilnav.services.gateway")
         if self.recorder:
-            programs["recorder"] = _Program("services.recorder")
+            programs["recorder"] = _Program("surveilnav.services.recorder")
         return programs
 
     def start(self, name: str) -> None:
@@ -89,8 +91,11 @@ class Stack:
                 [sys.executable, "-m", program.module, *program.arguments],
                 env={**os.environ, **self.environment, **program.more, ENDS_WITH_STDIN: "1"},
                 # Nobody writes to it: it breaks when this process is gone, also by `kill -9`, and the service ends.
-                stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True,
-            )  # fmt: skip
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
 
     def can_do_without(self, name: str) -> bool:
         """Whether the rest can search without that service: a camera, the recorder."""
@@ -159,10 +164,19 @@ def _terminate(processes: list[subprocess.Popen[bytes]]) -> None:
 
 
 def environment(
-    *, router: str, building: str, seed: int, cameras: int | None, area_per_camera_m2: float, perception: str,
-    surveillance: bool, state: Path, recordings: Path = Path("runs/recordings"), cameras_everywhere: bool = False,
+    *,
+    router: str,
+    building: str,
+    seed: int,
+    cameras: int | None,
+    area_per_camera_m2: float,
+    perception: str,
+    surveillance: bool,
+    state: Path,
+    recordings: Path = Path("runs/recordings"),
+    cameras_everywhere: bool = False,
     robot_start: str = "",
-) -> dict[str, str]:  # fmt: skip
+) -> dict[str, str]:
     """The settings of a stack as environment variables. ``state``: where maps, missions and the robot's place are kept.
     ``recordings``: where they go, unless the environment says so."""
     settings = {

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cli.options import (
+from surveilnav.cli.options import (
     BUILDING_KINDS,
     Area,
     AsJson,
@@ -45,12 +45,19 @@ def demo(
     as_json: AsJson = False,
 ) -> None:
     """Search a simulated home, end to end, and write a report. Exit 0 only if the stop was right."""
-    from cli.demo import DemoOptions, run_demo
+    from surveilnav.cli.demo import DemoOptions, run_demo
 
     options = DemoOptions(
-        building=building, seed=seed, target=target, perception=perception.value, surveillance=surveillance is OnOff.on,
-        **density(cameras, area_per_camera, cameras_everywhere), max_steps=max_steps, runs=runs, record=record is OnOff.on,
-    )  # fmt: skip
+        building=building,
+        seed=seed,
+        target=target,
+        perception=perception.value,
+        surveillance=surveillance is OnOff.on,
+        **density(cameras, area_per_camera, cameras_everywhere),
+        max_steps=max_steps,
+        runs=runs,
+        record=record is OnOff.on,
+    )
     outcome = run_demo(options, console)
     if as_json:
         print_json(outcome)
@@ -71,13 +78,20 @@ def up(
     record: Record = OnOff.on,
 ) -> None:
     """Start router and services for a simulated home and keep them running until Ctrl-C."""
-    from cli.up import run_up
+    from surveilnav.cli.up import run_up
 
     run_up(
-        console, building=building, seed=seed, perception=perception.value, surveillance=surveillance is OnOff.on,
-        **density(cameras, area_per_camera, cameras_everywhere), port=port, router=router, logs=logs,
+        console,
+        building=building,
+        seed=seed,
+        perception=perception.value,
+        surveillance=surveillance is OnOff.on,
+        **density(cameras, area_per_camera, cameras_everywhere),
+        port=port,
+        router=router,
+        logs=logs,
         record=record is OnOff.on,
-    )  # fmt: skip
+    )
 
 
 def prepare(
@@ -103,8 +117,8 @@ def prepare(
     After it no network is needed, and `demo` and `up` with the same options find everything ready. Without --building all
     comes from the environment (SURVEILNAV_SIM__BUILDING, ...), as in `docker compose up`.
     """
-    from cli.preparing import run_prepare
-    from simulator.simulation import SimulationSettings
+    from surveilnav.cli.preparing import run_prepare
+    from surveilnav.simulator.simulation import SimulationSettings
 
     if building is not None:  # as `demo` and `up` have it, so that they find the same plan
         said: dict[str, Any] = {"building": building, "seed": seed or 0}

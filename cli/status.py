@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from rich.padding import Padding
 from rich.text import Text
 
-from cli.listing import Column, listing
-from cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
-from cli.terminal import plain
-from cli.words import clock, why_perceived
+from surveilnav.cli.listing import Column, listing
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
+from surveilnav.cli.terminal import plain
+from surveilnav.cli.words import clock, why_perceived
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,19 +33,26 @@ def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 def everything(asked: Client) -> dict[str, list[Any]]:
     """The gateway's lists by name."""
     return {
-        "services": list(asked.services()), "robots": list(asked.robots()), "cameras": list(asked.cameras()),
-        "perception": list(asked.perception()), "missions": list(asked.missions()),
-    }  # fmt: skip
+        "services": list(asked.services()),
+        "robots": list(asked.robots()),
+        "cameras": list(asked.cameras()),
+        "perception": list(asked.perception()),
+        "missions": list(asked.missions()),
+    }
 
 
 def show_status(found: dict[str, list[Any]], console: Console) -> None:
     """A table for each of the lists; what robots can't reach below theirs."""
-    from cli.cameras import show_cameras
-    from cli.mission_words import show_missions
+    from surveilnav.cli.cameras import show_cameras
+    from surveilnav.cli.mission_words import show_missions
 
     show: dict[str, Callable[[list[Any], Console], None]] = {
-        "services": _services, "robots": _robots, "cameras": show_cameras, "perception": _workers, "missions": show_missions,
-    }  # fmt: skip
+        "services": _services,
+        "robots": _robots,
+        "cameras": show_cameras,
+        "perception": _workers,
+        "missions": show_missions,
+    }
     for name, rows in found.items():
         console.print(f"[bold]{name}[/] ({len(rows)})")
         if rows:
@@ -61,9 +68,11 @@ def _services(rows: list[Any], console: Console) -> None:
         Column("last", "number"),
         Column("why", "note"),
     )
-    listing(console, columns, [
-        [s["id"], service_state(s), str(s["restarts"]), clock(s["restarted"]), s["why"] or ""] for s in rows
-    ])  # fmt: skip
+    listing(
+        console,
+        columns,
+        [[s["id"], service_state(s), str(s["restarts"]), clock(s["restarted"]), s["why"] or ""] for s in rows],
+    )
 
 
 def service_state(service: Any) -> tuple[str, str]:
@@ -75,16 +84,28 @@ def service_state(service: Any) -> tuple[str, str]:
 
 def _robots(rows: list[Any], console: Console) -> None:
     columns = (
-        Column("robot", "id"), Column("floor", "id"), Column("at x, y [m]", "number"), Column("state"), Column("mission", "id"),
+        Column("robot", "id"),
+        Column("floor", "id"),
+        Column("at x, y [m]", "number"),
+        Column("state"),
+        Column("mission", "id"),
         Column("message", "note"),
-    )  # fmt: skip
-    listing(console, columns, [
+    )
+    listing(
+        console,
+        columns,
         [
-            r["id"], r["floor"], f"{r['position_m'][0]:.1f}, {r['position_m'][1]:.1f}",
-            ("silent", "red") if r["stale"] else r["state"], r["mission"] or "-", r["message"],
-        ]
-        for r in rows
-    ])  # fmt: skip
+            [
+                r["id"],
+                r["floor"],
+                f"{r['position_m'][0]:.1f}, {r['position_m'][1]:.1f}",
+                ("silent", "red") if r["stale"] else r["state"],
+                r["mission"] or "-",
+                r["message"],
+            ]
+            for r in rows
+        ],
+    )
     for row in rows:
         for note in row["notes"]:
             console.print(Padding(Text(plain(f"note: {note}")), (0, 0, 0, 2)))
@@ -99,10 +120,17 @@ def _workers(rows: list[Any], console: Console) -> None:
         Column("queue", "number"),
         Column("why", "note"),
     )
-    listing(console, columns, [
+    listing(
+        console,
+        columns,
         [
-            w["id"], w["backend"], ("silent", "red") if w["stale"] else "ready" if w["ready"] else ("not ready", "yellow"),
-            f"{w['queued']}/{w['capacity']}", why_perceived(w["why"], w["calibrated"]),
-        ]
-        for w in rows
-    ])  # fmt: skip
+            [
+                w["id"],
+                w["backend"],
+                ("silent", "red") if w["stale"] else "ready" if w["ready"] else ("not ready", "yellow"),
+                f"{w['queued']}/{w['capacity']}",
+                why_perceived(w["why"], w["calibrated"]),
+            ]
+            for w in rows
+        ],
+    )

@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cli.restarts import RestartPolicy
-from cli.stack import Stack
 from surveilnav.bus import Node, clock_ns
+from surveilnav.cli.restarts import RestartPolicy
+from surveilnav.cli.stack import Stack
 from surveilnav.contract import SERVICES
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import ServiceList, ServiceState

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.listing import Column, listing
-from cli.options import AsJson, console, items, print_json, results
+from surveilnav.cli.listing import Column, listing
+from surveilnav.cli.options import AsJson, console, items, print_json, results
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,9 +25,9 @@ def buildings(as_json: AsJson = False) -> None:
 
 def _buildings() -> list[dict[str, Any]]:
     """A row for each name: its size is null where the number in the name decides it, or the plan isn't here."""
-    from cli.progress import counting
-    from simulator.sizes import sizes
-    from simulator.sources import list_buildings
+    from surveilnav.cli.progress import counting
+    from surveilnav.simulator.sizes import sizes
+    from surveilnav.simulator.sources import list_buildings
 
     about = {building.name: building.about for building in list_buildings()}
     rows: list[dict[str, Any]] = []
@@ -42,12 +42,20 @@ def _buildings() -> list[dict[str, Any]]:
 def show_buildings(rows: list[dict[str, Any]], out: Console) -> None:
     """A line a building."""
     columns = (
-        Column("name", "id"), Column("floors", "number"), Column("rooms", "number"), Column("m²", "number"),
+        Column("name", "id"),
+        Column("floors", "number"),
+        Column("rooms", "number"),
+        Column("m²", "number"),
         Column("what it is", "note"),
-    )  # fmt: skip
-    listing(out, columns, [
-        [row["name"], _count(row["floors"]), _number(row["rooms"]), _number(row["area_m2"]), row["about"]] for row in rows
-    ])  # fmt: skip
+    )
+    listing(
+        out,
+        columns,
+        [
+            [row["name"], _count(row["floors"]), _number(row["rooms"]), _number(row["area_m2"]), row["about"]]
+            for row in rows
+        ],
+    )
     if any(row["rooms"] is None and "<n>" not in row["name"] for row in rows):
         out.print("without numbers: plans that aren't here yet; `surveilnav prepare` fetches them")
 
@@ -67,8 +75,8 @@ def homes(
 
     It takes .sh3d files, Home.xml, .glb, .gltf, .obj and folders of HM3D, however deep they lie.
     """
-    from cli.homes import as_dict, look_at, show
-    from cli.progress import counting
+    from surveilnav.cli.homes import as_dict, look_at, show
+    from surveilnav.cli.progress import counting
 
     with counting(console, "files") as progress:
         lines = look_at(folder, progress)
@@ -86,8 +94,8 @@ def doctor(
     as_json: AsJson = False,
 ) -> None:
     """Say what is missing on this machine, and how to get it. Exit 1 if something must be mended."""
-    from cli.doctor import examine, show
-    from cli.progress import bar
+    from surveilnav.cli.doctor import examine, show
+    from surveilnav.cli.progress import bar
 
     with bar(console) as progress:
         findings = examine(building, progress)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.listing import Cell, Column, facts, listing
-from cli.options import DEFAULT_URL, AsJson, Url, gateway, print_json, results
-from cli.words import human_bytes
+from surveilnav.cli.listing import Cell, Column, facts, listing
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, print_json, results
+from surveilnav.cli.words import human_bytes
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,7 +35,7 @@ def traffic(
 
 
 def _of_mission(id: str, url: str, as_json: bool) -> None:
-    from cli.completing import meant
+    from surveilnav.cli.completing import meant
 
     with gateway(url) as asked:
         cost = asked.mission_traffic(meant("mission", id, [m["id"] for m in asked.missions()]))
@@ -48,14 +48,19 @@ def _of_mission(id: str, url: str, as_json: bool) -> None:
 def show_cost(cost: MissionTraffic, console: Console) -> None:
     """What cameras and robots sent while a mission ran."""
     most, step = cost["at_most_bytes"], cost["per_step_bytes"]
-    facts(console, [
-        ("mission", cost["mission"]), ("offered", human_bytes(cost["offered_bytes"])),
-        ("delivered", human_bytes(cost["delivered_bytes"])), ("wire", human_bytes(cost["wire_sent_bytes"])),
-        ("a step", "" if step is None else human_bytes(round(step))),
-        ("at most", "" if most is None else f"{human_bytes(round(most))}, if it uses all its steps"),
-        ("note", "" if cost["alone"] else "other missions ran meanwhile: nobody can tell what was for which"),
-        ("note", "" if cost["whole"] else "the gateway came later than the mission: what was before isn't counted"),
-    ])  # fmt: skip
+    facts(
+        console,
+        [
+            ("mission", cost["mission"]),
+            ("offered", human_bytes(cost["offered_bytes"])),
+            ("delivered", human_bytes(cost["delivered_bytes"])),
+            ("wire", human_bytes(cost["wire_sent_bytes"])),
+            ("a step", "" if step is None else human_bytes(round(step))),
+            ("at most", "" if most is None else f"{human_bytes(round(most))}, if it uses all its steps"),
+            ("note", "" if cost["alone"] else "other missions ran meanwhile: nobody can tell what was for which"),
+            ("note", "" if cost["whole"] else "the gateway came later than the mission: what was before isn't counted"),
+        ],
+    )
 
 
 def show_traffic(found: Traffic, console: Console, *, nodes: bool = False) -> None:
@@ -81,12 +86,21 @@ def _source(kind: str, source: SourceTraffic) -> list[Cell]:
 
 def _show_nodes(found: Traffic, console: Console) -> None:
     columns = (
-        Column("process", "id"), *(Column(t, "number") for t in ("offered", "delivered", "wire out", "wire in", "refused"))
-    )  # fmt: skip
-    listing(console, columns, [
+        Column("process", "id"),
+        *(Column(t, "number") for t in ("offered", "delivered", "wire out", "wire in", "refused")),
+    )
+    listing(
+        console,
+        columns,
         [
-            f"{n['kind']}/{n['id']}", human_bytes(n["offered_bytes"]), human_bytes(n["delivered_bytes"]),
-            human_bytes(n["wire_sent_bytes"]), human_bytes(n["wire_received_bytes"]), str(sum(n["rejected"].values())),
-        ]
-        for n in found["nodes"]
-    ])  # fmt: skip
+            [
+                f"{n['kind']}/{n['id']}",
+                human_bytes(n["offered_bytes"]),
+                human_bytes(n["delivered_bytes"]),
+                human_bytes(n["wire_sent_bytes"]),
+                human_bytes(n["wire_received_bytes"]),
+                str(sum(n["rejected"].values())),
+            ]
+            for n in found["nodes"]
+        ],
+    )

@@ -9,27 +9,41 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cli.progress import bar
-from cli.stack import Stack, environment
-from cli.supervisor import Supervisor
-from cli.words import why_perceived
-from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node
+from surveilnav.cli.progress import bar
+from surveilnav.cli.stack import Stack, environment
+from surveilnav.cli.supervisor import Supervisor
+from surveilnav.cli.words import why_perceived
 from surveilnav.contract import PERCEPTION_LOAD
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 #: How often it is looked whether a service has ended.
 _TEND_S = 0.1
 
 
 def run_up(
-    console: Console, *, building: str, seed: int, perception: str, surveillance: bool, cameras: int | None,
-    area_per_camera_m2: float, cameras_everywhere: bool, port: int, router: str, logs: Path, record: bool,
-) -> None:  # fmt: skip
+    console: Console,
+    *,
+    building: str,
+    seed: int,
+    perception: str,
+    surveillance: bool,
+    cameras: int | None,
+    area_per_camera_m2: float,
+    cameras_everywhere: bool,
+    port: int,
+    router: str,
+    logs: Path,
+    record: bool,
+) -> None:
     """Prepares the building, starts everything, and waits."""
     settings = SimulationSettings(
-        building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
+        building=building,
+        seed=seed,
+        cameras=cameras,
+        area_per_camera_m2=area_per_camera_m2,
         cameras_everywhere=cameras_everywhere,
-    )  # fmt: skip
+    )
     with bar(console) as progress:
         simulated = SimulatedBuilding(settings, progress)
         plan = simulated.prepare()
@@ -38,10 +52,17 @@ def run_up(
     # Maps and missions of a building, to go on with next time; never those of another one, or of its plan before a change.
     state = logs / "state" / plan.scene_hash[:16]
     variables = environment(
-        router=router, building=building, seed=seed, cameras=cameras, area_per_camera_m2=area_per_camera_m2,
-        perception=perception, surveillance=surveillance, state=state, cameras_everywhere=cameras_everywhere,
+        router=router,
+        building=building,
+        seed=seed,
+        cameras=cameras,
+        area_per_camera_m2=area_per_camera_m2,
+        perception=perception,
+        surveillance=surveillance,
+        state=state,
+        cameras_everywhere=cameras_everywhere,
         recordings=logs.parent / "recordings",
-    ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}  # fmt: skip
+    ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}
     # Who looked at which camera is kept whatever the building's plan: the environment may say where else, or "" for nowhere.
     variables["SURVEILNAV_GATEWAY__ACCESS_LOG"] = os.environ.get(
         "SURVEILNAV_GATEWAY__ACCESS_LOG", str((logs / "looks").resolve())

@@ -10,10 +10,10 @@ from collections import deque
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from cli.options import DEFAULT_URL, AsJson, Url, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, results
 
 if TYPE_CHECKING:
-    from cli.watching.feed import Feed
+    from surveilnav.cli.watching.feed import Feed
     from surveilnav.client.events import Told
 
 #: The gateway is asked often; one that hangs must not hold the screen up.
@@ -27,7 +27,7 @@ def watch(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
     In a pipe or a file it is a line for each event; with --json an object a line: id, event, data.
     """
-    from cli.watching.feed import Feed
+    from surveilnav.cli.watching.feed import Feed
     from surveilnav.client import Client
 
     live = results.is_terminal and not as_json
@@ -48,8 +48,8 @@ def watch(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 def _print_events(feed: Feed, as_json: bool, stopping: threading.Event) -> None:
     """A line an event, until it is to stop."""
-    from cli.terminal import plain
-    from cli.watching.lines import line_of
+    from surveilnav.cli.terminal import plain
+    from surveilnav.cli.watching.lines import line_of
 
     while not stopping.is_set():
         told = _next(feed, 0.5)
@@ -65,9 +65,9 @@ def _show_live(feed: Feed, url: str, stopping: threading.Event) -> None:
     from rich.console import Group
     from rich.live import Live
 
-    from cli.watching.alerts import Alerts
-    from cli.watching.lines import line_of
-    from cli.watching.screen import screen
+    from surveilnav.cli.watching.alerts import Alerts
+    from surveilnav.cli.watching.lines import line_of
+    from surveilnav.cli.watching.screen import screen
 
     events, alerts = deque[str](maxlen=_EVENTS), Alerts()
     with Live(console=results, screen=True, auto_refresh=False) as shown:
@@ -77,7 +77,7 @@ def _show_live(feed: Feed, url: str, stopping: threading.Event) -> None:
             now, size, known = datetime.now(UTC), results.size, feed.known
             lines = screen(
                 known, alerts.of(known, now), list(events), url=url, now=now, width=size.width, height=size.height
-            )  # fmt: skip
+            )
             shown.update(Group(*lines), refresh=True)
 
 

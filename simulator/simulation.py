@@ -17,23 +17,23 @@ import msgspec
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from simulator.render.depth_noise import DepthNoise
-from simulator.render.view_cache import ViewCache
 from surveilnav import __version__
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.config import cache_dir
 from surveilnav.geometry import Matrix4, Pinhole, Pose
 from surveilnav.program import program_id
+from surveilnav.simulator.render.depth_noise import DepthNoise
+from surveilnav.simulator.render.view_cache import ViewCache
 from surveilnav.stored import read_parts, write_parts
 
 if TYPE_CHECKING:
-    from simulator.render.picture import Rendered
-    from simulator.render.renderer import Renderer
-    from simulator.world.cameras import PlacedCamera
-    from simulator.world.navigation import NavigationMap
-    from simulator.world.raycast import RayCaster
-    from simulator.world.reach import Reach
-    from simulator.world.scene import Scene
+    from surveilnav.simulator.render.picture import Rendered
+    from surveilnav.simulator.render.renderer import Renderer
+    from surveilnav.simulator.world.cameras import PlacedCamera
+    from surveilnav.simulator.world.navigation import NavigationMap
+    from surveilnav.simulator.world.raycast import RayCaster
+    from surveilnav.simulator.world.reach import Reach
+    from surveilnav.simulator.world.scene import Scene
 
 Progress = Callable[[float, str], None]
 
@@ -75,7 +75,7 @@ class SimulatedBuilding:
 
     @cached_property
     def scene(self) -> Scene:
-        from simulator.sources import open_building
+        from surveilnav.simulator.sources import open_building
 
         self._progress(0.0, "loading the building")
         settings = self.settings
@@ -83,20 +83,20 @@ class SimulatedBuilding:
 
     @cached_property
     def caster(self) -> RayCaster:
-        from simulator.world.raycast import RayCaster
+        from surveilnav.simulator.world.raycast import RayCaster
 
         return RayCaster(self.scene)
 
     @cached_property
     def navigation(self) -> NavigationMap:
-        from simulator.world.navigation import NavigationMap
+        from surveilnav.simulator.world.navigation import NavigationMap
 
         return NavigationMap.load_or_build(self.scene, self._cache_dir)
 
     @cached_property
     def reach(self) -> Reach:
         """How much of it robots can reach, and what they can't."""
-        from simulator.world.reach import reach_of
+        from surveilnav.simulator.world.reach import reach_of
 
         return reach_of(self.scene, self.navigation)
 
@@ -107,7 +107,7 @@ class SimulatedBuilding:
 
     @cached_property
     def renderer(self) -> Renderer:
-        from simulator.render.renderer import Renderer
+        from surveilnav.simulator.render.renderer import Renderer
 
         lighting = self.settings.lighting
         return Renderer(self.scene, lighting=lighting, cache_dir=self._cache_dir, progress=self._progress)  # type: ignore[arg-type]
@@ -140,38 +140,54 @@ class SimulatedBuilding:
 
     def plan_with(self, area_per_camera_m2: float, count: int | None = None) -> CameraPlan:
         """The plan of another density or number of cameras, made anew."""
-        from simulator.world import cameras as placement
+        from surveilnav.simulator.world import cameras as placement
 
         placed: tuple[PlacedCamera, ...] = placement.place_cameras(
-            self.scene, self.navigation, area_per_camera_m2=area_per_camera_m2, count=count, seed=self.settings.seed,
-            caster=self.caster, everywhere=self.settings.cameras_everywhere,
-        )  # fmt: skip
+            self.scene,
+            self.navigation,
+            area_per_camera_m2=area_per_camera_m2,
+            count=count,
+            seed=self.settings.seed,
+            caster=self.caster,
+            everywhere=self.settings.cameras_everywhere,
+        )
         return CameraPlan(
-            self.scene.name, self.scene.content_hash, list(self.navigation.floors), placement.MOUNTING_M,
+            self.scene.name,
+            self.scene.content_hash,
+            list(self.navigation.floors),
+            placement.MOUNTING_M,
             placement.CAMERA,
             [
                 PlannedCamera(c.name, c.floor, c.position_m, [Pose.from_matrix(T) for T in c.views], c.half())
                 for c in placed
             ],
-        )  # fmt: skip
+        )
 
     def camera_view(self, camera: PlannedCamera, view: int) -> Rendered:
         """What a surveillance camera sees, from the cache if it was rendered before."""
         noise = DepthNoise.camera() if self.settings.depth_noise else None
         return self.views.get_or_render(
-            lambda: self.renderer, self.plan.scene_hash, camera.views[view].matrix(), self.plan.intrinsics,
-            lighting=self.settings.lighting, depth_range_m=CAMERA_DEPTH_RANGE_M, noise=noise,  # type: ignore[arg-type]
+            lambda: self.renderer,
+            self.plan.scene_hash,
+            camera.views[view].matrix(),
+            self.plan.intrinsics,
+            lighting=self.settings.lighting,  # type: ignore[arg-type]
+            depth_range_m=CAMERA_DEPTH_RANGE_M,
+            noise=noise,
             seed=noise_seed(self.settings.seed, camera.name, view),
-        )  # fmt: skip
+        )
 
     def camera_content(self, camera: PlannedCamera, view: int) -> str:
         """A hash of all that ``camera_view`` and its instances depend on, this program among it."""
         clean = self.views.key_of(
-            self.plan.scene_hash, camera.views[view].matrix(), self.plan.intrinsics, self.settings.lighting,  # type: ignore[arg-type]
-        )  # fmt: skip
+            self.plan.scene_hash,
+            camera.views[view].matrix(),
+            self.plan.intrinsics,
+            self.settings.lighting,  # type: ignore[arg-type]
+        )
         noise = repr(DepthNoise.camera()) if self.settings.depth_noise else ""
         seed = noise_seed(self.settings.seed, camera.name, view)
-        facts = clean, noise, seed, CAMERA_DEPTH_RANGE_M, program_id("simulator.render")
+        facts = clean, noise, seed, CAMERA_DEPTH_RANGE_M, program_id("surveilnav.simulator.render")
         return hashlib.sha256(repr(facts).encode()).hexdigest()
 
     def robot_view(

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from simulator.furniture.assets import ensure_assets, is_here
-from simulator.furniture.catalog import Furniture
-from simulator.plans.outliers import without_outliers
-from simulator.plans.polygons import signed_area
-from simulator.plans.shell import Shell
-from simulator.sources import EXAMPLE_HOMES, PARAMETRIC, list_buildings, open_building, read_example
-from simulator.world.scene import Floor, Room
 from surveilnav.config import cache_dir as default_cache_dir
+from surveilnav.simulator.furniture.assets import ensure_assets, is_here
+from surveilnav.simulator.furniture.catalog import Furniture
+from surveilnav.simulator.plans.outliers import without_outliers
+from surveilnav.simulator.plans.polygons import signed_area
+from surveilnav.simulator.plans.shell import Shell
+from surveilnav.simulator.sources import EXAMPLE_HOMES, PARAMETRIC, list_buildings, open_building, read_example
+from surveilnav.simulator.world.scene import Floor, Room
 
 
 @dataclass(frozen=True, slots=True)

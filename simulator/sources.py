@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
-from simulator.archive import MAX_MEMBER_BYTES, Archive
-from simulator.furniture.assets import ensure_assets
-from simulator.furniture.catalog import Furniture
-from simulator.furniture.placing import MODELS, Models
-from simulator.generated.buildings import KINDS, generated_home, is_generated
-from simulator.meshes import is_mesh, open_scan
-from simulator.plans.homes import build_home
-from simulator.plans.parametric_homes import parametric_flat, parametric_house
-from simulator.plans.sweethome import Home, read_home
-from simulator.world.scene import Scene
 from surveilnav.config import cache_dir as default_cache_dir
 from surveilnav.errors import AssetError, BuildingError
+from surveilnav.simulator.archive import MAX_MEMBER_BYTES, Archive
+from surveilnav.simulator.furniture.assets import ensure_assets
+from surveilnav.simulator.furniture.catalog import Furniture
+from surveilnav.simulator.furniture.placing import MODELS, Models
+from surveilnav.simulator.meshes import is_mesh, open_scan
+from surveilnav.simulator.plans.homes import build_home
+from surveilnav.simulator.plans.parametric_homes import parametric_flat, parametric_house
+from surveilnav.simulator.plans.sweethome import Home, read_home
+from surveilnav.simulator.procedural.buildings import KINDS, generated_home, is_generated
+from surveilnav.simulator.world.scene import Scene
 
 _EXAMPLES = "com/eteks/sweethome3d/io/resources/examples"
 
@@ -39,8 +39,13 @@ _HOMES: dict[str, tuple[str, str]] = {
 EXAMPLE_HOMES: tuple[str, ...] = tuple(_HOMES)
 #: Those on which thresholds, room statistics and error models may be made; the others are for tests.
 TRAIN_HOMES: tuple[str, ...] = (
-    "2_bedroom", "2_bedroom_bow_window", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "4_bedroom",
-)  # fmt: skip
+    "2_bedroom",
+    "2_bedroom_bow_window",
+    "2_bedroom_basement",
+    "3_bedroom",
+    "3_bedroom_mezzanine",
+    "4_bedroom",
+)
 #: Patterns of names: n is any number from 0, and the plan's seed.
 GENERATED: tuple[str, ...] = tuple(f"{kind}_<n>" for kind in KINDS)
 

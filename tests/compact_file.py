@@ -27,9 +27,12 @@ def write(path: Path, *, blackness: float = -6.0, more: Mapping[str, Any] | None
     vectors = np.eye(DIM)
     near = vectors[[*range(len(CLASSES)), 1, 4]]  # a bedroom is where a bed is, a kitchen where an oven is
     said = {
-        "classes": list(CLASSES), "rooms": list(ROOMS), "meanings": {"chest": "chest of drawers"},
-        "class_vectors": vectors[: len(CLASSES)].tolist(), "near_vectors": near.tolist(),
-    } | dict(more or {})  # fmt: skip
+        "classes": list(CLASSES),
+        "rooms": list(ROOMS),
+        "meanings": {"chest": "chest of drawers"},
+        "class_vectors": vectors[: len(CLASSES)].tolist(),
+        "near_vectors": near.tolist(),
+    } | dict(more or {})
     model = _network(len(CLASSES), len(CLASSES) + len(ROOMS), blackness)
     for key, value in said.items():
         if value is not None:
@@ -55,9 +58,10 @@ def _network(n_classes: int, n_near: int, blackness: float) -> ModelProto:
     weights["rows"], weights["first"] = np.array([-1, 3], np.int64), np.array([0], np.int64)
     weights["whole"] = np.array(255, np.float32)
     nodes = [
-        node("Cast", ["picture"], ["float"], to=TensorProto.FLOAT), node("Div", ["float", "whole"], ["share"]),
+        node("Cast", ["picture"], ["float"], to=TensorProto.FLOAT),
+        node("Div", ["float", "whole"], ["share"]),
         node("Transpose", ["share"], ["nchw"], perm=[0, 3, 1, 2]),
-    ]  # fmt: skip
+    ]
     for stride in (8, 16, 32):
         size = {"kernel_shape": [stride, stride], "strides": [stride, stride]}
         nodes += [
@@ -67,27 +71,34 @@ def _network(n_classes: int, n_near: int, blackness: float) -> ModelProto:
         ]
     nodes += [
         node("Concat", ["cells8", "cells16", "cells32"], ["cells"], axis=0),
-        node("MatMul", ["cells", "to_scores"], ["weighed"]), node("Add", ["weighed", "no_score"], ["logits"]),
+        node("MatMul", ["cells", "to_scores"], ["weighed"]),
+        node("Add", ["weighed", "no_score"], ["logits"]),
         node("Sigmoid", ["logits"], ["scores"]),
-        node("MatMul", ["cells", "to_ltrb"], ["zeros"]), node("Add", ["zeros", "sixteen"], ["ltrb"]),
-        node("MatMul", ["cells", "to_one"], ["zero"]), node("Add", ["zero", "one"], ["coefficients"]),
-        node("MatMul", ["cells", "to_vector"], ["vectors"]), node("Add", ["vectors", "a_bit"], ["some"]),
+        node("MatMul", ["cells", "to_ltrb"], ["zeros"]),
+        node("Add", ["zeros", "sixteen"], ["ltrb"]),
+        node("MatMul", ["cells", "to_one"], ["zero"]),
+        node("Add", ["zero", "one"], ["coefficients"]),
+        node("MatMul", ["cells", "to_vector"], ["vectors"]),
+        node("Add", ["vectors", "a_bit"], ["some"]),
         node("LpNormalization", ["some"], ["embeddings"], axis=1, p=2),
         node("AveragePool", ["nchw"], ["quarter"], kernel_shape=[4, 4], strides=[4, 4]),
-        node("Conv", ["quarter", "to_prototype"], ["masks"]), node("Squeeze", ["masks", "first"], ["prototypes"]),
+        node("Conv", ["quarter", "to_prototype"], ["masks"]),
+        node("Squeeze", ["masks", "first"], ["prototypes"]),
         node("ReduceMean", ["embeddings"], ["mean"], axes=[0], keepdims=0),
         node("LpNormalization", ["mean"], ["image"], axis=0, p=2),
         node("ReduceMean", ["cells"], ["colour"], axes=[0], keepdims=0),
-        node("MatMul", ["colour", "to_near"], ["nearness"]), node("Sigmoid", ["nearness"], ["near"]),
-    ]  # fmt: skip
+        node("MatMul", ["colour", "to_near"], ["nearness"]),
+        node("Sigmoid", ["nearness"], ["near"]),
+    ]
     outputs = ("scores", "ltrb", "coefficients", "embeddings", "prototypes", "image", "near")
     graph = helper.make_graph(
-        nodes, "colours",
+        nodes,
+        "colours",
         [
             helper.make_tensor_value_info("picture", TensorProto.UINT8, [1, "height", "width", 3]),
             helper.make_tensor_value_info("depth", TensorProto.FLOAT, [1, "rows", "columns", N_CHANNELS]),
         ],
         [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in outputs],
         [numpy_helper.from_array(array, name) for name, array in weights.items()],
-    )  # fmt: skip
+    )
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)

@@ -12,11 +12,11 @@ from unittest.mock import MagicMock
 import pytest
 import typer
 
-from benchmark.tables import readme
-from cli import command_page, settings_page
-from cli.exits import Exit
-from cli.main import app
-from services.gateway.app import create_app
+from surveilnav.benchmark.tables import readme
+from surveilnav.cli import command_page, settings_page
+from surveilnav.cli.exits import Exit
+from surveilnav.cli.main import app
+from surveilnav.services.gateway.app import create_app
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -147,12 +147,22 @@ def test_commands_exist(page):
 
 def test_commands_that_do_not_exist_are_found():
     lines = [
-        "make demo", "make dinner", ".venv/bin/surveilnav bench run --split val", "surveilnav bench ran", "surveilnav fly",
-        "X=1 surveilnav up --wings", "python -m benchmark.homes --out x", "python -m benchmark.studies.homes",
-    ]  # fmt: skip
+        "make demo",
+        "make dinner",
+        ".venv/bin/surveilnav bench run --split val",
+        "surveilnav bench ran",
+        "surveilnav fly",
+        "X=1 surveilnav up --wings",
+        "python -m benchmark.homes --out x",
+        "python -m surveilnav.benchmark.studies.homes",
+    ]
     assert list(faults_of_commands(iter(lines))) == [
-        "make dinner", "surveilnav ran", "surveilnav fly", "surveilnav up --wings", "python -m benchmark.homes",
-    ]  # fmt: skip
+        "make dinner",
+        "surveilnav ran",
+        "surveilnav fly",
+        "surveilnav up --wings",
+        "python -m benchmark.homes",
+    ]
 
 
 # --- generated pages ----------------------------------------------------------------------------------------------

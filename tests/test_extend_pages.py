@@ -13,17 +13,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmark import canary
-from benchmark.policies import POLICIES
-from services.camera_node.config import CameraSettings
-from services.camera_node.service import CameraService
-from services.robot_node.config import RobotSettings
-from services.robot_node.service import RobotService
+from surveilnav.benchmark import canary
+from surveilnav.benchmark.policies import POLICIES
 from surveilnav.bus import Refused, clock_ns
 from surveilnav.contract import CAMERA_FRAME, ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import Command, Halt
 from surveilnav.sensing.packing import decode_frame
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.service import CameraService
+from surveilnav.services.robot_node.config import RobotSettings
+from surveilnav.services.robot_node.service import RobotService
 from tests.waiting import patient, until
 
 ROOT = Path(__file__).parents[1]

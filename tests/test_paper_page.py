@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.policies.surveilnav import AS_WRITTEN
-from services.fusion.core import FusionConfig
-from services.planner.core import PlannerConfig
+from surveilnav.benchmark.policies.surveilnav import AS_WRITTEN
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import PlannerConfig
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "understand" / "paper.md"
@@ -56,9 +56,11 @@ def _set_on_self(node: ast.ClassDef) -> list[str]:
     return [
         n.attr
         for n in ast.walk(node)
-        if isinstance(n, ast.Attribute) and isinstance(n.ctx, ast.Store) and isinstance(n.value, ast.Name)
+        if isinstance(n, ast.Attribute)
+        and isinstance(n.ctx, ast.Store)
+        and isinstance(n.value, ast.Name)
         and n.value.id == "self"
-    ]  # fmt: skip
+    ]
 
 
 def is_in(name: str, file: Path) -> bool:

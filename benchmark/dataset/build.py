@@ -9,9 +9,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from benchmark.dataset import format as files
-from benchmark.dataset.axes import rotation_of, to_habitat
-from benchmark.dataset.format import (
+from surveilnav import __version__
+from surveilnav.benchmark.dataset import format as files
+from surveilnav.benchmark.dataset.axes import rotation_of, to_habitat
+from surveilnav.benchmark.dataset.format import (
     AgentState,
     EpisodeInfo,
     HabitatEpisode,
@@ -22,15 +23,14 @@ from benchmark.dataset.format import (
     SceneRecord,
     ViewPoint,
 )
-from benchmark.dataset.splits import EDITION, SceneSpec, take
-from benchmark.play.sight import offered_views
-from simulator.simulation import SimulatedBuilding, SimulationSettings
-from simulator.world.goals import Goals, Start, find_goals, habitat_starts
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Instance, Scene
-from surveilnav import __version__
+from surveilnav.benchmark.dataset.splits import EDITION, SceneSpec, take
+from surveilnav.benchmark.play.sight import offered_views
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.errors import TargetError
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.world.goals import Goals, Start, find_goals, habitat_starts
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Instance, Scene
 
 MADE_BY = f"surveilnav {__version__}"
 #: Square metres of floor for one camera: the paper's two densities.
@@ -52,9 +52,7 @@ def build_scene(root: Path, split: str, spec: SceneSpec, n_episodes: int) -> Sce
     building = open_scene(spec, lighting="flat")  # light is for pixels; baking that of a large building takes minutes
     scene, navigation = building.scene, building.navigation
     goals = _goals_of(building)
-    starts = {
-        label: habitat_starts(navigation, g, count=n_episodes, seed=spec.seed) for label, g in goals.items()
-    }  # fmt: skip
+    starts = {label: habitat_starts(navigation, g, count=n_episodes, seed=spec.seed) for label, g in goals.items()}
     # the categories' order turns with the scene, so that what doesn't divide evenly isn't always the same category
     taken = take({k: len(v) for k, v in starts.items()}, n_episodes, first=sum(spec.scene.encode()))
     chosen = [(label, start) for label, n in taken.items() for start in starts[label][:n]]
@@ -63,17 +61,23 @@ def build_scene(root: Path, split: str, spec: SceneSpec, n_episodes: int) -> Sce
     plans = {str(m2): building.plan_with(m2) for m2 in DENSITIES_M2}
     files.write(folder / "cameras" / f"{spec.scene}.json.gz", _cameras(spec, building, plans))
     record = SceneRecord(
-        scene=spec.scene, building=spec.building, seed=spec.seed, models=spec.models, content_hash=scene.content_hash,
+        scene=spec.scene,
+        building=spec.building,
+        seed=spec.seed,
+        models=spec.models,
+        content_hash=scene.content_hash,
         floors=[
             SceneFloor(
-                id=f.id, z_m=f.z_m, area_m2=round(f.floor_area_m2, 2),
+                id=f.id,
+                z_m=f.z_m,
+                area_m2=round(f.floor_area_m2, 2),
                 cameras={m2: sum(c.floor == f.id for c in plan.cameras) for m2, plan in plans.items()},
             )
             for f in navigation.floors.values()
         ],
         target_models={label: sorted({i.model for i in g.instances}) for label, g in goals.items()},
         notes=list(building.notes),
-    )  # fmt: skip
+    )
     files.write(folder / "scenes" / f"{spec.scene}.json", record)
     return record
 
@@ -99,43 +103,54 @@ def _goals_of(building: SimulatedBuilding) -> dict[str, Goals]:
 
 
 def _content(
-    spec: SceneSpec, split: str, scene: Scene, navigation: NavigationMap, goals: dict[str, Goals],
+    spec: SceneSpec,
+    split: str,
+    scene: Scene,
+    navigation: NavigationMap,
+    goals: dict[str, Goals],
     chosen: Sequence[tuple[str, Start]],
-) -> HabitatFile:  # fmt: skip
+) -> HabitatFile:
     scene_id = f"surveilnav/{split}/{spec.scene}/{spec.scene}.glb"
     episodes = []
     for number, (label, start) in enumerate(chosen):
         nearest = min(goals[label].instances, key=lambda i: math.dist(_centre(i), start.p_m))
-        straight_m = min(
-            math.dist(start.p_m[:2], p) for p in goals[label].viewpoints[start.floor].tolist()
-        )  # fmt: skip
+        straight_m = min(math.dist(start.p_m[:2], p) for p in goals[label].viewpoints[start.floor].tolist())
         episodes.append(
             HabitatEpisode(
-                episode_id=str(number), scene_id=scene_id, start_position=to_habitat(start.p_m),
-                start_rotation=rotation_of(start.yaw_rad), object_category=files.HABITAT_NAME[label],
+                episode_id=str(number),
+                scene_id=scene_id,
+                start_position=to_habitat(start.p_m),
+                start_rotation=rotation_of(start.yaw_rad),
+                object_category=files.HABITAT_NAME[label],
                 info=EpisodeInfo(
-                    geodesic_distance=start.shortest_path_m, euclidean_distance=straight_m,
+                    geodesic_distance=start.shortest_path_m,
+                    euclidean_distance=straight_m,
                     closest_goal_object_id=str(nearest.id),
                 ),
             )
-        )  # fmt: skip
+        )
     by_category = {
         files.goals_key(spec.scene, files.HABITAT_NAME[label]): [_goal(i, label, g, navigation) for i in g.instances]
         for label, g in goals.items()
     }
     ids = {name: number for number, name in enumerate(files.CATEGORIES)}
     return HabitatFile(
-        episodes=episodes, goals_by_category=by_category, category_to_task_category_id=ids,
+        episodes=episodes,
+        goals_by_category=by_category,
+        category_to_task_category_id=ids,
         category_to_scene_annotation_category_id=ids,
-    )  # fmt: skip
+    )
 
 
 def _goal(instance: Instance, label: str, goals: Goals, navigation: NavigationMap) -> HabitatGoal:
     z_m = navigation.floors[instance.floor].z_m
     centre = np.array(_centre(instance)[:2])
     return HabitatGoal(
-        position=to_habitat(_centre(instance)), object_id=str(instance.id), object_name=instance.name,
-        object_category=files.HABITAT_NAME[label], room_name=instance.room or None,
+        position=to_habitat(_centre(instance)),
+        object_id=str(instance.id),
+        object_name=instance.name,
+        object_category=files.HABITAT_NAME[label],
+        room_name=instance.room or None,
         view_points=[
             ViewPoint(
                 agent_state=AgentState(
@@ -145,7 +160,7 @@ def _goal(instance: Instance, label: str, goals: Goals, navigation: NavigationMa
             )
             for x, y in goals.viewpoints_of[instance.id].tolist()
         ],
-    )  # fmt: skip
+    )
 
 
 def _centre(instance: Instance) -> tuple[float, float, float]:
@@ -156,9 +171,12 @@ def _centre(instance: Instance) -> tuple[float, float, float]:
 def _cameras(spec: SceneSpec, building: SimulatedBuilding, plans: dict[str, CameraPlan]) -> SceneCameras:
     one = next(iter(plans.values()))
     return SceneCameras(
-        scene=spec.scene, mounting_offset_m=one.mounting_offset_m, intrinsics=one.intrinsics,
-        cameras={m2: plan.cameras for m2, plan in plans.items()}, view_bytes=_view_bytes(building, plans),
-    )  # fmt: skip
+        scene=spec.scene,
+        mounting_offset_m=one.mounting_offset_m,
+        intrinsics=one.intrinsics,
+        cameras={m2: plan.cameras for m2, plan in plans.items()},
+        view_bytes=_view_bytes(building, plans),
+    )
 
 
 def _view_bytes(building: SimulatedBuilding, plans: dict[str, CameraPlan]) -> dict[str, dict[str, list[int]]]:

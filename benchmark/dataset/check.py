@@ -11,18 +11,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmark.dataset import format as files
-from benchmark.dataset.axes import from_habitat
-from benchmark.dataset.build import DENSITIES_M2, MADE_BY, RULES, open_scene
-from benchmark.dataset.integrity import damage, read_manifest
-from benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
-from benchmark.dataset.make import counts
-from benchmark.dataset.show import seen_floor
-from simulator.simulation import SimulatedBuilding
-from simulator.world.cameras import AZIMUTHS
-from simulator.world.goals import MIN_DETOUR, Goals, find_goals
+from surveilnav.benchmark.dataset import format as files
+from surveilnav.benchmark.dataset.axes import from_habitat
+from surveilnav.benchmark.dataset.build import DENSITIES_M2, MADE_BY, RULES, open_scene
+from surveilnav.benchmark.dataset.integrity import damage, read_manifest
+from surveilnav.benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
+from surveilnav.benchmark.dataset.make import counts
+from surveilnav.benchmark.dataset.show import seen_floor
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.errors import ConfigError, SurveilNavError, TargetError
+from surveilnav.simulator.simulation import SimulatedBuilding
+from surveilnav.simulator.world.cameras import AZIMUTHS
+from surveilnav.simulator.world.goals import MIN_DETOUR, Goals, find_goals
 
 _TOLERANCE_M = 0.02
 #: A camera that has less floor in sight sees nothing.

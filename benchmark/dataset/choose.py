@@ -1,6 +1,6 @@
 """Choosing the generated buildings of a split so that scenes, floors and cameras come out as wanted.
 
-    python -m benchmark.dataset.choose
+    python -m surveilnav.benchmark.dataset.choose
 
 Measures candidates in the order of their seeds (kept in ``--out``, so it can be stopped) and prints the first set whose
 sums are right: never by bending the rule of cameras.
@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmark.dataset.build import open_scene
-from benchmark.dataset.splits import VAL_HOMES, VAL_SEEDS, Models, SceneSpec
-from benchmark.studies.rows import Rows
+from surveilnav.benchmark.dataset.build import open_scene
+from surveilnav.benchmark.dataset.splits import VAL_HOMES, VAL_SEEDS, Models, SceneSpec
+from surveilnav.benchmark.studies.rows import Rows
 from surveilnav.errors import SurveilNavError
 
 
@@ -66,7 +66,9 @@ def _picked(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints the buildings that together have what the paper's dataset has."""
-    parser = argparse.ArgumentParser(prog="python -m benchmark.dataset.choose", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m surveilnav.benchmark.dataset.choose", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/choose.jsonl"))
     parser.add_argument("--each", type=int, default=24, help="candidates of each kind")
     parser.add_argument("--first", type=int, default=0, help="the first candidate's number")
@@ -87,9 +89,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(known[name], file=sys.stderr, flush=True)
     homes = [known[h] for h in VAL_HOMES for _ in VAL_SEEDS]
     rest = (
-        options.scenes - len(homes), options.floors - sum(m.floors for m in homes),
+        options.scenes - len(homes),
+        options.floors - sum(m.floors for m in homes),
         options.cameras - sum(m.cameras for m in homes),
-    )  # fmt: skip
+    )
     picked = choose([known[n] for n in names], *rest)
     if picked is None:
         print(f"no {rest[0]} of {len(names)} candidates have {rest[1]} floors and {rest[2]} cameras: more --each")

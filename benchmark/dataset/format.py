@@ -31,8 +31,13 @@ VERSION = 2
 
 #: HM3D's names of the six categories, in its order (they are the task's ids).
 CATEGORIES: dict[str, str] = {
-    "chair": "chair", "bed": "bed", "plant": "potted plant", "toilet": "toilet", "tv_monitor": "tv", "sofa": "couch",
-}  # fmt: skip
+    "chair": "chair",
+    "bed": "bed",
+    "plant": "potted plant",
+    "toilet": "toilet",
+    "tv_monitor": "tv",
+    "sofa": "couch",
+}
 HABITAT_NAME = {ours: theirs for theirs, ours in CATEGORIES.items()}
 
 _T = TypeVar("_T")

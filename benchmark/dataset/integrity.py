@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from benchmark.dataset import format as files
-from benchmark.dataset.format import Manifest
-from benchmark.dataset.load import load_scene
-from benchmark.dataset.splits import SceneSpec
+from surveilnav.benchmark.dataset import format as files
+from surveilnav.benchmark.dataset.format import Manifest
+from surveilnav.benchmark.dataset.load import load_scene
+from surveilnav.benchmark.dataset.splits import SceneSpec
 from surveilnav.errors import ConfigError
 
 #: Where a scene's files lie within a split.

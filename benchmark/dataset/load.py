@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.dataset import format as files
-from benchmark.dataset.axes import from_habitat, yaw_of
-from benchmark.dataset.format import HabitatEpisode, HabitatFile, HabitatGoal, SceneCameras, SceneRecord
-from simulator.world.goals import Goals, Start
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Instance, Scene
+from surveilnav.benchmark.dataset import format as files
+from surveilnav.benchmark.dataset.axes import from_habitat, yaw_of
+from surveilnav.benchmark.dataset.format import HabitatEpisode, HabitatFile, HabitatGoal, SceneCameras, SceneRecord
 from surveilnav.camera_plan import CameraPlan
 from surveilnav.errors import ConfigError
+from surveilnav.simulator.world.goals import Goals, Start
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Instance, Scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +44,13 @@ class SceneData:
             raise ConfigError(f"the dataset has cameras per {', '.join(self.cameras.cameras)} m2, not per {key}")
         c = self.cameras
         return CameraPlan(
-            self.record.building, self.record.content_hash, [f.id for f in self.record.floors], c.mounting_offset_m,
-            c.intrinsics, c.cameras[key],
-        )  # fmt: skip
+            self.record.building,
+            self.record.content_hash,
+            [f.id for f in self.record.floors],
+            c.mounting_offset_m,
+            c.intrinsics,
+            c.cameras[key],
+        )
 
     def goals(self, label: str, scene: Scene, navigation: NavigationMap) -> Goals:
         """The goals of a category as the file says them.
@@ -72,9 +76,14 @@ class SceneData:
         points_by_floor = {floor: np.unique(np.concatenate(points), axis=0) for floor, points in by_floor.items()}
         others = tuple(i for i in scene.labelled(label) if i.id not in viewpoints_of)
         return Goals(
-            label, tuple(instances), others, points_by_floor, viewpoints_of, np.empty((0, 3), np.float32),
+            label,
+            tuple(instances),
+            others,
+            points_by_floor,
+            viewpoints_of,
+            np.empty((0, 3), np.float32),
             navigation.distance_field(points_by_floor),
-        )  # fmt: skip
+        )
 
 
 def viewpoints(goal: HabitatGoal) -> np.ndarray:

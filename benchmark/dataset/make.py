@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from benchmark.dataset import format as files
-from benchmark.dataset.build import MADE_BY, RULES, build_scene
-from benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCounts
-from benchmark.dataset.integrity import damage, damaged_scenes, files_in, files_of, is_whole, read_manifest
-from benchmark.dataset.load import load_scene
-from benchmark.dataset.splits import SPLITS, SceneSpec, SplitSpec, quotas
-from benchmark.play.workers import in_workers
+from surveilnav.benchmark.dataset import format as files
+from surveilnav.benchmark.dataset.build import MADE_BY, RULES, build_scene
+from surveilnav.benchmark.dataset.format import HabitatFile, Manifest, SceneRecord, SplitCounts
+from surveilnav.benchmark.dataset.integrity import damage, damaged_scenes, files_in, files_of, is_whole, read_manifest
+from surveilnav.benchmark.dataset.load import load_scene
+from surveilnav.benchmark.dataset.splits import SPLITS, SceneSpec, SplitSpec, quotas
+from surveilnav.benchmark.play.workers import in_workers
 from surveilnav.errors import ConfigError
 
 

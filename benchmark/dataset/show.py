@@ -10,21 +10,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.dataset.build import open_scene
-from benchmark.dataset.integrity import damage, read_manifest
-from benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
-from simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
-from simulator.world.free_ground import FloorNavigation
+from surveilnav.benchmark.dataset.build import open_scene
+from surveilnav.benchmark.dataset.integrity import damage, read_manifest
+from surveilnav.benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Grid
+from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
+from surveilnav.simulator.world.free_ground import FloorNavigation
 
 _SCALE = 3  # pixels a cell
 _LEGEND_PX = 540
 #: BGR
 _COLORS: dict[str, tuple[int, int, int]] = {
-    "chair": (60, 140, 230), "bed": (190, 80, 150), "potted plant": (60, 150, 60), "toilet": (200, 160, 40),
-    "tv": (40, 40, 40), "couch": (60, 60, 200),
-}  # fmt: skip
+    "chair": (60, 140, 230),
+    "bed": (190, 80, 150),
+    "potted plant": (60, 150, 60),
+    "toilet": (200, 160, 40),
+    "tv": (40, 40, 40),
+    "couch": (60, 60, 200),
+}
 
 
 class Drawn(NamedTuple):

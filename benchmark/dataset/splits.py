@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from simulator.generated.buildings import is_generated
-from simulator.sources import EXAMPLE_HOMES, TRAIN_HOMES, list_buildings
 from surveilnav.errors import ConfigError
+from surveilnav.simulator.procedural.buildings import is_generated
+from surveilnav.simulator.sources import EXAMPLE_HOMES, TRAIN_HOMES, list_buildings
 
 Models = Literal["all", "train", "val"]
 
@@ -77,13 +77,39 @@ def is_real_home(scene: str) -> bool:
 
 
 #: 30 of the first candidates that give the paper's counts with the val homes, in v1 and in v2:
-#: ``python -m benchmark.dataset.choose``.
+#: ``python -m surveilnav.benchmark.dataset.choose``.
 VAL_GENERATED = (
-    "office_0", "flats_0", "office_1", "flats_1", "office_2", "flats_2", "office_3", "flats_3", "flats_4", "office_5",
-    "flats_5", "office_6", "flats_6", "office_7", "flats_7", "flats_8", "office_9", "flats_9", "office_10", "flats_10",
-    "office_11", "flats_11", "office_12", "flats_12", "flats_13", "flats_14", "office_15", "flats_15", "office_16",
+    "office_0",
+    "flats_0",
+    "office_1",
+    "flats_1",
+    "office_2",
+    "flats_2",
+    "office_3",
+    "flats_3",
+    "flats_4",
+    "office_5",
+    "flats_5",
+    "office_6",
+    "flats_6",
+    "office_7",
+    "flats_7",
+    "flats_8",
+    "office_9",
+    "flats_9",
+    "office_10",
+    "flats_10",
+    "office_11",
+    "flats_11",
+    "office_12",
+    "flats_12",
+    "flats_13",
+    "flats_14",
+    "office_15",
+    "flats_15",
+    "office_16",
     "flats_16",
-)  # fmt: skip
+)
 TRAIN_GENERATED = tuple(f"{kind}_{n}" for n in range(1000, 1050) for kind in ("office", "flats"))
 
 _VAL = (*_specs(VAL_HOMES, VAL_SEEDS, "val"), *_specs(VAL_GENERATED, (0,), "val"))
@@ -98,10 +124,11 @@ _TRAIN = (*_specs(TRAIN_HOMES, (0, 1), "train"), *_specs(TRAIN_GENERATED, (0,), 
 SPLITS: dict[str, SplitSpec] = {
     split.name: split
     for split in (
-        SplitSpec("val", _VAL, 1000, (74, 206)), SplitSpec("val_mini", _MINI, 7 * len(_MINI)),
+        SplitSpec("val", _VAL, 1000, (74, 206)),
+        SplitSpec("val_mini", _MINI, 7 * len(_MINI)),
         SplitSpec("train", _TRAIN, 11 * len(_TRAIN)),
     )
-}  # fmt: skip
+}
 
 
 def splits_of(names: Sequence[str] | None) -> list[SplitSpec]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Protocol
 
-from benchmark.play.sight import Sight, Sighted
-from services.fusion.core import FusionConfig, JointMap, active_cameras
-from services.fusion.core.view_order import FloorWedge, most_worth_first
+from surveilnav.benchmark.play.sight import Sight, Sighted
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core import FusionConfig, JointMap, active_cameras
+from surveilnav.services.fusion.core.view_order import FloorWedge, most_worth_first
 
 
 class Cameras(Protocol):

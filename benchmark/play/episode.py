@@ -10,16 +10,16 @@ from itertools import groupby
 
 import numpy as np
 
-from benchmark.play.cameras import Cameras, InvokedCameras
-from benchmark.play.sight import ROBOT, Sight, Sighted, text_as_sent
-from benchmark.policies.policy import Searcher
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.core.guard import ViewError
-from services.planner.core import Decision, MapView, RobotView
-from services.robot_node import core as robot
-from simulator.world.goals import Goals, Start, Verdict, judge
+from surveilnav.benchmark.play.cameras import Cameras, InvokedCameras
+from surveilnav.benchmark.play.sight import ROBOT, Sight, Sighted, text_as_sent
+from surveilnav.benchmark.policies.policy import Searcher
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.guard import ViewError
+from surveilnav.services.planner.core import Decision, MapView, RobotView
+from surveilnav.services.robot_node import core as robot
+from surveilnav.simulator.world.goals import Goals, Start, Verdict, judge
 
 _MISSION = "episode"
 #: ``on_step(step, view, joint, maps, decision)``.
@@ -76,11 +76,22 @@ class Episode:
     """A search for ``goals.label`` from ``start``, step by step: sense, fuse, decide, act."""
 
     def __init__(
-        self, sight: Sight, goals: Goals, start: Start, searcher: Searcher, *, surveillance: bool = True,
-        summaries: bool = True, fusion: FusionConfig | None = None, fused: FusedCameras | None = None,
-        delay_steps: int = 0, views_per_step: int = 0, seed: int = 0, cameras: Cameras | None = None,
+        self,
+        sight: Sight,
+        goals: Goals,
+        start: Start,
+        searcher: Searcher,
+        *,
+        surveillance: bool = True,
+        summaries: bool = True,
+        fusion: FusionConfig | None = None,
+        fused: FusedCameras | None = None,
+        delay_steps: int = 0,
+        views_per_step: int = 0,
+        seed: int = 0,
+        cameras: Cameras | None = None,
         on_step: OnStep | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """An episode that can be run once.
 
         Args:
@@ -171,12 +182,20 @@ class Episode:
         seen = _was_seen(joint, self._goals)
         cameras = [info.camera for info in self._sight.infos] if self._reports else []
         return EpisodeResult(
-            verdict=verdict, found=decision.found, steps=self._searcher.steps, error=decision.error,
-            reason=reason_of(verdict, decision, seen, self._goals, self._floors), message=decision.message,
-            seconds=time.perf_counter() - self._began_s, robot_bytes=self._robot_bytes,
-            camera_bytes=dict(self._cameras.offered_bytes), seen=seen, trajectory=self._trajectory,
-            trajectory_floors=self._floors, summary_bytes={name: self._sight.summary(name)[1] for name in cameras},
-        )  # fmt: skip
+            verdict=verdict,
+            found=decision.found,
+            steps=self._searcher.steps,
+            error=decision.error,
+            reason=reason_of(verdict, decision, seen, self._goals, self._floors),
+            message=decision.message,
+            seconds=time.perf_counter() - self._began_s,
+            robot_bytes=self._robot_bytes,
+            camera_bytes=dict(self._cameras.offered_bytes),
+            seen=seen,
+            trajectory=self._trajectory,
+            trajectory_floors=self._floors,
+            summary_bytes={name: self._sight.summary(name)[1] for name in cameras},
+        )
 
 
 def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
@@ -216,9 +235,16 @@ def map_view(joint: JointMap, floor: str, text: np.ndarray, embedding_model: str
     layers = {name: joint.layer(floor, name)[1] for name in ("explored", "frontier")}
     value = joint.layer(floor, "value", text, embedding_model)[1]
     return MapView(
-        floor, joint.floors[floor], grid, occupancy, layers["explored"], layers["frontier"], value,  # type: ignore[arg-type]
-        joint.objects(floor), joint.floor_revision(floor),
-    )  # fmt: skip
+        floor,
+        joint.floors[floor],
+        grid,
+        occupancy,  # type: ignore[arg-type]
+        layers["explored"],  # type: ignore[arg-type]
+        layers["frontier"],  # type: ignore[arg-type]
+        value,  # type: ignore[arg-type]
+        joint.objects(floor),
+        joint.floor_revision(floor),
+    )
 
 
 # --- what went wrong ----------------------------------------------------------------------------------------------

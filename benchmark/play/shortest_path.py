@@ -11,12 +11,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.motion.drive import HEADINGS, Route
-from services.planner.core.motion.terrain import Terrain
-from services.planner.core.state import RobotView
-from simulator.world.distance_field import DistanceField
-from simulator.world.navigation import NavigationMap
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.motion.drive import HEADINGS, Route
+from surveilnav.services.planner.core.motion.terrain import Terrain
+from surveilnav.services.planner.core.state import RobotView
+from surveilnav.simulator.world.distance_field import DistanceField
+from surveilnav.simulator.world.navigation import NavigationMap
 
 
 class ShortestPathPlanner:

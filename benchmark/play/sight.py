@@ -16,12 +16,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.camera_node.core import Seen, labels_of, summary
-from services.robot_node import core as robot
-from simulator.furniture.labels import TARGETS
-from simulator.render.depth_noise import DepthNoise
-from simulator.render.picture import Rendered
-from simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding, noise_seed
 from surveilnav.bus.wire import encode
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
@@ -46,6 +40,12 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
+from surveilnav.services.camera_node.core import Seen, labels_of, summary
+from surveilnav.services.robot_node import core as robot
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.render.depth_noise import DepthNoise
+from surveilnav.simulator.render.picture import Rendered
+from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding, noise_seed
 
 Way = Literal["pixels", "depth"]
 Views = Literal["panoramic", "half"]
@@ -69,9 +69,18 @@ def _as_sent(seen: ViewPerception, view: PosedView, models: ModelIds) -> ViewPer
     """What fusion understands of a worker's reply about ``view``: on its way an embedding is rounded."""
     detections, image_embedding = perception_to_wire(seen)
     reply = InferReply(
-        stamp_ns=0, worker="", backend=seen.backend, source=view.source, view=view.view, seq=view.seq,
-        detections=detections, image_embedding=image_embedding, latency_ms=0.0, models=models, words=list(seen.words),
-    )  # fmt: skip
+        stamp_ns=0,
+        worker="",
+        backend=seen.backend,
+        source=view.source,
+        view=view.view,
+        seq=view.seq,
+        detections=detections,
+        image_embedding=image_embedding,
+        latency_ms=0.0,
+        models=models,
+        words=list(seen.words),
+    )
     return perception_from_wire(reply, view.camera)
 
 
@@ -109,10 +118,18 @@ def _frame(
         rendered.rgb, rendered.depth_m, depth_range_m=CAMERA_DEPTH_RANGE_M, jpeg_quality=85
     )
     header = FrameHeader(
-        stamp_ns=0, source=f"camera/{camera.name}", view=index, seq=1, floor=camera.floor, T_world_camera=said,
-        camera=plan.intrinsics, mounting_offset_m=plan.mounting_offset_m, depth_range_m=CAMERA_DEPTH_RANGE_M, image=image,
+        stamp_ns=0,
+        source=f"camera/{camera.name}",
+        view=index,
+        seq=1,
+        floor=camera.floor,
+        T_world_camera=said,
+        camera=plan.intrinsics,
+        mounting_offset_m=plan.mounting_offset_m,
+        depth_range_m=CAMERA_DEPTH_RANGE_M,
+        image=image,
         depth=depth,
-    )  # fmt: skip
+    )
     key = CAMERA_FRAME.key_for(building=_BUILDING, floor=camera.floor, camera=camera.name, view=index)
     return header, payload, len(payload) + len(encode(header)) + len(key)
 
@@ -124,9 +141,12 @@ def offered_views(building: SimulatedBuilding, plan: CameraPlan) -> dict[str, li
     for camera in plan.cameras:
         for index, pose in enumerate(camera.views):
             rendered = building.renderer.render(
-                pose.matrix(), plan.intrinsics, depth_range_m=CAMERA_DEPTH_RANGE_M,
-                noise=noise if settings.depth_noise else None, seed=noise_seed(settings.seed, camera.name, index),
-            )  # fmt: skip
+                pose.matrix(),
+                plan.intrinsics,
+                depth_range_m=CAMERA_DEPTH_RANGE_M,
+                noise=noise if settings.depth_noise else None,
+                seed=noise_seed(settings.seed, camera.name, index),
+            )
             offered.setdefault(camera.name, []).append(_frame(rendered, camera, index, pose, plan)[2])
     return offered
 
@@ -175,19 +195,38 @@ class Sight:
         if self.way == "depth":
             rendered = self._depth(T_world_camera, robot.CAMERA, DEPTH_RANGE_M, DepthNoise.robot(), "robot", state.seq)
             view = PosedView(
-                f"robot/{ROBOT}", 0, state.seq, state.seq, state.floor, T_world_camera, self._lens(robot.CAMERA),
-                CAMERA_HEIGHT_M, rendered.rgb, rendered.depth_m, DEPTH_RANGE_M,
-            )  # fmt: skip
+                f"robot/{ROBOT}",
+                0,
+                state.seq,
+                state.seq,
+                state.floor,
+                T_world_camera,
+                self._lens(robot.CAMERA),
+                CAMERA_HEIGHT_M,
+                rendered.rgb,
+                rendered.depth_m,
+                DEPTH_RANGE_M,
+            )
             return Sighted(view, self._perceive(view, rendered, key), 0)
         rendered = self.building.robot_view(T_world_camera, robot.CAMERA, DEPTH_RANGE_M, state.seq)
         payload, image, depth = encode_rgbd(rendered.rgb, rendered.depth_m, depth_range_m=DEPTH_RANGE_M)
         header = Observation(
-            stamp_ns=state.seq, source=f"robot/{ROBOT}", view=0, seq=state.seq, floor=state.floor,
-            T_world_camera=Pose.from_matrix(T_world_camera), camera=robot.CAMERA,
-            mounting_offset_m=CAMERA_HEIGHT_M, depth_range_m=DEPTH_RANGE_M, image=image, depth=depth,
-            T_world_base=Pose.from_matrix(robot.base_pose_of(state)), last_action=state.last_action,  # type: ignore[arg-type]
-            collided=state.collided, path_m=state.path_m,
-        )  # fmt: skip
+            stamp_ns=state.seq,
+            source=f"robot/{ROBOT}",
+            view=0,
+            seq=state.seq,
+            floor=state.floor,
+            T_world_camera=Pose.from_matrix(T_world_camera),
+            camera=robot.CAMERA,
+            mounting_offset_m=CAMERA_HEIGHT_M,
+            depth_range_m=DEPTH_RANGE_M,
+            image=image,
+            depth=depth,
+            T_world_base=Pose.from_matrix(robot.base_pose_of(state)),
+            last_action=state.last_action,  # type: ignore[arg-type]
+            collided=state.collided,
+            path_m=state.path_m,
+        )
         address = ROBOT_OBSERVATION.key_for(building=_BUILDING, robot=ROBOT)
         view = decode_frame(header, payload)
         return Sighted(view, self._perceive(view, rendered, key), len(payload) + len(encode(header)) + len(address))
@@ -225,9 +264,18 @@ class Sight:
         if self.way == "depth":
             rendered = self._depth(pose.matrix(), lens, CAMERA_DEPTH_RANGE_M, DepthNoise.camera(), camera.name, index)
             view = PosedView(
-                source, index, 1, 0, camera.floor, said.matrix(), self._lens(lens), offset_m, rendered.rgb,
-                rendered.depth_m, CAMERA_DEPTH_RANGE_M,
-            )  # fmt: skip
+                source,
+                index,
+                1,
+                0,
+                camera.floor,
+                said.matrix(),
+                self._lens(lens),
+                offset_m,
+                rendered.rgb,
+                rendered.depth_m,
+                CAMERA_DEPTH_RANGE_M,
+            )
             measured = self._view_bytes.get(camera.name)
             offered = measured[index] if measured else 0
             return Sighted(view, self._perceive(view, rendered, (source, index, 1)), offered)
@@ -258,9 +306,13 @@ class Sight:
     ) -> Rendered:
         settings = self.building.settings
         return self.building.renderer.render(
-            T_world_camera, self._lens(camera), depth_range_m=range_m, noise=noise if settings.depth_noise else None,
-            seed=noise_seed(settings.seed, *name), colors=False,
-        )  # fmt: skip
+            T_world_camera,
+            self._lens(camera),
+            depth_range_m=range_m,
+            noise=noise if settings.depth_noise else None,
+            seed=noise_seed(settings.seed, *name),
+            colors=False,
+        )
 
     def _lens(self, camera: Pinhole) -> Pinhole:
         """The same lens over fewer, larger pixels."""
@@ -271,7 +323,11 @@ class Sight:
 
     def _info(self, camera: PlannedCamera) -> CameraInfo:
         return CameraInfo(
-            stamp_ns=0, camera=camera.name, floor=camera.floor, position_m=camera.position_m,
-            mounting_offset_m=self._plan.mounting_offset_m, intrinsics=self._plan.intrinsics,
+            stamp_ns=0,
+            camera=camera.name,
+            floor=camera.floor,
+            position_m=camera.position_m,
+            mounting_offset_m=self._plan.mounting_offset_m,
+            intrinsics=self._plan.intrinsics,
             views=[CameraViewInfo(i, camera.views[i]) for i in self._indices(camera)],
-        )  # fmt: skip
+        )

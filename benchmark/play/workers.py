@@ -17,8 +17,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Generic, NamedTuple, TypeVar
 
-from simulator.render.bands import use_threads
 from surveilnav.errors import SurveilNavError
+from surveilnav.simulator.render.bands import use_threads
 
 #: OpenBLAS takes its kernels by processor and splits sums by core, so that sums differ in their last bits. These kernels run
 #: on every x86 processor with AVX2; on other architectures the name is ignored.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from benchmark.policies.apexnav import APEXNAV
-from benchmark.policies.frontier import FRONTIER
-from benchmark.policies.l3mvn import L3MVN, L3MVN_VERIFIED
-from benchmark.policies.policy import Policy, Searcher, Task, Truth
-from benchmark.policies.random_places import RANDOM_SAMPLES, RANDOM_WALK
-from benchmark.policies.shortest_path import SHORTEST_PATH
-from benchmark.policies.surveilnav import OURS, PAPER
-from benchmark.policies.vlfm import VLFM, VLFM_VERIFIED
+from surveilnav.benchmark.policies.apexnav import APEXNAV
+from surveilnav.benchmark.policies.frontier import FRONTIER
+from surveilnav.benchmark.policies.l3mvn import L3MVN, L3MVN_VERIFIED
+from surveilnav.benchmark.policies.policy import Policy, Searcher, Task, Truth
+from surveilnav.benchmark.policies.random_places import RANDOM_SAMPLES, RANDOM_WALK
+from surveilnav.benchmark.policies.shortest_path import SHORTEST_PATH
+from surveilnav.benchmark.policies.surveilnav import OURS, PAPER
+from surveilnav.benchmark.policies.vlfm import VLFM, VLFM_VERIFIED
 from surveilnav.errors import ConfigError
 
 POLICIES: dict[str, Policy] = {

@@ -17,14 +17,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.policies.mission import Mission
-from benchmark.policies.policy import Policy
-from services.fusion.core import FusionConfig
-from services.planner.core import PlannerConfig
-from services.planner.core.context import FrontierChoice, StepContext
-from services.planner.core.goals.frontier_choice import held_frontier
-from services.planner.core.goals.frontiers import Frontier, rank
-from services.planner.core.motion.terrain import coarse_travel_time_m
+from surveilnav.benchmark.policies.mission import Mission
+from surveilnav.benchmark.policies.policy import Policy
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import PlannerConfig
+from surveilnav.services.planner.core.context import FrontierChoice, StepContext
+from surveilnav.services.planner.core.goals.frontier_choice import held_frontier
+from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
+from surveilnav.services.planner.core.motion.terrain import coarse_travel_time_m
 
 #: No object is promising before it is confirmed: suspected ones come after the frontiers.
 CONFIG = PlannerConfig(verification="paper", objects_first=True, promising_chance=None)

@@ -1,6 +1,6 @@
 """How often classes of objects share a room: what stands in for L3MVN's language model.
 
-    python -m benchmark.policies.cooccurrence
+    python -m surveilnav.benchmark.policies.cooccurrence
 
 counts anew over the six example homes that ``train`` is made of (never those of ``val``) and writes
 ``cooccurrence.json`` beside this file.
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from simulator.furniture.labels import TARGETS
-from simulator.sources import TRAIN_HOMES
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.sources import TRAIN_HOMES
 
 _PATH = Path(__file__).with_name("cooccurrence.json")
 
@@ -62,9 +62,11 @@ class Cooccurrence:
         pairs = {f"{a} + {b}": n for (a, b), n in sorted(self.both.items()) if a < b}
         content = {
             "what": f"rooms of {', '.join(TRAIN_HOMES)} by classes in them",
-            "command": "python -m benchmark.policies.cooccurrence",
-            "n_rooms": self.n_rooms, "rooms": dict(sorted(self.rooms.items())), "both": pairs,
-        }  # fmt: skip
+            "command": "python -m surveilnav.benchmark.policies.cooccurrence",
+            "n_rooms": self.n_rooms,
+            "rooms": dict(sorted(self.rooms.items())),
+            "both": pairs,
+        }
         return json.dumps(content, indent=1) + "\n"
 
 
@@ -81,7 +83,7 @@ def of_train() -> Cooccurrence:
 
 def count_train() -> Cooccurrence:
     """Counted anew. AssetError: the example homes can't be had."""
-    from simulator.sources import open_building
+    from surveilnav.simulator.sources import open_building
 
     rooms: dict[tuple[str, str, str], set[str]] = {}
     for home in TRAIN_HOMES:

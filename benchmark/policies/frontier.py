@@ -6,10 +6,10 @@ alone. The paper explores and looks for nothing; what is done about a target in 
 
 from __future__ import annotations
 
-from benchmark.policies.mission import Mission
-from benchmark.policies.policy import Policy
-from services.fusion.core import FusionConfig
-from services.planner.core import PlannerConfig
+from surveilnav.benchmark.policies.mission import Mission
+from surveilnav.benchmark.policies.policy import Policy
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import PlannerConfig
 
 FRONTIER = Policy(
     "frontier",

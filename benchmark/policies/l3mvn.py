@@ -14,15 +14,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-from benchmark.policies.cooccurrence import Cooccurrence, of_train
-from benchmark.policies.mission import Mission, first_sight
-from benchmark.policies.policy import Policy
-from services.fusion.core import FusionConfig
-from services.planner.core import PlannerConfig
-from services.planner.core.context import FrontierChoice, StepContext
-from services.planner.core.goals.frontier_choice import held_frontier
-from services.planner.core.goals.frontiers import Frontier
+from surveilnav.benchmark.policies.cooccurrence import Cooccurrence, of_train
+from surveilnav.benchmark.policies.mission import Mission, first_sight
+from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import PlannerConfig
+from surveilnav.services.planner.core.context import FrontierChoice, StepContext
+from surveilnav.services.planner.core.goals.frontier_choice import held_frontier
+from surveilnav.services.planner.core.goals.frontiers import Frontier
 
 CONFIG = PlannerConfig(verification="paper", objects_first=True)
 

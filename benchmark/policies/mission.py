@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from benchmark.policies.policy import Task
-from services.fusion.core import FusionConfig
-from services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
-from services.planner.core.context import FrontierRule
-from services.planner.core.goals.frontier_choice import best_frontier
-from services.planner.core.state import FloorChange
+from surveilnav.benchmark.policies.policy import Task
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core.context import FrontierRule
+from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
+from surveilnav.services.planner.core.state import FloorChange
 
 #: A single detection of at least this score is believed by those who go to the first one. (VLFM asks .8 of YOLOv7;
 #: the detectors here are less sure of themselves, and .5 is what SurveilNav's confirmation asks.)
@@ -52,19 +52,19 @@ class Mission:
     def act(self, maps: MapView, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
         """See ``Searcher``."""
         reported = summaries if self._summaries else {}
-        self._state, decision = step(
-            self._state, maps, robot, self._config, self._task.driver, reported, self._rule
-        )  # fmt: skip
+        self._state, decision = step(self._state, maps, robot, self._config, self._task.driver, reported, self._rule)
         return decision
 
 
 def first_sight(fusion: FusionConfig) -> FusionConfig:
     """Maps on which the first detection that is sure enough makes an object for good: nothing speaks against it."""
     threshold = {"min_confidence": FIRST_SIGHT_SCORE, "min_detections": 1, "flip_rejects": False}
-    return fusion.changed({
-        "objects": {
-            "points": {"min_score": FIRST_SIGHT_SCORE},
-            "confirmation": {"rule": "paper", "paper": threshold},
-            "false_positives": {"size_prior": False},
+    return fusion.changed(
+        {
+            "objects": {
+                "points": {"min_score": FIRST_SIGHT_SCORE},
+                "confirmation": {"rule": "paper", "paper": threshold},
+                "false_positives": {"size_prior": False},
+            }
         }
-    })  # fmt: skip
+    )

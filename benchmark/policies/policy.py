@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from services.fusion.core import FusionConfig
-from services.planner.core import Decision, MapView, RobotView
-from services.planner.core.motion.drive import LocalPlanner
-from simulator.world.goals import Goals
-from simulator.world.navigation import NavigationMap
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import Decision, MapView, RobotView
+from surveilnav.services.planner.core.motion.drive import LocalPlanner
+from surveilnav.simulator.world.goals import Goals
+from surveilnav.simulator.world.navigation import NavigationMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class Searcher(Protocol):
         """Actions decided so far; a stair counts as many as moves of its length."""
 
     def act(self, maps: MapView, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
-        """The next action, see ``services.planner.core.step``. Not to be called again once ``finished``.
+        """The next action, see ``surveilnav.services.planner.core.step``. Not to be called again once ``finished``.
 
         Args:
             maps: the joint maps of the robot's floor.

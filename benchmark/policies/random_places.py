@@ -12,12 +12,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmark.policies.mission import Mission
-from benchmark.policies.policy import Policy
-from services.fusion.core import FusionConfig
-from services.planner.core import PlannerConfig
-from services.planner.core.context import FrontierChoice, StepContext
-from services.planner.core.goals.frontiers import Frontier
+from surveilnav.benchmark.policies.mission import Mission
+from surveilnav.benchmark.policies.policy import Policy
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import PlannerConfig
+from surveilnav.services.planner.core.context import FrontierChoice, StepContext
+from surveilnav.services.planner.core.goals.frontiers import Frontier
 
 _WALK_M = 1.0
 

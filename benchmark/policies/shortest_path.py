@@ -13,12 +13,12 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from benchmark.policies.policy import Policy, Task, Truth
-from services.fusion.core import FusionConfig
-from services.planner.core import Decision, MapView, PlannerConfig, RobotView
-from services.planner.core.motion.drive import HEADINGS
-from simulator.world.distance_field import Waypoint
-from simulator.world.goals import SUCCESS_M
+from surveilnav.benchmark.policies.policy import Policy, Task, Truth
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import Decision, MapView, PlannerConfig, RobotView
+from surveilnav.services.planner.core.motion.drive import HEADINGS
+from surveilnav.simulator.world.distance_field import Waypoint
+from surveilnav.simulator.world.goals import SUCCESS_M
 
 #: Weighted A* (Pohl 1970): at most so much longer than the best sequence of whole steps, and many times faster.
 _WEIGHT = 1.05

@@ -8,17 +8,23 @@ rejected stays so. Where it is silent its maps are VLN-Game's and its driving is
 
 from __future__ import annotations
 
-from benchmark.policies.mission import Mission
-from benchmark.policies.policy import Policy
-from services.fusion.core import FusionConfig
-from services.planner.core import PlannerConfig
+from surveilnav.benchmark.policies.mission import Mission
+from surveilnav.benchmark.policies.policy import Policy
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import PlannerConfig
 
 #: A confirmed target before all else, any candidate before exploring, then the frontier of the highest value; what was
 #: rejected stays so.
 AS_WRITTEN = PlannerConfig(
-    verification="paper", confirmed_first=True, objects_first=True, promising_chance=0.0, exploit="always",
-    frontier_score="value", switch_ratio=1.0, last_resort_chance=None,
-)  # fmt: skip
+    verification="paper",
+    confirmed_first=True,
+    objects_first=True,
+    promising_chance=0.0,
+    exploit="always",
+    frontier_score="value",
+    switch_ratio=1.0,
+    last_resort_chance=None,
+)
 
 OURS = Policy(
     "surveilnav",

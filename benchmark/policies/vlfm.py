@@ -16,13 +16,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmark.policies.mission import Mission, first_sight
-from benchmark.policies.policy import Policy
-from services.fusion.core import FusionConfig, MapConfig, ValueConfig
-from services.planner.core import MapView, PlannerConfig
-from services.planner.core.context import FrontierChoice, StepContext
-from services.planner.core.goals.frontier_choice import held_frontier
-from services.planner.core.goals.frontiers import Frontier, values_near
+from surveilnav.benchmark.policies.mission import Mission, first_sight
+from surveilnav.benchmark.policies.policy import Policy
+from surveilnav.services.fusion.core import FusionConfig, MapConfig, ValueConfig
+from surveilnav.services.planner.core import MapView, PlannerConfig
+from surveilnav.services.planner.core.context import FrontierChoice, StepContext
+from surveilnav.services.planner.core.goals.frontier_choice import held_frontier
+from surveilnav.services.planner.core.goals.frontiers import Frontier, values_near
 
 CONFIG = PlannerConfig(verification="paper", objects_first=True, value_radius_m=0.5, standoff_m=0.85, stop_m=0.9)
 FUSION = first_sight(FusionConfig(map=MapConfig(frontier_hole_m2=1.5), value=ValueConfig(fusion="confidence")))

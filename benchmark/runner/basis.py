@@ -6,16 +6,16 @@ import hashlib
 from pathlib import Path
 from typing import NamedTuple
 
-from benchmark.canary import digest
-from benchmark.dataset.integrity import damage, read_manifest
-from benchmark.dataset.load import scenes_of
+from surveilnav.benchmark.canary import digest
+from surveilnav.benchmark.dataset.integrity import damage, read_manifest
+from surveilnav.benchmark.dataset.load import scenes_of
 from surveilnav.errors import ConfigError
 
 
 class Basis(NamedTuple):
     """A run's folder takes searches of one basis only.
 
-    ``dataset``: a hash of the split's files. ``program``: the digest of the golden run (``benchmark.canary``): two
+    ``dataset``: a hash of the split's files. ``program``: the digest of the golden run (``surveilnav.benchmark.canary``): two
     versions of the program that search alike have the same, however they are written.
     """
 

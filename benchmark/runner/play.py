@@ -9,20 +9,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmark.dataset.build import open_scene
-from benchmark.dataset.format import HabitatEpisode
-from benchmark.dataset.load import SceneData, load_scene, start_of
-from benchmark.play.episode import EpisodeResult, FusedCameras, OnStep
-from benchmark.runner.basis import Basis
-from benchmark.runner.records import Broken, Records
-from benchmark.runner.row import EpisodeRecord
-from benchmark.runner.search import search, sight_of
-from benchmark.runner.settings import RunSettings
-from simulator.simulation import SimulatedBuilding
-from simulator.truth.choose import choose_backend
-from simulator.world.goals import Goals
-from simulator.world.scene import Scene
+from surveilnav.benchmark.dataset.build import open_scene
+from surveilnav.benchmark.dataset.format import HabitatEpisode
+from surveilnav.benchmark.dataset.load import SceneData, load_scene, start_of
+from surveilnav.benchmark.play.episode import EpisodeResult, FusedCameras, OnStep
+from surveilnav.benchmark.runner.basis import Basis
+from surveilnav.benchmark.runner.records import Broken, Records
+from surveilnav.benchmark.runner.row import EpisodeRecord
+from surveilnav.benchmark.runner.search import search, sight_of
+from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.errors import SurveilNavError
+from surveilnav.simulator.simulation import SimulatedBuilding
+from surveilnav.simulator.truth.choose import choose_backend
+from surveilnav.simulator.world.goals import Goals
+from surveilnav.simulator.world.scene import Scene
 
 
 class ScenePlayer:
@@ -41,9 +41,12 @@ class ScenePlayer:
         )
         self._data.check_scene(self._building.scene)
         self._sight = sight_of(
-            self._building, backend, settings, plan=self._data.plan(settings.density_m2),
+            self._building,
+            backend,
+            settings,
+            plan=self._data.plan(settings.density_m2),
             view_bytes=self._data.cameras.view_bytes[str(settings.density_m2)],
-        )  # fmt: skip
+        )
         self._fused = FusedCameras(self._sight, settings.fusion_config())
         self._goals: dict[str, Goals] = {}
 
@@ -65,23 +68,36 @@ class ScenePlayer:
             self._goals[label] = self._data.goals(label, building.scene, building.navigation)
         goals = self._goals[label]
         outcome = search(
-            self._sight, s, goals, start_of(episode, building.scene), seed=seed,
+            self._sight,
+            s,
+            goals,
+            start_of(episode, building.scene),
+            seed=seed,
             goal_on_floor=True,  # Habitat's rule, and the dataset's
-            fused=self._fused, on_step=on_step,
-        )  # fmt: skip
+            fused=self._fused,
+            on_step=on_step,
+        )
         return self._record(episode, outcome)
 
     def _record(self, episode: HabitatEpisode, outcome: EpisodeResult) -> EpisodeRecord:
         verdict = outcome.verdict
         tiers = {"jpeg+depth": sum(outcome.camera_bytes.values()), "summaries": sum(outcome.summary_bytes.values())}
         return EpisodeRecord(
-            scene=self._data.record.scene, episode_id=episode.episode_id, category=self._data.label_of(episode),
-            success=verdict.success, spl=verdict.spl, soft_spl=verdict.soft_spl, steps=outcome.steps,
-            path_m=verdict.path_m, shortest_path_m=verdict.shortest_path_m,
+            scene=self._data.record.scene,
+            episode_id=episode.episode_id,
+            category=self._data.label_of(episode),
+            success=verdict.success,
+            spl=verdict.spl,
+            soft_spl=verdict.soft_spl,
+            steps=outcome.steps,
+            path_m=verdict.path_m,
+            shortest_path_m=verdict.shortest_path_m,
             distance_m=verdict.distance_to_viewpoint_m if verdict.distance_to_viewpoint_m < 1e6 else None,
-            reason=outcome.reason, seen=outcome.seen, bytes=tiers if self._settings.surveillance else {},
+            reason=outcome.reason,
+            seen=outcome.seen,
+            bytes=tiers if self._settings.surveillance else {},
             seconds=outcome.seconds,
-        )  # fmt: skip
+        )
 
 
 def seed_of(run_seed: int, scene: str, episode_id: str) -> int:
@@ -91,9 +107,14 @@ def seed_of(run_seed: int, scene: str, episode_id: str) -> int:
 
 
 def play_scene(
-    root: Path, out: Path, basis: Basis, settings: RunSettings, scene: str, wanted: frozenset[str],
+    root: Path,
+    out: Path,
+    basis: Basis,
+    settings: RunSettings,
+    scene: str,
+    wanted: frozenset[str],
     alive: Callable[[], bool] = lambda: True,
-) -> None:  # fmt: skip
+) -> None:
     """Plays episodes of a scene and keeps each; one that fails by a bug of ours is kept as broken.
 
     Raises:

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from benchmark import journal
-from benchmark.runner.basis import Basis
-from benchmark.runner.row import HEADER, EpisodeRecord, key_of_row, record_of_row, row_of
-from benchmark.runner.settings import RunSettings
+from surveilnav.benchmark import journal
+from surveilnav.benchmark.runner.basis import Basis
+from surveilnav.benchmark.runner.row import HEADER, EpisodeRecord, key_of_row, record_of_row, row_of
+from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
 from surveilnav.perception import models
 from surveilnav.perception.names import BackendName
@@ -208,7 +208,7 @@ def _difference(there: dict[str, Any] | None, settings: RunSettings, basis: Basi
     if not isinstance(was, dict):
         return "of which the settings aren't said"
     if unknown := sorted(was.keys() - now.keys()):
-        return f"it has a setting {unknown[0]!r} that there isn't: see benchmark.runner.rename"
+        return f"it has a setting {unknown[0]!r} that there isn't: see surveilnav.benchmark.runner.rename"
     return ", ".join(f"{k} {was[k]!r}, asked {v!r}" for k, v in now.items() if k in was and was[k] != v)
 
 

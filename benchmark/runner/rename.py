@@ -1,6 +1,6 @@
 """Published runs after a setting was renamed: the same runs under the settings' new names.
 
-    python -m benchmark.runner.rename fusion.objects.tau=fusion.objects.association.tau [OLD=NEW ...]
+    python -m surveilnav.benchmark.runner.rename fusion.objects.tau=fusion.objects.association.tau [OLD=NEW ...]
         [--value fusion.objects.association.tau:1.1=null ...] [--records FOLDER]
 
 A run's folder is named by its settings (``run_id``), and ``settings.json`` in it says them in full. Whoever renames a
@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from benchmark.runner.records import read_facts, write_facts
-from benchmark.runner.settings import RunSettings, run_id
+from surveilnav.benchmark.runner.records import read_facts, write_facts
+from surveilnav.benchmark.runner.settings import RunSettings, run_id
 from surveilnav.errors import ConfigError
 
 PUBLISHED = Path("docs/results/bench/records")
@@ -106,7 +106,9 @@ def _value_of(text: str) -> Value:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Renames, and says what came of it."""
-    parser = argparse.ArgumentParser(prog="python -m benchmark.runner.rename", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m surveilnav.benchmark.runner.rename", description=__doc__.partition("\n")[0]
+    )
     parser.add_argument("names", nargs="*", metavar="OLD=NEW", help="settings, with dots into nested ones")
     parser.add_argument(
         "--value", action="append", default=[], metavar="NEW:WAS=NOW", type=_value_of, help="JSON: tau_mutual:2.0=null"

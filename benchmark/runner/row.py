@@ -11,9 +11,22 @@ import msgspec
 #: How a tier of the cameras' bytes is called, and its column.
 _TIERS = {"jpeg+depth": "frame_bytes", "summaries": "summary_bytes"}
 _COLUMNS = (
-    "scene", "episode_id", "category", "success", "spl", "soft_spl", "steps", "path_m", "shortest_path_m", "distance_m",
-    "reason", "seen", *_TIERS.values(), "seconds", "crc32",
-)  # fmt: skip
+    "scene",
+    "episode_id",
+    "category",
+    "success",
+    "spl",
+    "soft_spl",
+    "steps",
+    "path_m",
+    "shortest_path_m",
+    "distance_m",
+    "reason",
+    "seen",
+    *_TIERS.values(),
+    "seconds",
+    "crc32",
+)
 HEADER = ",".join(_COLUMNS)
 
 
@@ -54,11 +67,24 @@ def row_of(record: EpisodeRecord) -> str:
         raise ValueError(f"the table has columns for the tiers {', '.join(_TIERS)}, not for {min(unknown)!r}")
     distance = "" if r.distance_m is None else round(r.distance_m, 6)
     text = io.StringIO()
-    csv.writer(text, lineterminator="").writerow([
-        r.scene, r.episode_id, r.category, int(r.success), round(r.spl, 6), round(r.soft_spl, 6), r.steps,
-        round(r.path_m, 6), round(r.shortest_path_m, 6), distance, r.reason, int(r.seen),
-        *(r.bytes.get(tier, "") for tier in _TIERS), round(r.seconds, 1),
-    ])  # fmt: skip
+    csv.writer(text, lineterminator="").writerow(
+        [
+            r.scene,
+            r.episode_id,
+            r.category,
+            int(r.success),
+            round(r.spl, 6),
+            round(r.soft_spl, 6),
+            r.steps,
+            round(r.path_m, 6),
+            round(r.shortest_path_m, 6),
+            distance,
+            r.reason,
+            int(r.seen),
+            *(r.bytes.get(tier, "") for tier in _TIERS),
+            round(r.seconds, 1),
+        ]
+    )
     return f"{text.getvalue()},{_checksum(text.getvalue())}"
 
 
@@ -70,13 +96,21 @@ def record_of_row(row: str) -> EpisodeRecord:
     (values,) = csv.reader([text])
     facts = dict(zip(_COLUMNS[:-1], values, strict=True))
     return EpisodeRecord(
-        scene=facts["scene"], episode_id=facts["episode_id"], category=facts["category"], success=facts["success"] == "1",
-        spl=float(facts["spl"]), soft_spl=float(facts["soft_spl"]), steps=int(facts["steps"]),
-        path_m=float(facts["path_m"]), shortest_path_m=float(facts["shortest_path_m"]),
-        distance_m=float(facts["distance_m"]) if facts["distance_m"] else None, reason=facts["reason"],
-        seen=facts["seen"] == "1", bytes={tier: int(facts[name]) for tier, name in _TIERS.items() if facts[name]},
+        scene=facts["scene"],
+        episode_id=facts["episode_id"],
+        category=facts["category"],
+        success=facts["success"] == "1",
+        spl=float(facts["spl"]),
+        soft_spl=float(facts["soft_spl"]),
+        steps=int(facts["steps"]),
+        path_m=float(facts["path_m"]),
+        shortest_path_m=float(facts["shortest_path_m"]),
+        distance_m=float(facts["distance_m"]) if facts["distance_m"] else None,
+        reason=facts["reason"],
+        seen=facts["seen"] == "1",
+        bytes={tier: int(facts[name]) for tier, name in _TIERS.items() if facts[name]},
         seconds=float(facts["seconds"]),
-    )  # fmt: skip
+    )
 
 
 def key_of_row(row: str) -> tuple[str, str]:

@@ -8,14 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmark.canary import digest
-from benchmark.dataset.load import load_scene, scenes_of
-from benchmark.play.workers import in_workers
-from benchmark.runner.basis import Basis, basis_of
-from benchmark.runner.play import parent_lives, play_scene
-from benchmark.runner.records import Broken, Records
-from benchmark.runner.row import EpisodeRecord
-from benchmark.runner.settings import RunSettings
+from surveilnav.benchmark.canary import digest
+from surveilnav.benchmark.dataset.load import load_scene, scenes_of
+from surveilnav.benchmark.play.workers import in_workers
+from surveilnav.benchmark.runner.basis import Basis, basis_of
+from surveilnav.benchmark.runner.play import parent_lives, play_scene
+from surveilnav.benchmark.runner.records import Broken, Records
+from surveilnav.benchmark.runner.row import EpisodeRecord
+from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
 
 _POLL_S = 2.0

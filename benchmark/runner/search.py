@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 
-from benchmark.play.cameras import Cameras
-from benchmark.play.episode import Episode, EpisodeResult, FusedCameras, OnStep
-from benchmark.play.shortest_path import ShortestPathPlanner
-from benchmark.play.sight import NOT_MEASURED, PoseError, Sight, ViewBytes
-from benchmark.policies import Task, Truth, policy_of
-from benchmark.runner.settings import RunSettings
-from services.planner.core.motion.drive import FmmPlanner
-from simulator.simulation import SimulatedBuilding
-from simulator.world.goals import Goals, Start
+from surveilnav.benchmark.play.cameras import Cameras
+from surveilnav.benchmark.play.episode import Episode, EpisodeResult, FusedCameras, OnStep
+from surveilnav.benchmark.play.shortest_path import ShortestPathPlanner
+from surveilnav.benchmark.play.sight import NOT_MEASURED, PoseError, Sight, ViewBytes
+from surveilnav.benchmark.policies import Task, Truth, policy_of
+from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.camera_plan import CameraPlan
 from surveilnav.perception.backend import Backend
+from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.simulator.simulation import SimulatedBuilding
+from surveilnav.simulator.world.goals import Goals, Start
 
 
 def sight_of(
@@ -27,10 +27,15 @@ def sight_of(
 ) -> Sight:
     """The eyes that ``settings`` give a run in ``building``; ``plan`` and ``view_bytes``: see ``Sight``."""
     return Sight(
-        building, backend, plan=plan, views=settings.views, way="depth" if backend.needs_truth else "pixels",
-        scale=settings.resolution_divisor, view_bytes=view_bytes,
+        building,
+        backend,
+        plan=plan,
+        views=settings.views,
+        way="depth" if backend.needs_truth else "pixels",
+        scale=settings.resolution_divisor,
+        view_bytes=view_bytes,
         pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
-    )  # fmt: skip
+    )
 
 
 def search(
@@ -55,11 +60,25 @@ def search(
     """
     policy, navigation = policy_of(settings.policy), sight.building.navigation
     task = Task(
-        goals.label, seed, settings.max_steps, ShortestPathPlanner(navigation) if settings.planner == "sp" else FmmPlanner(),
-        Truth(goals, navigation) if policy.needs_truth else None, goal_on_floor=goal_on_floor, planning=settings.planning,
-    )  # fmt: skip
+        goals.label,
+        seed,
+        settings.max_steps,
+        ShortestPathPlanner(navigation) if settings.planner == "sp" else FmmPlanner(),
+        Truth(goals, navigation) if policy.needs_truth else None,
+        goal_on_floor=goal_on_floor,
+        planning=settings.planning,
+    )
     return Episode(
-        sight, goals, start, policy.begin(task), surveillance=settings.surveillance, fusion=settings.fusion_config(),
-        fused=fused, delay_steps=settings.delay_steps, views_per_step=settings.views_per_step, seed=seed, cameras=cameras,
+        sight,
+        goals,
+        start,
+        policy.begin(task),
+        surveillance=settings.surveillance,
+        fusion=settings.fusion_config(),
+        fused=fused,
+        delay_steps=settings.delay_steps,
+        views_per_step=settings.views_per_step,
+        seed=seed,
+        cameras=cameras,
         on_step=on_step,
-    ).run()  # fmt: skip
+    ).run()

@@ -9,13 +9,13 @@ from typing import Any, Literal, get_args
 import msgspec
 from pydantic import ValidationError
 
-from benchmark.play.sight import Views
-from benchmark.policies import policy_of
-from services.fusion.core import FusionConfig
-from services.planner.core import PlannerConfig
-from simulator.truth.choose import BACKENDS
+from surveilnav.benchmark.play.sight import Views
+from surveilnav.benchmark.policies import policy_of
 from surveilnav.errors import ConfigError
 from surveilnav.perception.models import COCO_DETECTORS
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.planner.core import PlannerConfig
+from surveilnav.simulator.truth.choose import BACKENDS
 
 Planner = Literal["fmm", "sp"]
 
@@ -91,7 +91,7 @@ def run_id(settings: RunSettings) -> str:
     """A run's name: its split, and a hash of what differs from the defaults. Runs with the same settings share it.
 
     Of the settings' names and values alone: whoever renames one gives published runs their new names by
-    ``benchmark.runner.rename``.
+    ``surveilnav.benchmark.runner.rename``.
     """
     default = msgspec.to_builtins(RunSettings())
     said = {k: v for k, v in msgspec.to_builtins(settings).items() if v != default[k] and k != "split"}

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.runner.row import EpisodeRecord
-from simulator.world.goals import SUCCESS_M
+from surveilnav.benchmark.runner.row import EpisodeRecord
+from surveilnav.simulator.world.goals import SUCCESS_M
 
 RESAMPLES = 10_000
 #: Failures of searches that ended with ``stop``.

@@ -11,11 +11,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmark.play.sight import Sight, Sighted
-from services.fusion.core import JointMap
-from services.recorder.reading import RecordingError
-from services.recorder.recorded import Heard, told
+from surveilnav.benchmark.play.sight import Sight, Sighted
 from surveilnav.contract import MISSION_PLAN, VIEW_LOG
+from surveilnav.services.fusion.core import JointMap
+from surveilnav.services.recorder.reading import RecordingError
+from surveilnav.services.recorder.recorded import Heard, told
 
 
 class MapsState(NamedTuple):
@@ -70,7 +70,7 @@ def arrivals_of(recording: Path) -> Arrivals:
 
 
 class RecordedCameras:
-    """The cameras of a search whose views come as they came in the running system (``benchmark.play.cameras.Cameras``)."""
+    """The cameras of a search whose views come as they came in the running system (``play.cameras.Cameras``)."""
 
     offered_bytes: Mapping[str, int] = {}
 

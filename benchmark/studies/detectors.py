@@ -1,12 +1,13 @@
 """What a detector sees in rendered buildings: recall and precision by class, distance and size.
 
-    python -m benchmark.studies.detectors --buildings parametric_flat parametric_house --seeds 2 3 --robot-views 30 \\
+    python -m surveilnav.benchmark.studies.detectors --buildings parametric_flat parametric_house --seeds 2 3 --robot-views 30 \\
         [--camera-views 12] [--detectors yolox-nano picodet-s]
 
 Robot views: 640 x 480, 79 degrees, 0.88 m above places where the robot can stand, level and 30 degrees down; camera
 views: 1280 x 1280, 100 degrees, 1.8 m, -30 degrees, of the building's own camera plan. An object counts if it is of
 one of the six usual targets and shows at least ``--min-pixels`` pixels; a detection is right if its class is the
-object's and the boxes overlap by IoU 0.5. The error model of ``simulated`` comes from ``benchmark.studies.calibration.run``.
+object's and the boxes overlap by IoU 0.5. The error model of ``simulated`` comes from
+``surveilnav.benchmark.studies.calibration.run``.
 """
 
 from __future__ import annotations
@@ -21,14 +22,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.furniture.labels import TARGETS
-from simulator.render.depth_noise import DepthNoise
-from simulator.render.renderer import Renderer
-from simulator.sources import open_building
-from simulator.truth.choose import choose_backend
-from simulator.truth.visible import VisibleThing, mask_within, visible_things
-from simulator.world.navigation import NavigationMap
-from simulator.world.raycast import RayCaster
 from surveilnav.config import cache_dir
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.perception.boxes import overlaps
@@ -36,6 +29,14 @@ from surveilnav.perception.presets import DEFAULT_DETECTORS, DEFAULT_LARGE_DETEC
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.sensing.views import Detected, TrueInstances
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.render.depth_noise import DepthNoise
+from surveilnav.simulator.render.renderer import Renderer
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.truth.choose import choose_backend
+from surveilnav.simulator.truth.visible import VisibleThing, mask_within, visible_things
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.raycast import RayCaster
 
 ROBOT = Pinhole.from_hfov(640, 480, math.radians(79))
 CAMERA = Pinhole.from_hfov(1280, 1280, math.radians(100))
@@ -70,7 +71,7 @@ def views_of(name: str, seed: int, n_robot: int, n_camera: int) -> Iterator[Rend
         pitch = -math.pi / 6 if i % 2 else 0.0
         poses.append(("robot", camera_pose((x, y, z + CAMERA_HEIGHT_M), rng.uniform(-math.pi, math.pi), pitch)))
     if n_camera:
-        from simulator.world.cameras import place_cameras
+        from surveilnav.simulator.world.cameras import place_cameras
 
         plan = [v for c in place_cameras(scene, navigation, caster=caster) for v in c.views[:12]]
         poses += [("camera", plan[i]) for i in rng.permutation(len(plan))[:n_camera]]
@@ -180,7 +181,9 @@ class Tally:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Prints what the detectors find."""
-    parser = argparse.ArgumentParser(prog="benchmark.studies.detectors", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="surveilnav.benchmark.studies.detectors", description=__doc__.partition("\n")[0]
+    )
     parser.add_argument("--buildings", nargs="+", required=True)
     parser.add_argument("--seeds", nargs="+", type=int, default=[2])
     parser.add_argument("--robot-views", type=int, default=30, help="per building and seed")

@@ -1,6 +1,6 @@
 """The target is on another floor: every example home with stairs x every target that the start's floor lacks.
 
-    python -m benchmark.studies.floors --out docs/results/floors
+    python -m surveilnav.benchmark.studies.floors --out docs/results/floors
 
 Each search is played twice: with the summaries that all floors' cameras report, and without (the cameras of the robot's
 floor work in both). Resumable: a finished search is a line of ``episodes.jsonl``; ``README.md`` is written anew after
@@ -21,18 +21,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.studies.rows import Rows
-from simulator.furniture.labels import TARGETS
+from surveilnav.benchmark.studies.rows import Rows
 from surveilnav.errors import SurveilNavError, TargetError
+from surveilnav.simulator.furniture.labels import TARGETS
 
 if TYPE_CHECKING:
-    from benchmark.play.episode import EpisodeResult
-    from services.planner.core.state import FloorChange
-    from simulator.simulation import SimulatedBuilding
-    from simulator.world.free_ground import FloorNavigation
-    from simulator.world.goals import Goals, Start
-    from simulator.world.navigation import NavigationMap
+    from surveilnav.benchmark.play.episode import EpisodeResult
     from surveilnav.geometry import Grid
+    from surveilnav.services.planner.core.state import FloorChange
+    from surveilnav.simulator.simulation import SimulatedBuilding
+    from surveilnav.simulator.world.free_ground import FloorNavigation
+    from surveilnav.simulator.world.goals import Goals, Start
+    from surveilnav.simulator.world.navigation import NavigationMap
 
 HOMES = ("2_bedroom_basement", "3_bedroom_attic", "3_bedroom_mezzanine")
 ARMS = ("with", "without")
@@ -48,7 +48,7 @@ def elsewhere(navigation: NavigationMap, goals: Goals) -> Iterator[str]:
 
 def start_on(navigation: NavigationMap, goals: Goals, floor: str, seed: int) -> Start:
     """A place on that floor, indoors if there is any, from which a goal can be got to: drawn by ``seed``."""
-    from simulator.world.goals import Start
+    from surveilnav.simulator.world.goals import Start
 
     f = navigation.floors[floor]
     ground = navigation.robot_area[floor] & np.isfinite(goals.field.distance_m[floor])
@@ -61,15 +61,15 @@ def start_on(navigation: NavigationMap, goals: Goals, floor: str, seed: int) -> 
 
 def run_home(home: str, seed: int, targets: Sequence[str], perception: str, max_steps: int, out: Path) -> None:
     """Plays what is missing of one home, and writes the table after every search."""
-    from benchmark.play.episode import Episode
-    from benchmark.play.sight import Sight
-    from benchmark.policies.mission import Mission
-    from benchmark.policies.policy import Task
-    from services.planner.core import PlannerConfig
-    from services.planner.core.motion.drive import FmmPlanner
-    from simulator.simulation import SimulatedBuilding, SimulationSettings
-    from simulator.truth.choose import choose_backend
-    from simulator.world.goals import find_goals
+    from surveilnav.benchmark.play.episode import Episode
+    from surveilnav.benchmark.play.sight import Sight
+    from surveilnav.benchmark.policies.mission import Mission
+    from surveilnav.benchmark.policies.policy import Task
+    from surveilnav.services.planner.core import PlannerConfig
+    from surveilnav.services.planner.core.motion.drive import FmmPlanner
+    from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+    from surveilnav.simulator.truth.choose import choose_backend
+    from surveilnav.simulator.world.goals import find_goals
 
     building = SimulatedBuilding(SimulationSettings(building=home, seed=seed))
     building.prepare()
@@ -106,14 +106,23 @@ def record_of(
     """What the table needs of a search."""
     verdict = episode.verdict
     return {
-        "perception": perception, "success": verdict.success, "found": episode.found, "reason": episode.reason,
-        "message": episode.message, "steps": episode.steps, "path_m": round(verdict.path_m, 2),
-        "shortest_path_m": round(verdict.shortest_path_m, 2), "spl": round(verdict.spl, 4), "floors": list(episode.floors),
+        "perception": perception,
+        "success": verdict.success,
+        "found": episode.found,
+        "reason": episode.reason,
+        "message": episode.message,
+        "steps": episode.steps,
+        "path_m": round(verdict.path_m, 2),
+        "shortest_path_m": round(verdict.shortest_path_m, 2),
+        "spl": round(verdict.spl, 4),
+        "floors": list(episode.floors),
         "changes": [{"step": c.step, "floor": c.floor, "to_floor": c.to_floor, "why": c.why} for c in changes],
         "seen": {floor: labels.get(target, 0.0) for floor, labels in seen.items()},
-        "summary_bytes": episode.summary_bytes, "camera_bytes": sum(episode.camera_bytes.values()),
-        "invoked": sorted(episode.camera_bytes), "seconds": round(episode.seconds, 1),
-    }  # fmt: skip
+        "summary_bytes": episode.summary_bytes,
+        "camera_bytes": sum(episode.camera_bytes.values()),
+        "invoked": sorted(episode.camera_bytes),
+        "seconds": round(episode.seconds, 1),
+    }
 
 
 # --- showing it ---------------------------------------------------------------------------------------------------
@@ -173,20 +182,29 @@ def table(records: Sequence[dict[str, Any]]) -> str:
     for r in sorted(records, key=_key_of):
         pairs.setdefault(_key_of(r)[:-1], {})[r["summaries"]] = r
     lines = [
-        "# The target is on another floor", "",
-        "Made by `python -m benchmark.studies.floors`. Every example home with stairs, every target that the start's floor "
-        f"lacks; perception {', '.join(sorted({r['perception'] for r in records}))} on rendered pixels. Success: `stop` within "
+        "# The target is on another floor",
+        "",
+        "Made by `python -m surveilnav.benchmark.studies.floors`. Every example home with stairs, every target that the start's "
+        f"floor lacks; perception {', '.join(sorted({r['perception'] for r in records}))} on rendered pixels. Success: `stop` within "
         "0.1 m (geodesic) of a viewpoint. With summaries every camera of the building says, in one message of at most 512 "
         "bytes, which labels it last saw how surely; without them a robot searches its own floor first. The cameras of "
-        "the floor that the robot is on work in both.", "",
+        "the floor that the robot is on work in both.",
+        "",
         "| summaries | searches | success | SPL | steps (mean) | path (mean) | summaries: bytes (mean) | frames: MB (mean) |",
         "|---|---|---|---|---|---|---|---|",
-        *(_arm(arm, [p[arm] for p in pairs.values() if arm in p]) for arm in ARMS), "",
-        "## Every search", "", "Steps, path and SPL: with / without summaries.", "",
+        *(_arm(arm, [p[arm] for p in pairs.values() if arm in p]) for arm in ARMS),
+        "",
+        "## Every search",
+        "",
+        "Steps, path and SPL: with / without summaries.",
+        "",
         "| home | target | from | seen by the cameras of | found | steps | path [m] | shortest [m] | SPL | bytes | stairs |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
-        *(_search(pair) for pair in pairs.values()), "", "## Pictures", "",
-    ]  # fmt: skip
+        *(_search(pair) for pair in pairs.values()),
+        "",
+        "## Pictures",
+        "",
+    ]
     return "\n".join([*lines, *_pictures(sorted(records, key=_key_of))])
 
 
@@ -227,9 +245,18 @@ def _search(pair: dict[str, dict[str, Any]]) -> str:
     told = sum(pair["with"]["summary_bytes"].values()) if "with" in pair else 0
     stairs = " / ".join("-".join(pair[a]["floors"]) if a in pair else "-" for a in ARMS)
     cells = (
-        one["building"], one["target"], one["start"], seen, found, both("steps", 0), both("path_m", 1),
-        f"{one['shortest_path_m']:.1f}", both("spl", 2), str(told), stairs,
-    )  # fmt: skip
+        one["building"],
+        one["target"],
+        one["start"],
+        seen,
+        found,
+        both("steps", 0),
+        both("path_m", 1),
+        f"{one['shortest_path_m']:.1f}",
+        both("spl", 2),
+        str(told),
+        stairs,
+    )
     return "| " + " | ".join(cells) + " |"
 
 
@@ -240,7 +267,9 @@ def _story(record: dict[str, Any]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Plays what is missing, home by home."""
-    parser = argparse.ArgumentParser(prog="python -m benchmark.studies.floors", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m surveilnav.benchmark.studies.floors", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--out", type=Path, default=Path("docs/results/floors"))
     parser.add_argument("--homes", nargs="*", default=list(HOMES))
     parser.add_argument("--targets", nargs="*", default=list(TARGETS))

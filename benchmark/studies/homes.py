@@ -1,6 +1,6 @@
 """The example homes' table: every home x every target in it x seeds, with and without surveillance.
 
-    python -m benchmark.studies.homes --out docs/results/homes
+    python -m surveilnav.benchmark.studies.homes --out docs/results/homes
 
 Resumable: every finished episode is a line of ``episodes.jsonl``; a second start does only what is missing. The table
 ``README.md`` beside it is written anew after every episode, so it is there whenever one looks.
@@ -18,13 +18,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.play.workers import in_workers
-from benchmark.studies.rows import Rows
-from simulator.furniture.labels import TARGETS
+from surveilnav.benchmark.play.workers import in_workers
+from surveilnav.benchmark.studies.rows import Rows
 from surveilnav.errors import ConfigError, SurveilNavError, TargetError
+from surveilnav.simulator.furniture.labels import TARGETS
 
 if TYPE_CHECKING:
-    from benchmark.play.sight import Sight
+    from surveilnav.benchmark.play.sight import Sight
 
 ARMS = ("on", "off")
 KEY = ("building", "seed", "target", "surveillance")
@@ -46,9 +46,9 @@ class Job:
 
 def run_job(job: Job, done: frozenset[tuple[Any, ...]], out: Path) -> int:
     """Runs what is missing of a job; returns how many episodes it ran."""
-    from benchmark.play.sight import Sight
-    from simulator.simulation import SimulatedBuilding, SimulationSettings
-    from simulator.truth.choose import choose_backend
+    from surveilnav.benchmark.play.sight import Sight
+    from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+    from surveilnav.simulator.truth.choose import choose_backend
 
     missing = [(t, a) for t in job.targets for a in job.arms if (job.building, job.seed, t, a) not in done]
     if not missing:
@@ -72,9 +72,9 @@ def run_job(job: Job, done: frozenset[tuple[Any, ...]], out: Path) -> int:
 
 def _searched(sight: Sight, job: Job, target: str, arm: str) -> dict[str, Any]:
     """What came of one search, or why it can't be."""
-    from benchmark.runner.search import search
-    from benchmark.runner.settings import RunSettings
-    from simulator.world.goals import find_goals, sample_start
+    from surveilnav.benchmark.runner.search import search
+    from surveilnav.benchmark.runner.settings import RunSettings
+    from surveilnav.simulator.world.goals import find_goals, sample_start
 
     building = sight.building
     try:
@@ -86,16 +86,26 @@ def _searched(sight: Sight, job: Job, target: str, arm: str) -> dict[str, Any]:
     episode = search(sight, settings, goals, start, seed=job.seed)
     verdict = episode.verdict
     return {
-        "perception": sight.backend.name, "success": verdict.success, "found": episode.found, "reason": episode.reason,
-        "message": episode.message, "steps": episode.steps, "spl": round(verdict.spl, 4),
-        "soft_spl": round(verdict.soft_spl, 4), "path_m": round(verdict.path_m, 2),
+        "perception": sight.backend.name,
+        "success": verdict.success,
+        "found": episode.found,
+        "reason": episode.reason,
+        "message": episode.message,
+        "steps": episode.steps,
+        "spl": round(verdict.spl, 4),
+        "soft_spl": round(verdict.soft_spl, 4),
+        "path_m": round(verdict.path_m, 2),
         "shortest_path_m": round(verdict.shortest_path_m, 2),
         "distance_m": round(verdict.distance_to_viewpoint_m, 2) if verdict.distance_to_viewpoint_m < 1e6 else None,
-        "success_at_0_2_m": verdict.success_at_0_2_m, "success_at_1_m": verdict.success_at_1_m,
-        "cameras": len(sight.infos), "invoked": sorted(episode.camera_bytes), "robot_bytes": episode.robot_bytes,
-        "camera_bytes": sum(episode.camera_bytes.values()), "start_notes": list(start.notes),
+        "success_at_0_2_m": verdict.success_at_0_2_m,
+        "success_at_1_m": verdict.success_at_1_m,
+        "cameras": len(sight.infos),
+        "invoked": sorted(episode.camera_bytes),
+        "robot_bytes": episode.robot_bytes,
+        "camera_bytes": sum(episode.camera_bytes.values()),
+        "start_notes": list(start.notes),
         "seconds": round(episode.seconds, 1),
-    }  # fmt: skip
+    }
 
 
 def rows_in(out: Path) -> Rows:
@@ -130,8 +140,17 @@ def table(records: Sequence[dict[str, Any]], command: str) -> str:
 
 
 _COLUMNS = (
-    "home", "seed", "target", "cameras", "success on / off", "steps", "path [m]", "shortest [m]", "MB", "why it failed",
-)  # fmt: skip
+    "home",
+    "seed",
+    "target",
+    "cameras",
+    "success on / off",
+    "steps",
+    "path [m]",
+    "shortest [m]",
+    "MB",
+    "why it failed",
+)
 
 
 def _about(played: Sequence[dict[str, Any]], command: str) -> list[str]:
@@ -196,10 +215,17 @@ def _episode(pair: dict[str, dict[str, Any]]) -> str:
         f"{arm}: {r['reason']} ({r['message']})" for arm, r in sorted(pair.items(), reverse=True) if r["reason"]
     )
     cells = (
-        one["building"], one["seed"], one["target"] + ("*" if one["start_notes"] else ""), one["cameras"],
-        both(lambda r: "yes" if r["success"] else "no"), both(lambda r: str(r["steps"])), both(lambda r: f"{r['path_m']:.1f}"),
-        f"{one['shortest_path_m']:.1f}", both(lambda r: f"{(r['robot_bytes'] + r['camera_bytes']) / 1e6:.0f}"), reasons,
-    )  # fmt: skip
+        one["building"],
+        one["seed"],
+        one["target"] + ("*" if one["start_notes"] else ""),
+        one["cameras"],
+        both(lambda r: "yes" if r["success"] else "no"),
+        both(lambda r: str(r["steps"])),
+        both(lambda r: f"{r['path_m']:.1f}"),
+        f"{one['shortest_path_m']:.1f}",
+        both(lambda r: f"{(r['robot_bytes'] + r['camera_bytes']) / 1e6:.0f}"),
+        reasons,
+    )
     return "| " + " | ".join(str(c).replace("|", "/") for c in cells) + " |"
 
 
@@ -209,7 +235,7 @@ def claim(options: argparse.Namespace) -> str:
     Raises:
         ConfigError: the folder holds episodes of other settings.
     """
-    from benchmark.runner.settings import RunSettings
+    from surveilnav.benchmark.runner.settings import RunSettings
 
     asked = {name: getattr(options, name) for name in ("perception", "cameras", "area_per_camera", "max_steps")}
     settings = asked | {"views_per_step": RunSettings().views_per_step}
@@ -222,7 +248,7 @@ def claim(options: argparse.Namespace) -> str:
     path.write_text(json.dumps(settings, indent=2) + "\n")
     defaults: dict[str, Any] = {"perception": "onnx-coco", "cameras": None, "area_per_camera": 100.0, "max_steps": 500}
     more = [f"--{n.replace('_', '-')} {v}" for n, v in asked.items() if v != defaults[n]]
-    return " ".join(["python -m benchmark.studies.homes", *more])
+    return " ".join(["python -m surveilnav.benchmark.studies.homes", *more])
 
 
 # --- running ------------------------------------------------------------------------------------------------------
@@ -242,10 +268,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         page.write_text(table(rows.load(), command))
         return 0
     jobs = [
-        Job(b, s, tuple(options.targets), tuple(options.surveillance), options.perception, options.cameras,
-            options.area_per_camera, options.max_steps)
-        for s in options.seeds for b in options.buildings
-    ]  # fmt: skip
+        Job(
+            b,
+            s,
+            tuple(options.targets),
+            tuple(options.surveillance),
+            options.perception,
+            options.cameras,
+            options.area_per_camera,
+            options.max_steps,
+        )
+        for s in options.seeds
+        for b in options.buildings
+    ]
     total = len(jobs) * len(options.targets) * len(options.surveillance)
     done = rows.done()
     began_s, before, failed = time.monotonic(), len(rows.load()), 0
@@ -263,9 +298,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from simulator.sources import EXAMPLE_HOMES
+    from surveilnav.simulator.sources import EXAMPLE_HOMES
 
-    parser = argparse.ArgumentParser(prog="python -m benchmark.studies.homes", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m surveilnav.benchmark.studies.homes", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--out", type=Path, default=Path("docs/results/homes"))
     parser.add_argument("--buildings", nargs="*", default=list(EXAMPLE_HOMES))
     parser.add_argument("--targets", nargs="*", default=list(TARGETS))

@@ -1,6 +1,6 @@
 """Precision and recall of ``label_of`` on the names that Sweet Home 3D's catalogues give their furniture, by language.
 
-    python -m benchmark.studies.labels
+    python -m surveilnav.benchmark.studies.labels
 
 What a piece is, says ``labels_truth.json`` by its catalogue id. Two libraries are held out: their names were not looked at
 while ``shared/surveilnav/data/words.json`` was made. ``--missed de`` lists the wrong ones of the other libraries.
@@ -18,12 +18,19 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from simulator.archive import Archive
-from simulator.furniture.assets import ensure_assets
-from simulator.furniture.catalog import DEFAULT_CATALOG, JAR, LIBRARIES, CatalogModel, read_catalog, read_properties
-from simulator.furniture.labels import TARGETS, label_of
 from surveilnav.errors import SurveilNavError
 from surveilnav.nouns import language_of
+from surveilnav.simulator.archive import Archive
+from surveilnav.simulator.furniture.assets import ensure_assets
+from surveilnav.simulator.furniture.catalog import (
+    DEFAULT_CATALOG,
+    JAR,
+    LIBRARIES,
+    CatalogModel,
+    read_catalog,
+    read_properties,
+)
+from surveilnav.simulator.furniture.labels import TARGETS, label_of
 
 _HERE = Path(__file__).parent
 OUT = Path("docs/results/labels.md")
@@ -134,7 +141,8 @@ def page(named: Sequence[Named]) -> str:
     lines = [
         "# What names say about furniture",
         "",
-        "Made by `python -m benchmark.studies.labels`. It gives `label_of` every name in Sweet Home 3D's catalogues, in all",
+        "Made by `python -m surveilnav.benchmark.studies.labels`. It gives `label_of` every name in Sweet Home 3D's catalogues,",
+        "in all",
         "their languages, with the piece's size. What a piece is follows from its catalogue id, checked by hand for",
         f"{len(truth()['labels'])} classes: {truth_file}. Each cell has precision / recall in percent.",
         "",
@@ -206,7 +214,7 @@ def _percent(part: int, whole: int) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Writes the page, or lists what is wrong in one language."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmark.studies.labels", description=(__doc__ or "").split("\n")[0]
+        prog="python -m surveilnav.benchmark.studies.labels", description=(__doc__ or "").split("\n")[0]
     )
     parser.add_argument("--out", type=Path, default=OUT, help=f"the page (default {OUT})")
     parser.add_argument(

@@ -1,7 +1,7 @@
 """The running system, with cameras against without: each search is played by ``surveilnav demo``, both ways from one start.
 
-    python -m benchmark.studies.live --buildings office_200 flats_201 ... [--targets tv bed] [--seeds 0] [--perception compact]
-    python -m benchmark.studies.live --surveillance on ...    # with cameras alone: how often demo finds, by target
+    python -m surveilnav.benchmark.studies.live --buildings office_200 flats_201 ... [--targets tv bed] [--seeds 0]
+    python -m surveilnav.benchmark.studies.live --surveillance on ...    # with cameras alone: how often demo finds, by target
 
 Services, bus, pixels and the clock are those that users have. Every search begins with empty maps. ``demo`` renders light and
 views before it starts the services, so that takes none of a search's time. Caches are warm otherwise, too: cameras' frames and
@@ -23,20 +23,31 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmark.canary import digest
-from benchmark.runner.summary import Interval, interval
-from benchmark.studies.arrivals import arrivals_of
-from benchmark.studies.rows import Rows
-from services.recorder.reading import RecordingError
-from simulator.furniture.labels import TARGETS
-from simulator.sources import TRAIN_HOMES
+from surveilnav.benchmark.canary import digest
+from surveilnav.benchmark.runner.summary import Interval, interval
+from surveilnav.benchmark.studies.arrivals import arrivals_of
+from surveilnav.benchmark.studies.rows import Rows
+from surveilnav.services.recorder.reading import RecordingError
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.sources import TRAIN_HOMES
 
 ARMS = ("on", "off")
 KEY = ("building", "seed", "target", "surveillance")
 _KEPT = (
-    "success", "found", "error", "message", "steps", "spl", "path_m", "shortest_path_m", "search_s", "first_action_s",
-    "perception", "cameras", "actions",
-)  # fmt: skip
+    "success",
+    "found",
+    "error",
+    "message",
+    "steps",
+    "spl",
+    "path_m",
+    "shortest_path_m",
+    "search_s",
+    "first_action_s",
+    "perception",
+    "cameras",
+    "actions",
+)
 _LONGEST_S = 1200.0
 
 
@@ -52,17 +63,33 @@ class Search(NamedTuple):
 def play(search: Search, perception: str, runs: Path, models: str = "all") -> dict[str, Any]:
     """What came of a search, or in "skipped" why it can't be. ``models``: the half of furniture models it is furnished with."""
     command = [
-        str(Path(sys.executable).parent / "surveilnav"), "demo", "--json", "--building", search.building, "--seed",
-        str(search.seed), "--target", search.target, "--surveillance", search.surveillance, "--perception", perception,
-        "--runs", str(runs),
-    ]  # fmt: skip
+        str(Path(sys.executable).parent / "surveilnav"),
+        "demo",
+        "--json",
+        "--building",
+        search.building,
+        "--seed",
+        str(search.seed),
+        "--target",
+        search.target,
+        "--surveillance",
+        search.surveillance,
+        "--perception",
+        perception,
+        "--runs",
+        str(runs),
+    ]
     recordings = runs / "recordings"
     before = set(recordings.glob("*.mcap"))
     try:
         ended = subprocess.run(
-            command, capture_output=True, text=True, timeout=_LONGEST_S, check=False,
+            command,
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST_S,
+            check=False,
             env=os.environ | {"SURVEILNAV_SIM__MODELS": models},
-        )  # fmt: skip
+        )
         told = json.loads(ended.stdout.strip().splitlines()[-1])
     except (subprocess.TimeoutExpired, json.JSONDecodeError, IndexError) as error:
         return search._asdict() | {"skipped": f"{type(error).__name__}: see {runs}"}
@@ -173,7 +200,7 @@ def _how_often(rows: Sequence[dict[str, Any]]) -> list[str]:
         f"{100 * statistics.mean(r['spl'] for r in rows):.1f}.** Buildings and seeds: "
         f"{len(buildings)}; cameras: {cameras}.",
         f"In {sum(bool(r['found']) for r in rows)} the robot said that it had found the target.",
-    ]  # fmt: skip
+    ]
 
 
 def _by_target(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
@@ -233,7 +260,9 @@ def _both(on: dict[str, Any], off: dict[str, Any], name: str) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m benchmark.studies.live", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m surveilnav.benchmark.studies.live", description=__doc__.partition("\n")[0]
+    )
     parser.add_argument("--buildings", nargs="+", required=True)
     parser.add_argument("--targets", nargs="+", default=list(TARGETS))
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
@@ -268,9 +297,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     done = rows.done()
     missing = [
         search
-        for building in args.buildings for seed in args.seeds for target in args.targets for arm in args.surveillance
+        for building in args.buildings
+        for seed in args.seeds
+        for target in args.targets
+        for arm in args.surveillance
         if (search := Search(building, seed, target, arm)) not in done
-    ]  # fmt: skip
+    ]
     began_s = time.monotonic()
     for number, search in enumerate([] if args.table else missing, start=1):
         row = play(search, args.perception, args.data / "runs", args.models)

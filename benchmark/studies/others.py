@@ -1,8 +1,9 @@
 """How much of homes that other people drew robots can search: two runs of ``surveilnav homes``, and searches in them.
 
     surveilnav homes FOLDER --json > AFTER.json
-    python -m benchmark.studies.others BEFORE.json AFTER.json --index INDEX.tsv --drawn BEFORE.json AFTER.json --on RUN --off RUN
-    python -m benchmark.studies.taken RUN --root DATASET > TAKEN.json    # of both runs, for --taken ON.json OFF.json
+    python -m surveilnav.benchmark.studies.others BEFORE.json AFTER.json --index INDEX.tsv --drawn BEFORE.json AFTER.json \
+        --on RUN --off RUN
+    python -m surveilnav.benchmark.studies.taken RUN --root DATASET > TAKEN.json    # of both runs, for --taken ON.json OFF.json
 
 The homes themselves stay out of the repository: the index (tab-separated, with the columns file, owner/repo, path,
 left_out) names them. ``left_out`` says why a home doesn't count; of two files with the same bytes one doesn't. ``--drawn``:
@@ -21,9 +22,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.runner.records import read
-from benchmark.runner.row import EpisodeRecord
-from benchmark.studies.taken import Taken, read_taken
+from surveilnav.benchmark.runner.records import read
+from surveilnav.benchmark.runner.row import EpisodeRecord
+from surveilnav.benchmark.studies.taken import Taken, read_taken
 from surveilnav.errors import ConfigError, SurveilNavError
 
 #: Where less of the free floor is reached the page says why.
@@ -75,9 +76,13 @@ class Index:
 
 
 def page(
-    before: Mapping[str, Home], after: Mapping[str, Home], index: Index, runs: Mapping[str, Sequence[EpisodeRecord]],
-    drawn: tuple[Mapping[str, Home], Mapping[str, Home]] | None = None, taken: Mapping[str, Taken] | None = None,
-) -> str:  # fmt: skip
+    before: Mapping[str, Home],
+    after: Mapping[str, Home],
+    index: Index,
+    runs: Mapping[str, Sequence[EpisodeRecord]],
+    drawn: tuple[Mapping[str, Home], Mapping[str, Home]] | None = None,
+    taken: Mapping[str, Taken] | None = None,
+) -> str:
     """The page, in Markdown. ``runs``: searches with cameras ("on") and without ("off"), if there are any; ``drawn``: plans of
     our own before and after; ``taken``: of each run, what was taken for the target."""
     files, left_out = index.sorted(after)
@@ -92,26 +97,33 @@ def _head(before: Mapping[str, Home], after: Mapping[str, Home], files: Sequence
     then, now = ([s for f in files if (s := _share(homes.get(f))) is not None] for homes in (before, after))
     ways = [after[f] for f in files if (_open_share(after[f]) or 0.0) >= _ENOUGH]
     kept = sum((_share(home) or 0.0) >= _ENOUGH for home in ways)
-    return "\n".join([
-        "# Homes of others", "",
-        f"**In {sum(s >= _ENOUGH for s in now)} of {len(files)} homes robots reach at least {_ENOUGH:.0%} of the free floor; "
-        f"before in {sum(s >= _ENOUGH for s in then)}.** {len(now)} could be read and have floor, before {len(then)}. "
-        f"In {len(ways)} homes the plan's own doors and stairs lead to so much, if all doors stood open: "
-        f"robots reach it in {kept}.",
-        "",
-        "Other people published these homes in public repositories. None of them is in this one. "
-        "`surveilnav homes FOLDER --json` surveyed them, *before* by the program of dataset v1. "
-        "`python -m benchmark.studies.others` wrote the page.", "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "# Homes of others",
+            "",
+            f"**In {sum(s >= _ENOUGH for s in now)} of {len(files)} homes robots reach at least {_ENOUGH:.0%} of the free floor; "
+            f"before in {sum(s >= _ENOUGH for s in then)}.** {len(now)} could be read and have floor, before {len(then)}. "
+            f"In {len(ways)} homes the plan's own doors and stairs lead to so much, if all doors stood open: "
+            f"robots reach it in {kept}.",
+            "",
+            "Other people published these homes in public repositories. None of them is in this one. "
+            "`surveilnav homes FOLDER --json` surveyed them, *before* by the program of dataset v1. "
+            "`python -m surveilnav.benchmark.studies.others` wrote the page.",
+            "",
+        ]
+    )
 
 
 def _drawn(before: Mapping[str, Home], after: Mapping[str, Home]) -> str:
     lines = [
-        "## Plans drawn for each fault", "",
+        "## Plans drawn for each fault",
+        "",
         "Small plans of our own (`python -m tests.simulator.plans.drawn FOLDER`), each with one fault that people's plans "
-        "have.", "",
-        "| fault | reached before, m² | after, m² | targets before | after |", "|---|---|---|---|---|",
-    ]  # fmt: skip
+        "have.",
+        "",
+        "| fault | reached before, m² | after, m² | targets before | after |",
+        "|---|---|---|---|---|",
+    ]
     for file in sorted(after):
         then, now = (_reached(homes.get(file)) for homes in (before, after))
         lines.append(
@@ -136,18 +148,28 @@ def _left_out(index: Index, why: Mapping[str, str]) -> str:
 
 def _areas(before: Mapping[str, Home], after: Mapping[str, Home], index: Index, files: Iterable[str]) -> str:
     lines = [
-        "## Floor reached", "", "Of the m² indoors where a robot could stand, those that robots get to. "
+        "## Floor reached",
+        "",
+        "Of the m² indoors where a robot could stand, those that robots get to. "
         "*By its doors*: the share that they would get to if every door of the plan stood open. Targets: things with a "
-        "class that they get to.", "",
+        "class that they get to.",
+        "",
         "| home | levels | rooms | before, m² | % | after, m² | % | by its doors, % | targets before | after |",
         "|---|---|---|---|---|---|---|---|---|---|",
-    ]  # fmt: skip
+    ]
     for file in files:
         then, now = before.get(file), after[file]
         levels, rooms = (len(now["levels"]), now["rooms"]) if "levels" in now else ("", "")
         by_doors = _open_share(now)
-        cells = [levels, rooms, *_area(then), *_area(now), "" if by_doors is None else f"{100 * by_doors:.0f}",
-                 _targets(then), _targets(now)]  # fmt: skip
+        cells = [
+            levels,
+            rooms,
+            *_area(then),
+            *_area(now),
+            "" if by_doors is None else f"{100 * by_doors:.0f}",
+            _targets(then),
+            _targets(now),
+        ]
         lines.append(f"| {index.name(file)} | {' | '.join(map(str, cells))} |")
     return "\n".join([*lines, ""])
 
@@ -200,11 +222,16 @@ def _reasons(after: Mapping[str, Home], index: Index, files: Iterable[str]) -> s
 
 def _searches(runs: Mapping[str, Sequence[EpisodeRecord]]) -> str:
     scenes = sorted({r.scene for records in runs.values() for r in records})
-    lines = ["## Searches", "",
-             "Successes of searches, and their SPL in percent. Real detectors (`onnx-coco`) look at rendered pixels; there is a "
-             "camera for 100 m². `surveilnav dataset build --building FILE --split others` drew the searches, and "
-             "`surveilnav bench run --split others` played them.", "",
-             "| home | with cameras | SPL | without | SPL |", "|---|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "## Searches",
+        "",
+        "Successes of searches, and their SPL in percent. Real detectors (`onnx-coco`) look at rendered pixels; there is a "
+        "camera for 100 m². `surveilnav dataset build --building FILE --split others` drew the searches, and "
+        "`surveilnav bench run --split others` played them.",
+        "",
+        "| home | with cameras | SPL | without | SPL |",
+        "|---|---|---|---|---|",
+    ]
     for scene in scenes:
         lines.append(f"| {_cell(scene)} | {_counted(runs, lambda r, scene=scene: r.scene == scene)} |")
     lines.append(f"| all | {_counted(runs, lambda r: True)} |")
@@ -251,7 +278,9 @@ def _cell(text: str) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Writes the page."""
-    parser = argparse.ArgumentParser(prog="python -m benchmark.studies.others", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m surveilnav.benchmark.studies.others", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("before", type=Path, help="what `surveilnav homes --json` said before")
     parser.add_argument("after", type=Path, help="what it says now")
     parser.add_argument("--index", type=Path, help="a table of the files' repositories and paths")

@@ -1,7 +1,7 @@
 """What the detectors see in photographs that Python packages carry: a picture with boxes, and a table.
 
     pip install --no-deps scikit-image
-    python -m benchmark.studies.photographs --picture docs/images/photographs.jpg    # the table goes to stdout
+    python -m surveilnav.benchmark.studies.photographs --picture docs/images/photographs.jpg    # the table goes to stdout
 
 What a photograph shows was written down by eye, as COCO's class names. A name counts as right if the photograph shows
 such a thing, wherever its box is: there are no true boxes. ``compact`` is beside COCO's detectors, also on what it has no
@@ -63,10 +63,14 @@ PHOTOGRAPHS = (
     Photograph("dahlia", "sklearn", "datasets/images/flower.jpg", (), "CC BY 2.0, flickr.com/photos/vultilion"),
     Photograph("pagoda", "sklearn", "datasets/images/china.jpg", (), "CC BY 2.0, flickr.com/photos/danielbuechele"),
     Photograph(
-        "garage", "skimage", "data/motorcycle_left.png", ("bench", "bicycle", "motorcycle"),
-        "not stated (Middlebury 2014): not drawn", drawn=False,
+        "garage",
+        "skimage",
+        "data/motorcycle_left.png",
+        ("bench", "bicycle", "motorcycle"),
+        "not stated (Middlebury 2014): not drawn",
+        drawn=False,
     ),
-)  # fmt: skip
+)
 
 
 def read(photograph: Photograph) -> Picture:

@@ -17,17 +17,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.play.sight import Sight, Sighted
-from services.robot_node.core import RobotState
-from simulator.simulation import SimulatedBuilding
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Scene
+from surveilnav.benchmark.play.sight import Sight, Sighted
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import InferReply, ModelIds
 from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.robot_body import STEP_M, TURN_RAD
 from surveilnav.sensing.packing import decode_depth, encode_depth, perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_cells
+from surveilnav.services.robot_node.core import RobotState
+from surveilnav.simulator.simulation import SimulatedBuilding
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Scene
 from surveilnav.stored import read_parts, write_parts
 
 #: Instances of these classes are the building itself: a detection on them is one of background.
@@ -273,21 +273,47 @@ def _stored(seen: SeenView) -> _Stored:
     if seen.perception is not None:
         detections, image = perception_to_wire(seen.perception)
         reply = InferReply(
-            stamp_ns=view.stamp_ns, worker="recording", backend=seen.perception.backend, source=view.source,
-            view=view.view, seq=view.seq, detections=detections, image_embedding=image,
-            models=ModelIds(embedder=seen.perception.embedding_model), words=list(seen.perception.words),
-        )  # fmt: skip
+            stamp_ns=view.stamp_ns,
+            worker="recording",
+            backend=seen.perception.backend,
+            source=view.source,
+            view=view.view,
+            seq=view.seq,
+            detections=detections,
+            image_embedding=image,
+            models=ModelIds(embedder=seen.perception.embedding_model),
+            words=list(seen.perception.words),
+        )
     return _Stored(
-        view.source, view.view, view.seq, view.stamp_ns, view.floor, Pose.from_matrix(view.T_world_camera), view.camera,
-        view.mounting_offset_m, view.depth_range_m, encode_depth(view.depth_m, view.depth_range_m), reply, list(seen.truth),
-    )  # fmt: skip
+        view.source,
+        view.view,
+        view.seq,
+        view.stamp_ns,
+        view.floor,
+        Pose.from_matrix(view.T_world_camera),
+        view.camera,
+        view.mounting_offset_m,
+        view.depth_range_m,
+        encode_depth(view.depth_m, view.depth_range_m),
+        reply,
+        list(seen.truth),
+    )
 
 
 def _seen(s: _Stored) -> SeenView:
     depth_m = decode_depth(s.depth, s.camera.width_px, s.camera.height_px, s.depth_range_m)
     view = PosedView(
-        s.source, s.view, s.seq, s.stamp_ns, s.floor, s.T_world_camera.matrix(), s.camera, s.mounting_offset_m,
-        _NO_PICTURE, depth_m, s.depth_range_m,
-    )  # fmt: skip
+        s.source,
+        s.view,
+        s.seq,
+        s.stamp_ns,
+        s.floor,
+        s.T_world_camera.matrix(),
+        s.camera,
+        s.mounting_offset_m,
+        _NO_PICTURE,
+        depth_m,
+        s.depth_range_m,
+    )
     perception = perception_from_wire(s.reply, s.camera) if s.reply is not None else None
     return SeenView(view, perception, tuple(s.truth))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmark import journal
+from surveilnav.benchmark import journal
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
-"""Whether the running system and the benchmark do the same: searches of ``benchmark.studies.live`` played again in one process.
+"""Whether the running system and the benchmark do the same: searches of ``studies.live`` played again in one process.
 
-    python -m benchmark.studies.live --buildings parametric_flat --perception oracle ...
-    python -m benchmark.studies.same_actions runs/live/oracle.jsonl ...
+    python -m surveilnav.benchmark.studies.live --buildings parametric_flat --perception oracle ...
+    python -m surveilnav.benchmark.studies.same_actions runs/live/oracle.jsonl ...
 
 Both decide by the same cores. What may differ is what comes to them: which view when, and the luck of ``simulated``, which
 depends on names that differ. So ``oracle`` and pixels are compared. Searches with cameras are played once more with views
@@ -17,15 +17,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmark.play.sight import Sight
-from benchmark.runner.search import search
-from benchmark.runner.settings import RunSettings
-from benchmark.studies.arrivals import Arrivals, RecordedCameras
-from benchmark.studies.live import KEY
-from benchmark.studies.rows import Rows
-from simulator.simulation import SimulatedBuilding, SimulationSettings
-from simulator.truth.choose import choose_backend
-from simulator.world.goals import find_goals, sample_start
+from surveilnav.benchmark.play.sight import Sight
+from surveilnav.benchmark.runner.search import search
+from surveilnav.benchmark.runner.settings import RunSettings
+from surveilnav.benchmark.studies.arrivals import Arrivals, RecordedCameras
+from surveilnav.benchmark.studies.live import KEY
+from surveilnav.benchmark.studies.rows import Rows
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.truth.choose import choose_backend
+from surveilnav.simulator.world.goals import find_goals, sample_start
 
 
 class Played(NamedTuple):
@@ -73,9 +73,14 @@ def played(row: dict[str, Any], building: SimulatedBuilding, arrivals: Arrivals 
     settings = RunSettings(perception=row["perception"], surveillance=row["surveillance"] == "on")
     sight, actions = Sight(building, choose_backend(row["perception"])), list[str]()
     result = search(
-        sight, settings, goals, start, seed=row["seed"], cameras=RecordedCameras(sight, arrivals) if arrivals else None,
+        sight,
+        settings,
+        goals,
+        start,
+        seed=row["seed"],
+        cameras=RecordedCameras(sight, arrivals) if arrivals else None,
         on_step=lambda *step: actions.append(step[-1].action or ""),
-    )  # fmt: skip
+    )
     return Played([action for action in actions if action], result.verdict.success, result.verdict.spl)
 
 
@@ -94,21 +99,31 @@ def page(found: Sequence[Compared], command: str) -> str:
     n = sum(c.live for c in found)
     timed = [c.with_live_timing.whole for c in found if c.with_live_timing is not None]
     lines = [
-        "# The running system and the benchmark, action by action", "",
+        "# The running system and the benchmark, action by action",
+        "",
         f"**Searches that are the same to the last action: {whole}** ({n} actions by the running system). Each began "
         "at one start with empty maps, over Zenoh and in one process. `simulated` isn't compared: its luck depends on names of "
-        "views, which differ.", "",
-        f"Made by `{command}`.", "",
-        *_by_arm(found), "",
+        "views, which differ.",
+        "",
+        f"Made by `{command}`.",
+        "",
+        *_by_arm(found),
+        "",
         "With cameras it depends on timing which of their views are in the map at an action. The running system looks at as "
         f"many as it has time for. The benchmark looks at {RunSettings().views_per_step} from one action to the next."
-        + (f" **With live timing {sum(timed)} of {len(timed)} are the same**: each view came into the maps at the step of the "
-           "recording." if timed else ""), "",
-        "## Every search", "",
+        + (
+            f" **With live timing {sum(timed)} of {len(timed)} are the same**: each view came into the maps at the step of the "
+            "recording."
+            if timed
+            else ""
+        ),
+        "",
+        "## Every search",
+        "",
         "| building | seed | target | cameras | perception | actions live / alone | right | the same | then live / alone | "
         "with live timing |",
         "|---|---|---|---|---|---|---|---|---|---|",
-    ]  # fmt: skip
+    ]
     for c in found:
         r, then = c.row, "" if c.whole else f"{c.next_live} / {c.next_alone}"
         right = " / ".join("yes" if success else "no" for success in (r["success"], c.alone.success))
@@ -157,9 +172,9 @@ def _mean(spl: Iterator[float]) -> str:
 def main(argv: Sequence[str] | None = None) -> None:
     """Plays the searches of files of rows, and writes the page."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmark.studies.same_actions", description=__doc__.partition("\n")[0]
+        prog="python -m surveilnav.benchmark.studies.same_actions", description=__doc__.partition("\n")[0]
     )
-    parser.add_argument("rows", type=Path, nargs="+", help="what benchmark.studies.live wrote")
+    parser.add_argument("rows", type=Path, nargs="+", help="what surveilnav.benchmark.studies.live wrote")
     parser.add_argument("--page", type=Path, default=Path("docs/results/same_actions.md"))
     args = parser.parse_args(argv)
     rows = [row for path in args.rows for row in Rows(path, KEY).load() if "skipped" not in row]

@@ -1,6 +1,6 @@
 """What a robot took for the target: searches of a run that stopped at something else, played once more.
 
-    python -m benchmark.studies.taken RUN --root DATASET > TAKEN.json
+    python -m surveilnav.benchmark.studies.taken RUN --root DATASET > TAKEN.json
 
 A search is the same whenever it is played. So its last decision says which object of the map it stopped at, and the
 simulator which thing most of that object's points lie on.
@@ -21,18 +21,18 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from benchmark.runner.play import ScenePlayer
-from benchmark.runner.records import read, read_facts
-from benchmark.runner.row import EpisodeRecord
-from benchmark.runner.settings import RunSettings
-from services.fusion.core import JointMap
-from services.planner.core import Decision, MapView
-from simulator.furniture.labels import PARTS, word_for
-from simulator.world.raycast import NOTHING, RayCaster
-from simulator.world.scene import Scene
+from surveilnav.benchmark.runner.play import ScenePlayer
+from surveilnav.benchmark.runner.records import read, read_facts
+from surveilnav.benchmark.runner.row import EpisodeRecord
+from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError, SurveilNavError
 from surveilnav.messages import ObjectRecord
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core import JointMap
+from surveilnav.services.planner.core import Decision, MapView
+from surveilnav.simulator.furniture.labels import PARTS, word_for
+from surveilnav.simulator.world.raycast import NOTHING, RayCaster
+from surveilnav.simulator.world.scene import Scene
 
 #: By (scene, episode): a thing's class and name.
 Taken = Mapping[tuple[str, str], str]
@@ -74,7 +74,9 @@ def read_taken(path: Path) -> Taken:
     try:
         return {(t["scene"], t["episode_id"]): t["taken"] for t in json.loads(path.read_text("utf-8"))["taken"]}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path} isn't what `python -m benchmark.studies.taken` prints: {error!r}") from error
+        raise ConfigError(
+            f"{path} isn't what `python -m surveilnav.benchmark.studies.taken` prints: {error!r}"
+        ) from error
 
 
 def check_same(was: EpisodeRecord, now: EpisodeRecord) -> None:
@@ -104,7 +106,9 @@ def thing_of(scene: Scene, caster: RayCaster, taken: ObjectRecord) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints one object: {"taken": [...]}."""
-    parser = argparse.ArgumentParser(prog="python -m benchmark.studies.taken", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m surveilnav.benchmark.studies.taken", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("run", type=Path, help="a run's folder")
     parser.add_argument("--root", type=Path, required=True, help="the dataset's folder")
     options = parser.parse_args(argv)

@@ -9,8 +9,8 @@ from typing import Any
 
 import msgspec
 
-from benchmark.runner.settings import RunSettings
-from services.fusion.core.config import AssociationConfig
+from surveilnav.benchmark.runner.settings import RunSettings
+from surveilnav.services.fusion.core.config import AssociationConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +57,15 @@ def _run(split: str = "val_mini", **settings: Any) -> RunSettings:
 
 def _main() -> Table:
     others = [
-        ("random walk", "random-walk", (0.0, 0.0)), ("random samples", "random-samples", (30.0, 14.3)),
-        ("nearest frontier", "frontier", (23.7, 12.3)), ("VLFM's rule", "vlfm", (64.0, 32.7)),
-        ("VLFM's rule, our verification", "vlfm-verified", None), ("L3MVN's rule", "l3mvn", (50.4, 23.1)),
-        ("L3MVN's rule, our verification", "l3mvn-verified", None), ("ApexNav's rule", "apexnav", None),
-    ]  # fmt: skip
+        ("random walk", "random-walk", (0.0, 0.0)),
+        ("random samples", "random-samples", (30.0, 14.3)),
+        ("nearest frontier", "frontier", (23.7, 12.3)),
+        ("VLFM's rule", "vlfm", (64.0, 32.7)),
+        ("VLFM's rule, our verification", "vlfm-verified", None),
+        ("L3MVN's rule", "l3mvn", (50.4, 23.1)),
+        ("L3MVN's rule, our verification", "l3mvn-verified", None),
+        ("ApexNav's rule", "apexnav", None),
+    ]
     ours = [
         Arm("ours, with surveillance, FMM", _run("val"), (67.4, 34.5)),
         Arm("ours, without surveillance, FMM", _run("val", surveillance=False), (62.7, 26.1)),
@@ -72,16 +76,18 @@ def _main() -> Table:
     bounds = [Arm("shortest path, same actions", _run("val", policy="shortest-path", surveillance=False))]
     baselines = [Arm(label, _run("val", policy=p, surveillance=False), paper) for label, p, paper in others]
     return Table(
-        "main", "Main comparison",
+        "main",
+        "Main comparison",
         "Baselines search without cameras, on the same maps and with the same perception. Those of VLFM, L3MVN and ApexNav "
         "believe as their papers say, with `our verification` only where the robot explores is theirs.",
         (*ours, *baselines, *bounds),
-    )  # fmt: skip
+    )
 
 
 def _pixels() -> Table:
     return Table(
-        "pixels", "On pixels",
+        "pixels",
+        "On pixels",
         "Our own network `compact` looks at rendered pixels; planner FMM. Beside it the pair of COCO detectors.",
         (
             Arm("compact, with surveillance", _run("val", perception="compact")),
@@ -89,7 +95,7 @@ def _pixels() -> Table:
             Arm("onnx-coco, with surveillance", _run("val", perception="onnx-coco")),
         ),
         explained=True,
-    )  # fmt: skip
+    )
 
 
 def _agreement() -> tuple[Table, Table]:
@@ -98,13 +104,15 @@ def _agreement() -> tuple[Table, Table]:
 
     def table(name: str, title: str, on: bool) -> Table:
         return Table(
-            name, title, about,
+            name,
+            title,
+            about,
             (
                 Arm("compact on pixels", _run(perception="compact", surveillance=on)),
                 Arm("simulated, mean of four seeds", _run(surveillance=on), seeds=4),
                 *(Arm(f"simulated, seed {n}", _run(surveillance=on, seed=n)) for n in range(4)),
             ),
-        )  # fmt: skip
+        )
 
     return (
         table("agreement", "Simulated against pixels, with cameras", True),
@@ -115,8 +123,10 @@ def _agreement() -> tuple[Table, Table]:
 _BY_IOU: dict[str, Any] = {"tau": 1.1, "tau_mutual": None}
 _GEOMETRIES: dict[str, dict[str, Any]] = {
     # an IoU of what two views see of one thing is small where an overlap is near 1, so its threshold is lower
-    "overlap": {}, "box IoU": {"geometry": "box_iou", **_BY_IOU}, "voxel IoU": {"geometry": "voxel_iou", **_BY_IOU},
-}  # fmt: skip
+    "overlap": {},
+    "box IoU": {"geometry": "box_iou", **_BY_IOU},
+    "voxel IoU": {"geometry": "voxel_iou", **_BY_IOU},
+}
 _FUSIONS = ("confidence", "average", "latest")
 _STRATEGIES = ("region", "object", "greedy")
 
@@ -135,7 +145,8 @@ def _components() -> Table:
         label = ", ".join(levels) + " (default)" * (n == 0)
         arms.append((n, Arm(label, _run(fusion=maps, planning=planning), levels=levels)))
     return Table(
-        "components", "Association x value fusion x strategy",
+        "components",
+        "Association x value fusion x strategy",
         "How two views of a thing are compared, how the values of several views of a place become one, and what ranks "
         "frontiers. An overlap is near 1 where two views see parts of one thing, an IoU is small: looks and place must "
         f"reach {AssociationConfig().tau:g} with overlap and {_BY_IOU['tau']:g} with an IoU, and overlap both ways makes one "
@@ -143,30 +154,39 @@ def _components() -> Table:
         "where to look around once more when all is explored.",
         tuple(arm for _, arm in sorted(arms, key=itemgetter(0))),
         factors=("association geometry", "value fusion", "strategy"),
-    )  # fmt: skip
+    )
 
 
 TABLES: dict[str, Table] = {
     t.name: t
     for t in (
-        _main(), _pixels(),
+        _main(),
+        _pixels(),
         _components(),
         Table(
-            "range", "Perception range of the cameras", "Half: six neighbouring azimuths, where most is to be seen.",
+            "range",
+            "Perception range of the cameras",
+            "Half: six neighbouring azimuths, where most is to be seen.",
             (
-                Arm("360 degrees", _run(), (67.4, 34.5)), Arm("180 degrees", _run(views="half"), (66.8, 32.1)),
+                Arm("360 degrees", _run(), (67.4, 34.5)),
+                Arm("180 degrees", _run(views="half"), (66.8, 32.1)),
                 Arm("no cameras", _run(surveillance=False), (62.7, 26.1)),
             ),
         ),
         Table(
-            "density", "Density of the cameras", "One camera per so much floor.",
+            "density",
+            "Density of the cameras",
+            "One camera per so much floor.",
             (
-                Arm("100 m2", _run(), (67.4, 34.5)), Arm("200 m2", _run(density_m2=200), (66.5, 33.0)),
+                Arm("100 m2", _run(), (67.4, 34.5)),
+                Arm("200 m2", _run(density_m2=200), (66.5, 33.0)),
                 Arm("no cameras", _run(surveillance=False), (62.7, 26.1)),
             ),
         ),
         Table(
-            "strategy", "What the value map is made of", "The paper's three, with the planner SP as there.",
+            "strategy",
+            "What the value map is made of",
+            "The paper's three, with the planner SP as there.",
             (
                 Arm("region", _run(planner="sp"), (71.1, 36.4)),
                 Arm("object", _run(planner="sp", planning={"strategy": "object"}), (70.5, 35.8)),
@@ -174,7 +194,8 @@ TABLES: dict[str, Table] = {
             ),
         ),
         Table(
-            "strategy-pixels", "What the value map is made of, on pixels",
+            "strategy-pixels",
+            "What the value map is made of, on pixels",
             "As `strategy`, but real detectors look; planner FMM.",
             (
                 Arm("region", _run(perception="onnx-coco")),
@@ -183,11 +204,13 @@ TABLES: dict[str, Table] = {
             ),
         ),
         Table(
-            "detector", "Perception",
+            "detector",
+            "Perception",
             "Real detectors on rendered pixels (`compact`; beside YOLOX-nano, PicoDet-S looks at the robot's views and DEIMv2 "
             "femto at the cameras'), the calibrated error model, the truth.",
             (
-                Arm("compact", _run(perception="compact")), Arm("simulated", _run()),
+                Arm("compact", _run(perception="compact")),
+                Arm("simulated", _run()),
                 Arm("onnx-coco: YOLOX-nano and another", _run(perception="onnx-coco")),
                 Arm("onnx-coco: DEIMv2 femto alone", _run(perception="onnx-coco", detectors=["deimv2-femto"])),
                 Arm("oracle: the truth", _run(perception="oracle")),
@@ -195,7 +218,9 @@ TABLES: dict[str, Table] = {
         ),
         *_agreement(),
         Table(
-            "tiers", "Bytes against success", "Counted by the real encoders on rendered pixels; bytes an episode.",
+            "tiers",
+            "Bytes against success",
+            "Counted by the real encoders on rendered pixels; bytes an episode.",
             (
                 Arm("frames (JPEG + depth)", _run(perception="onnx-coco")),
                 Arm("frames, half the views", _run(perception="onnx-coco", views="half")),
@@ -205,25 +230,30 @@ TABLES: dict[str, Table] = {
             over_bytes=True,
         ),
         Table(
-            "delay", "Late cameras",
+            "delay",
+            "Late cameras",
             "Actions between a camera's invocation and the arrival of its views. A search begins with a look around, so the "
             "first ways are decided after 12 actions or more: what comes before then comes early enough.",
             tuple(Arm(f"{n} steps", _run(delay_steps=n)) for n in (0, 1, 5, 10, 20, 40)),
         ),
         Table(
-            "errors", "Worse and better perception",
+            "errors",
+            "Worse and better perception",
             "True things so many standard deviations of luck harder to find and name, false alarms as much easier to give.",
             tuple(
                 Arm(f"{k:+g}, {'with' if on else 'without'} cameras", _run(harder=k, surveillance=on))
-                for on in (True, False) for k in (0.0, -1.0, -0.5, 0.5, 1.0)
+                for on in (True, False)
+                for k in (0.0, -1.0, -0.5, 0.5, 1.0)
             ),
         ),
         Table(
-            "poses", "Badly surveyed cameras", "Each camera's pose is wrong by this much in a direction drawn for it.",
+            "poses",
+            "Badly surveyed cameras",
+            "Each camera's pose is wrong by this much in a direction drawn for it.",
             tuple(
                 Arm(f"{cm} cm, {deg:g} degrees", _run(camera_error_m=cm / 100, camera_error_deg=deg))
                 for cm, deg in ((0, 0.0), (2, 0.5), (5, 1.0), (10, 3.0))
             ),
         ),
     )
-}  # fmt: skip
+}

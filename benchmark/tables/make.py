@@ -9,16 +9,16 @@ from functools import cache, partial
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from benchmark.dataset import format as files
-from benchmark.dataset.format import SceneRecord
-from benchmark.dataset.load import scenes_of
-from benchmark.runner.basis import Basis, basis_of
-from benchmark.runner.records import Records, kept
-from benchmark.runner.run import Finished, Progress, run
-from benchmark.runner.settings import RunSettings, run_id
-from benchmark.tables.arms import Arm, Table
-from benchmark.tables.page import Line, page, plot
-from simulator.truth.choose import choose_backend
+from surveilnav.benchmark.dataset import format as files
+from surveilnav.benchmark.dataset.format import SceneRecord
+from surveilnav.benchmark.dataset.load import scenes_of
+from surveilnav.benchmark.runner.basis import Basis, basis_of
+from surveilnav.benchmark.runner.records import Records, kept
+from surveilnav.benchmark.runner.run import Finished, Progress, run
+from surveilnav.benchmark.runner.settings import RunSettings, run_id
+from surveilnav.benchmark.tables.arms import Arm, Table
+from surveilnav.benchmark.tables.page import Line, page, plot
+from surveilnav.simulator.truth.choose import choose_backend
 from surveilnav.stored import replacing
 
 

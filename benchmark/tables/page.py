@@ -6,12 +6,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Any
 
-from benchmark.dataset.splits import EDITION, is_real_home
-from benchmark.play.episode import REASONS
-from benchmark.runner.basis import Basis
-from benchmark.runner.row import EpisodeRecord
-from benchmark.runner.summary import SUCCESS_RULE, WITHIN_M, Interval, Summary, paired, pairs_of, parts, summarise
-from benchmark.tables.arms import Arm, Table
+from surveilnav.benchmark.dataset.splits import EDITION, is_real_home
+from surveilnav.benchmark.play.episode import REASONS
+from surveilnav.benchmark.runner.basis import Basis
+from surveilnav.benchmark.runner.row import EpisodeRecord
+from surveilnav.benchmark.runner.summary import (
+    SUCCESS_RULE,
+    WITHIN_M,
+    Interval,
+    Summary,
+    paired,
+    pairs_of,
+    parts,
+    summarise,
+)
+from surveilnav.benchmark.tables.arms import Arm, Table
 
 #: Categories of which there are so few furniture models that one of them may decide a number.
 FEW_MODELS = ("toilet", "tv")
@@ -31,9 +40,13 @@ class Line:
 
 
 def page(
-    table: Table, lines: Sequence[Line], total: int, models: Mapping[tuple[str, str], Sequence[str]], basis: Basis,
+    table: Table,
+    lines: Sequence[Line],
+    total: int,
+    models: Mapping[tuple[str, str], Sequence[str]],
+    basis: Basis,
     edition: str = EDITION,
-) -> str:  # fmt: skip
+) -> str:
     """A table's page.
 
     Args:
@@ -45,9 +58,11 @@ def page(
     """
     apart = " and ".join(f"{m:g} m" for m in WITHIN_M)
     text = [
-        f"# {table.title}", "",
+        f"# {table.title}",
+        "",
         f"Made by `surveilnav bench table {table.name}`, program `{basis.program[:12]}`, dataset "
-        f"{edition} `{basis.dataset[:12]}`. {table.about}", "",
+        f"{edition} `{basis.dataset[:12]}`. {table.about}",
+        "",
         f"Split `{table.arms[0].settings.split}`, {total} episodes. Success: {SUCCESS_RULE}. SR at {apart}: if a stop so "
         "far from a viewpoint counted. SoftSPL: the share of the way to the goal that was gone counts instead of success. "
         "Means in percent with 95 % bootstrap intervals: whole scenes are drawn, with all their searches; the luck of "
@@ -57,9 +72,10 @@ def page(
         "of those that were invoked, and in buildings of several floors summaries of all. What the paper has "
         "was measured on other buildings. Every policy that explores knows that the floor it starts on has a goal (Habitat's "
         "rule for starts). Where no real detector looks, depth and instance ids have half the resolution: 320x240 of the "
-        "robot, 640x640 of a camera.", "",
+        "robot, 640x640 of a camera.",
+        "",
         *_comparison(table, lines, total),
-    ]  # fmt: skip
+    ]
     if lines:
         text += ["", f"![]({table.name}.png)"]
         if table.factors:
@@ -95,10 +111,16 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
         arm, s = line.arm, line.summary
         difference = ("", "", "") if first is None or line is first else _difference(line, first)
         cells = [
-            arm.label, f"{s.episodes}" + (" (unfinished)" if s.episodes < total * arm.seeds else ""), str(s.sr), str(s.spl),
-            f"{s.soft_spl.mean:.1f}", *difference, *(f"{s.sr_within[m]:.1f}" for m in WITHIN_M),
-            f"{s.steps:.0f}", f"{s.path_m:.1f}",
-        ]  # fmt: skip
+            arm.label,
+            f"{s.episodes}" + (" (unfinished)" if s.episodes < total * arm.seeds else ""),
+            str(s.sr),
+            str(s.spl),
+            f"{s.soft_spl.mean:.1f}",
+            *difference,
+            *(f"{s.sr_within[m]:.1f}" for m in WITHIN_M),
+            f"{s.steps:.0f}",
+            f"{s.path_m:.1f}",
+        ]
         cells += [f"{s.bytes.get(tier, 0.0) / 1e6:.3g}" for tier in tiers]
         if with_paper:
             cells.append(f"{arm.paper[0]:.1f} / {arm.paper[1]:.1f}" if arm.paper else "")
@@ -123,9 +145,11 @@ def _factors(table: Table, lines: Sequence[Line]) -> list[str]:
     """A row for every level of every factor, of all lines that have it."""
     text = [
         "All lines with the level; differences are to the lines that have the factor's first level and are the same in all "
-        "else, paired by episode.", "",
-        "| | lines | SR | SPL | SR difference | SPL difference |", "|" + "---|" * 6,
-    ]  # fmt: skip
+        "else, paired by episode.",
+        "",
+        "| | lines | SR | SPL | SR difference | SPL difference |",
+        "|" + "---|" * 6,
+    ]
     of = {line.arm.levels: line.records for line in lines}
     for i, factor in enumerate(table.factors):
         first = table.arms[0].levels[i]
@@ -164,9 +188,10 @@ def _parts(lines: Sequence[Line]) -> list[str]:
     """By which searches a line's SPL differs from the first's: points of all pairs, and how many searches."""
     text = [
         "A line's SPL minus the first line's, in points of all searches that both have; in brackets how many searches they are.",
-        "", "| | only it succeeds | only the first succeeds | both, its SPL higher | both, its SPL lower | together |",
+        "",
+        "| | only it succeeds | only the first succeeds | both, its SPL higher | both, its SPL lower | together |",
         "|" + "---|" * 6,
-    ]  # fmt: skip
+    ]
     why = []
     for line in lines[1:]:
         if not (pairs := pairs_of(line.records, lines[0].records)):

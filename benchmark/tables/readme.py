@@ -1,6 +1,6 @@
 """The picture of results in the README, from published runs.
 
-python -m benchmark.tables.readme docs/images/results.png    # make docs
+python -m surveilnav.benchmark.tables.readme docs/images/results.png    # make docs
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
-from benchmark.runner.basis import Basis
-from benchmark.runner.records import kept, read_facts
-from benchmark.runner.settings import run_id
-from benchmark.tables.arms import TABLES, Arm
-from benchmark.tables.page import Line
+from surveilnav.benchmark.runner.basis import Basis
+from surveilnav.benchmark.runner.records import kept, read_facts
+from surveilnav.benchmark.runner.settings import run_id
+from surveilnav.benchmark.tables.arms import TABLES, Arm
+from surveilnav.benchmark.tables.page import Line
 from surveilnav.errors import ConfigError
 
 PUBLISHED = Path("docs/results/bench/v1/records")

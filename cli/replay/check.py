@@ -10,16 +10,16 @@ import msgspec
 from pydantic import ValidationError
 from zstandard import ZstdError, frame_content_size
 
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.core.guard import ViewError
-from services.fusion.core.snapshot import SnapshotError, digest, freeze, thaw, unpack
-from services.fusion.journal import perceived_of
-from services.fusion.store import Entry
-from services.recorder.reading import RecordingError
-from services.recorder.recorded import End, Heard, Maps, told
 from surveilnav.contract import VIEW_LOG
 from surveilnav.errors import WireError
 from surveilnav.messages import LoggedView
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.guard import ViewError
+from surveilnav.services.fusion.core.snapshot import SnapshotError, digest, freeze, thaw, unpack
+from surveilnav.services.fusion.journal import perceived_of
+from surveilnav.services.fusion.store import Entry
+from surveilnav.services.recorder.reading import RecordingError
+from surveilnav.services.recorder.recorded import End, Heard, Maps, told
 
 _MOST_MAPS_BYTES = 2 << 30
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cli.options import AsJson, console, print_json, results
+from surveilnav.cli.options import AsJson, console, print_json, results
 
 
 def replay(
@@ -24,11 +24,11 @@ def replay(
 ) -> None:
     """Show a recorded search again, on the page and by REST, until Ctrl-C."""
     if not check:
-        from cli.replay.play import run_replay
+        from surveilnav.cli.replay.play import run_replay
 
         run_replay(console, file, speed=speed, port=port)
         return
-    from cli.replay.check import check as compare
+    from surveilnav.cli.replay.check import check as compare
 
     outcome = compare(file)
     if as_json:

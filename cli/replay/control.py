@@ -6,9 +6,9 @@ import math
 import threading
 import time
 
-from cli.replay.clock import ReplayClock
 from surveilnav import contract
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
+from surveilnav.cli.replay.clock import ReplayClock
 from surveilnav.messages import FASTEST_REPLAY, SLOWEST_REPLAY, ReplayControl, ReplayStatus
 
 
@@ -35,10 +35,17 @@ class ReplayControls:
         with self._lock:
             now_s = time.monotonic()
             return ReplayStatus(
-                stamp_ns=clock_ns(), player=self._node.id, mission=self._mission, target=self._target,
-                began_ns=self._began_ns, at_s=self._clock.at_s(now_s), duration_s=self._clock.duration_s, speed=self._clock.speed,
-                playing=self._clock.playing and not self._clock.ended(now_s), jumps=self._jumps,
-            )  # fmt: skip
+                stamp_ns=clock_ns(),
+                player=self._node.id,
+                mission=self._mission,
+                target=self._target,
+                began_ns=self._began_ns,
+                at_s=self._clock.at_s(now_s),
+                duration_s=self._clock.duration_s,
+                speed=self._clock.speed,
+                playing=self._clock.playing and not self._clock.ended(now_s),
+                jumps=self._jumps,
+            )
 
     def tell(self) -> None:
         """Puts the status."""

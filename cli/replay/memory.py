@@ -5,20 +5,29 @@ from __future__ import annotations
 import threading
 from functools import partial
 
-from services.recorder.recorded import Heard
 from surveilnav import contract
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import PERCEPTION_TEXT, Stream
 from surveilnav.messages import Ack, FrameHeader, LoggedView, TextReply
+from surveilnav.services.recorder.recorded import Heard
 
 _REMEMBERED = (
-    contract.CAMERA_INFO, contract.ROBOT_STATUS, contract.PERCEPTION_LOAD, contract.MAP_REVISION, contract.MISSION_STATUS,
-    contract.MISSION_PLAN, contract.TRAFFIC,
-)  # fmt: skip
+    contract.CAMERA_INFO,
+    contract.ROBOT_STATUS,
+    contract.PERCEPTION_LOAD,
+    contract.MAP_REVISION,
+    contract.MISSION_STATUS,
+    contract.MISSION_PLAN,
+    contract.TRAFFIC,
+)
 _COMMANDS = (
-    contract.MISSION_GOAL, contract.MISSION_CANCEL, contract.MISSION_PAUSE, contract.ROBOT_COMMAND, contract.ROBOT_HALT,
+    contract.MISSION_GOAL,
+    contract.MISSION_CANCEL,
+    contract.MISSION_PAUSE,
+    contract.ROBOT_COMMAND,
+    contract.ROBOT_HALT,
     contract.FORGET_PICTURES,
-)  # fmt: skip
+)
 #: Which kind of node is there because it is in the recording, and by which id of its key.
 _PRESENT = {contract.CAMERA_INFO: "camera", contract.ROBOT_STATUS: "robot", contract.PERCEPTION_LOAD: "perception"}
 

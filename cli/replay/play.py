@@ -12,19 +12,19 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-from cli.replay.clock import ReplayClock
-from cli.replay.control import ReplayControls
-from cli.replay.maps import MapsAgain
-from cli.replay.memory import Memory
-from cli.stack import Stack
-from services.recorder.core.pictures import header_of
-from services.recorder.reading import RecordingError
-from services.recorder.recorded import Begin, Heard, Maps, Told, told
 from surveilnav.bus import Node, Publisher
 from surveilnav.bus.router import free_port
+from surveilnav.cli.replay.clock import ReplayClock
+from surveilnav.cli.replay.control import ReplayControls
+from surveilnav.cli.replay.maps import MapsAgain
+from surveilnav.cli.replay.memory import Memory
+from surveilnav.cli.stack import Stack
 from surveilnav.contract import CAMERA_FRAME, ID_PATTERN, ROBOT_OBSERVATION, VIEW_LOG, Stream
 from surveilnav.errors import WireError
 from surveilnav.messages import LoggedView
+from surveilnav.services.recorder.core.pictures import header_of
+from surveilnav.services.recorder.reading import RecordingError
+from surveilnav.services.recorder.recorded import Begin, Heard, Maps, Told, told
 
 _REPEAT_S = 1.0
 _READY_S = 60.0
@@ -108,9 +108,10 @@ def run_replay(console: Console, path: Path, *, speed: float, port: int) -> None
     with tempfile.TemporaryDirectory(prefix="surveilnav-replay-") as name:
         folder = Path(name)
         variables = {
-            "SURVEILNAV_BUS__ROUTER": f"tcp/127.0.0.1:{free_port()}", "SURVEILNAV_BUS__BUILDING": facts["building"],
+            "SURVEILNAV_BUS__ROUTER": f"tcp/127.0.0.1:{free_port()}",
+            "SURVEILNAV_BUS__BUILDING": facts["building"],
             "SURVEILNAV_GATEWAY__PORT": str(port),
-        }  # fmt: skip
+        }
         with (
             Stack(variables, folder / "logs", gateway=True, searches=False) as stack,
             Node("replay", "replay", stack.bus) as node,
@@ -121,8 +122,12 @@ def run_replay(console: Console, path: Path, *, speed: float, port: int) -> None
             )
             player = Player(node, folder, facts)
             controls = ReplayControls(
-                node, ReplayClock((last_ns - first_ns) / 1e9, speed), facts["mission"], facts.get("target", ""), first_ns
-            )  # fmt: skip
+                node,
+                ReplayClock((last_ns - first_ns) / 1e9, speed),
+                facts["mission"],
+                facts.get("target", ""),
+                first_ns,
+            )
             try:
                 _Playing(player, controls, path, first_ns).run(console, stopping, stack)
             finally:

@@ -5,11 +5,28 @@ write_report(record, run_dir / "report.html")
 json.dumps(run_json(record, run_dir / "report.html"))
 """
 
-from cli.report.page import write_report
-from cli.report.record import DecidingView, MapMoment, Moment, RunRecord, Step, TrafficLine, run_json, traffic_lines
-from cli.report.words import outcome
+from surveilnav.cli.report.page import write_report
+from surveilnav.cli.report.record import (
+    DecidingView,
+    MapMoment,
+    Moment,
+    RunRecord,
+    Step,
+    TrafficLine,
+    run_json,
+    traffic_lines,
+)
+from surveilnav.cli.report.words import outcome
 
 __all__ = [
-    "DecidingView", "MapMoment", "Moment", "RunRecord", "Step", "TrafficLine", "outcome", "run_json", "traffic_lines",
+    "DecidingView",
+    "MapMoment",
+    "Moment",
+    "RunRecord",
+    "Step",
+    "TrafficLine",
+    "outcome",
+    "run_json",
+    "traffic_lines",
     "write_report",
-]  # fmt: skip
+]

@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cli.report.record import Step
+from surveilnav.cli.report.record import Step
 from surveilnav.messages import ObjectRecord
 
 _MOST_OBJECTS, _MOST_LINES, _MOST_SOURCES = 12, 600, 6

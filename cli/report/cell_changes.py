@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cli.report.record import MapMoment
+from surveilnav.cli.report.record import MapMoment
 from surveilnav.geometry import Grid
 
 UNKNOWN, EXPLORED, OBSTACLE = 0, 1, 2

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from cli.report.film import film_of
-from cli.report.floor_map import (
+from surveilnav.cli.report.film import film_of
+from surveilnav.cli.report.floor_map import (
     CAMERA,
     DECIDING,
     DOUBTED,
@@ -24,14 +24,14 @@ from cli.report.floor_map import (
     map_svg,
     value_svg,
 )
-from cli.report.key_moments import key_moments
-from cli.report.record import Moment, RunRecord, Step, TrafficLine, plain
-from cli.report.view_picture import view_svg
-from cli.report.why import reasons
-from cli.report.words import judgement, outcome
-from cli.words import duration, human_bytes
-from services.gateway.core.layers import COLOURS
+from surveilnav.cli.report.key_moments import key_moments
+from surveilnav.cli.report.record import Moment, RunRecord, Step, TrafficLine, plain
+from surveilnav.cli.report.view_picture import view_svg
+from surveilnav.cli.report.why import reasons
+from surveilnav.cli.report.words import judgement, outcome
+from surveilnav.cli.words import duration, human_bytes
 from surveilnav.messages import ObjectRecord, Plan
+from surveilnav.services.gateway.core.layers import COLOURS
 from surveilnav.words import canonical
 
 _MOST_OBJECTS = 12

@@ -16,10 +16,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cli.report.beliefs import Belief, beliefs_of
-from cli.report.cell_changes import GrowingMap, changes, growing_map
-from cli.report.record import RunRecord, Step
-from cli.report.small_pictures import small_pictures
+from surveilnav.cli.report.beliefs import Belief, beliefs_of
+from surveilnav.cli.report.cell_changes import GrowingMap, changes, growing_map
+from surveilnav.cli.report.record import RunRecord, Step
+from surveilnav.cli.report.small_pictures import small_pictures
 from surveilnav.messages import Candidate, ObjectRecord, Plan
 
 _MOST_FRAMES = 501
@@ -55,9 +55,14 @@ class Film:
         start = self.steps[0]
         for step, n, plan, picture in zip(self.steps, self.numbers, self.plans, self.pictures, strict=True):
             frame: dict[str, Any] = {
-                "n": n, "t": round(step.t_s - start.t_s, 1), "f": step.floor, "x": round(step.x_m, 2),
-                "y": round(step.y_m, 2), "a": round(step.yaw_rad, 2), "d": round(step.path_m - start.path_m, 2),
-            }  # fmt: skip
+                "n": n,
+                "t": round(step.t_s - start.t_s, 1),
+                "f": step.floor,
+                "x": round(step.x_m, 2),
+                "y": round(step.y_m, 2),
+                "a": round(step.yaw_rad, 2),
+                "d": round(step.path_m - start.path_m, 2),
+            }
             if picture:
                 frame["v"] = _base64(picture)
             for floor, grown in self.maps.items():
@@ -82,9 +87,13 @@ def film_of(record: RunRecord, objects: Sequence[ObjectRecord]) -> Film | None:
     seqs = [plan.seq for plan in record.plans]
     latest = [bisect_right(seqs, step.seq) - 1 for step in steps]
     return Film(
-        steps, _numbers(record, steps), [record.plans[i] if i >= 0 else None for i in latest],
-        small_pictures([step.jpeg for step in steps], _PICTURES_BYTES), _maps(record, steps), beliefs_of(objects, steps),
-    )  # fmt: skip
+        steps,
+        _numbers(record, steps),
+        [record.plans[i] if i >= 0 else None for i in latest],
+        small_pictures([step.jpeg for step in steps], _PICTURES_BYTES),
+        _maps(record, steps),
+        beliefs_of(objects, steps),
+    )
 
 
 def _numbers(record: RunRecord, steps: Sequence[Step]) -> list[int]:
@@ -122,9 +131,13 @@ def _floor(record: RunRecord, floor: str, grown: GrowingMap) -> dict[str, Any]:
         if c.floor == floor and all(map(math.isfinite, c.position_m))
     ]
     return {
-        "x": round(grid.origin_x_m, 3), "y": round(grid.origin_y_m, 3), "r": grid.resolution_m, "rows": grid.rows,
-        "cols": grid.cols, "cameras": cameras,
-    }  # fmt: skip
+        "x": round(grid.origin_x_m, 3),
+        "y": round(grid.origin_y_m, 3),
+        "r": grid.resolution_m,
+        "rows": grid.rows,
+        "cols": grid.cols,
+        "cameras": cameras,
+    }
 
 
 def _plan(plan: Plan) -> dict[str, Any]:

@@ -11,11 +11,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from cli.report.coverage import Sector, azimuth, coverage
-from cli.report.svg import data_uri, drawing, tag
-from services.gateway.core.layers import COLOURS, colour_cells, colour_values, encode_png
+from surveilnav.cli.report.coverage import Sector, azimuth, coverage
+from surveilnav.cli.report.svg import data_uri, drawing, tag
 from surveilnav.geometry import Grid
 from surveilnav.messages import CameraInfo, ObjectRecord
+from surveilnav.services.gateway.core.layers import COLOURS, colour_cells, colour_values, encode_png
 from surveilnav.words import canonical
 
 Layers = dict[str, tuple[Grid, NDArray]]

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from cli.report.cell_changes import EXPLORED, OBSTACLE, GrowingMap
-from cli.report.film import Film
-from cli.report.floor_map import PATH
-from cli.report.record import Step
-from cli.report.svg import data_uri, drawing, tag
-from cli.report.words import with_article
-from services.gateway.core.layers import COLOURS, encode_png
+from surveilnav.cli.report.cell_changes import EXPLORED, OBSTACLE, GrowingMap
+from surveilnav.cli.report.film import Film
+from surveilnav.cli.report.floor_map import PATH
+from surveilnav.cli.report.record import Step
+from surveilnav.cli.report.svg import data_uri, drawing, tag
+from surveilnav.cli.report.words import with_article
 from surveilnav.messages import Candidate, Plan
+from surveilnav.services.gateway.core.layers import COLOURS, encode_png
 from surveilnav.words import canonical
 
 _MOST = 6
@@ -102,7 +102,11 @@ def _map(film: Film, i: int, grown: GrowingMap) -> str:
     u, v = at(step).split(",")
     degrees = -float(np.degrees(step.yaw_rad))
     arrow = tag(
-        "path", d="M3 0L-2 2L-1 0L-2 -2Z", fill=PATH, stroke="#fff", stroke_width=0.4,
+        "path",
+        d="M3 0L-2 2L-1 0L-2 -2Z",
+        fill=PATH,
+        stroke="#fff",
+        stroke_width=0.4,
         transform=f"translate({u} {v}) rotate({degrees:.0f}) scale({px:.2f})",
-    )  # fmt: skip
+    )
     return drawing((grid.cols, grid.rows), [image, line, arrow], f"the map at step {film.numbers[i]}", "moment")

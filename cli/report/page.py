@@ -9,9 +9,9 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from cli.report.facts import facts_of
-from cli.report.record import RunRecord
-from cli.words import human_bytes
+from surveilnav.cli.report.facts import facts_of
+from surveilnav.cli.report.record import RunRecord
+from surveilnav.cli.words import human_bytes
 
 _TEMPLATE = "report.html.j2"
 
@@ -20,7 +20,11 @@ def write_report(record: RunRecord, path: Path) -> None:
     """Writes the report; its folder must exist. A stretch of data that can't be drawn is left out and said so."""
     # Names on the bus are hostile: every text is escaped, but for drawings that escape their own.
     templates = Environment(
-        loader=PackageLoader("cli"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=PackageLoader("surveilnav.cli"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     templates.filters["bytes"] = human_bytes
     script = _text_of(templates, "film.js")

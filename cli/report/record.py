@@ -13,10 +13,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cli.report.floor_map import Layers
-from services.gateway.core.traffic import sum_traffic
+from surveilnav.cli.report.floor_map import Layers
 from surveilnav.geometry import Grid
 from surveilnav.messages import CameraInfo, MissionStatus, ObjectRecord, Plan, TrafficReport
+from surveilnav.services.gateway.core.traffic import sum_traffic
 
 
 class Step(NamedTuple):

@@ -21,9 +21,14 @@ def drawing(size: tuple[float, float], parts: Iterable[str], title: str, kind: s
     """The whole picture, ``size`` (width, height) [px] at most; ``kind`` is its class."""
     width, height = size
     return tag(
-        "svg", f"<title>{escape(title)}</title>", *parts, viewBox=f"0 0 {width:.0f} {height:.0f}", class_=kind,
-        style=f"max-width:{width:.0f}px", role="img",
-    )  # fmt: skip
+        "svg",
+        f"<title>{escape(title)}</title>",
+        *parts,
+        viewBox=f"0 0 {width:.0f} {height:.0f}",
+        class_=kind,
+        style=f"max-width:{width:.0f}px",
+        role="img",
+    )
 
 
 def data_uri(kind: str, data: bytes) -> str:

@@ -8,7 +8,7 @@ from html import escape
 import cv2
 import numpy as np
 
-from cli.report.svg import data_uri, drawing, tag
+from surveilnav.cli.report.svg import data_uri, drawing, tag
 
 #: x0, y0, x1, y1 [px], label, score.
 Box = tuple[float, float, float, float, str, float]

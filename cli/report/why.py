@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cli.report.record import RunRecord
-from cli.report.words import with_article
+from surveilnav.cli.report.record import RunRecord
+from surveilnav.cli.report.words import with_article
 from surveilnav.messages import ObjectRecord
 from surveilnav.words import canonical
 

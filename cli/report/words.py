@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from cli.report.record import RunRecord, first_seen_by
-from cli.words import duration
+from surveilnav.cli.report.record import RunRecord, first_seen_by
+from surveilnav.cli.words import duration
 
 Tone = Literal["good", "half", "bad"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import datetime
 
-from cli.watching.known import Known
-from cli.words import parsed
+from surveilnav.cli.watching.known import Known
+from surveilnav.cli.words import parsed
 
 
 class Alerts:

@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from datetime import UTC, datetime
 
-from cli.watching.known import Known, read_moving, read_rest
+from surveilnav.cli.watching.known import Known, read_moving, read_rest
 from surveilnav.client import Client
 from surveilnav.client.events import Told
 from surveilnav.errors import GatewayError

@@ -53,9 +53,16 @@ def read_rest(known: Known, gateway: Client, since_s: float) -> Known:
     """Reads anew all else. ``since_s``: how long ago that was last done, for the rates. Raises GatewayError."""
     traffic = gateway.traffic()
     return replace(
-        known, cameras=gateway.cameras(), floors=gateway.floors(), buildings=gateway.buildings(), services=gateway.services(),
-        perception=gateway.perception(), traffic=traffic, rates=_rates(known.traffic, traffic, since_s), lost=None,
-    )  # fmt: skip
+        known,
+        cameras=gateway.cameras(),
+        floors=gateway.floors(),
+        buildings=gateway.buildings(),
+        services=gateway.services(),
+        perception=gateway.perception(),
+        traffic=traffic,
+        rates=_rates(known.traffic, traffic, since_s),
+        lost=None,
+    )
 
 
 def _rates(before: Traffic | None, now: Traffic, since_s: float) -> dict[str, float]:

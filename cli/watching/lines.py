@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cli.words import clock, metres
+from surveilnav.cli.words import clock, metres
 from surveilnav.client.events import Told
 
 

@@ -7,11 +7,11 @@ from datetime import datetime
 
 from rich.text import Text
 
-from cli.cameras import state_of as camera_state
-from cli.mission_words import said_of, state_of, steps_of
-from cli.terminal import plain
-from cli.watching.known import Known
-from cli.words import duration, human_bytes, metres
+from surveilnav.cli.cameras import state_of as camera_state
+from surveilnav.cli.mission_words import said_of, state_of, steps_of
+from surveilnav.cli.terminal import plain
+from surveilnav.cli.watching.known import Known
+from surveilnav.cli.words import duration, human_bytes, metres
 from surveilnav.client.resources import Mission, SourceTraffic
 
 _BAR = 8
@@ -80,9 +80,13 @@ def _under_way(mission: Mission) -> Text:
     left = duration(mission["time_remaining_s"])
     facts = [steps_of(mission), metres(mission["path_m"]), f"waypoint in {left}" if left else ""]
     return Text.assemble(
-        f"{plain(mission['id'])}  ", (plain(mission["target"]), "bold"), "  ", (state, style), f" {_bar(mission)} ",
+        f"{plain(mission['id'])}  ",
+        (plain(mission["target"]), "bold"),
+        "  ",
+        (state, style),
+        f" {_bar(mission)} ",
         "  ".join(fact for fact in facts if fact),
-    )  # fmt: skip
+    )
 
 
 def _bar(mission: Mission) -> str:

@@ -1,4 +1,4 @@
-"""``python -m services.camera_node``: one simulated surveillance camera."""
+"""``python -m surveilnav.services.camera_node``: one simulated surveillance camera."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from services.camera_node.config import CameraSettings
-from services.camera_node.eyes import open_eyes
-from services.camera_node.service import CameraService
-from services.camera_node.slots import lease, named
-from services.camera_node.sources.simulated import SimulatedSource
-from services.camera_node.zones import read_zones
-from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.perception.backend import Backend
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.eyes import open_eyes
+from surveilnav.services.camera_node.service import CameraService
+from surveilnav.services.camera_node.slots import lease, named
+from surveilnav.services.camera_node.sources.simulated import SimulatedSource
+from surveilnav.services.camera_node.zones import read_zones
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 
 def main() -> None:
@@ -32,9 +32,13 @@ def main() -> None:
         source = SimulatedSource(building, camera)
         service = CameraService(node, source, settings)
         with open_eyes(
-            node, source, settings, n_floors=len(plan.floors), load=lambda: _backend(building, settings),
+            node,
+            source,
+            settings,
+            n_floors=len(plan.floors),
+            load=lambda: _backend(building, settings),
             busy=lambda: service.sending or service.paused,
-        ):  # fmt: skip
+        ):
             node.run(service.step, idle_s=0.02)
 
 
@@ -69,7 +73,7 @@ def _stay_healthy(bus: BusSettings) -> None:
 
 
 def _backend(building: SimulatedBuilding, settings: CameraSettings) -> Backend:
-    from simulator.truth.choose import choose_backend  # the networks' runtime: only where somebody looks
+    from surveilnav.simulator.truth.choose import choose_backend  # the networks' runtime: only where somebody looks
 
     return choose_backend(
         settings.perception, threads=settings.threads, seed=building.settings.seed, download=settings.download

@@ -16,17 +16,17 @@ from contextlib import contextmanager
 
 import msgspec
 
-from services.camera_node import core
-from services.camera_node.config import CameraSettings
-from services.camera_node.kept import Kept
-from services.camera_node.sources.masked import masked
-from services.camera_node.sources.source import Source
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.perception import models
 from surveilnav.perception.backend import Backend
 from surveilnav.sensing.views import looks_straight_down
+from surveilnav.services.camera_node import core
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.kept import Kept
+from surveilnav.services.camera_node.sources.masked import masked
+from surveilnav.services.camera_node.sources.source import Source
 
 _NICE = 10
 #: Without anything to look at for so long, the networks' memory is given back.
@@ -36,9 +36,14 @@ _RETRY_S = 60.0
 
 @contextmanager
 def open_eyes(
-    node: Node, source: Source, settings: CameraSettings, *, n_floors: int, load: Callable[[], Backend],
+    node: Node,
+    source: Source,
+    settings: CameraSettings,
+    *,
+    n_floors: int,
+    load: Callable[[], Backend],
     busy: Callable[[], bool],
-) -> Iterator[Eyes | None]:  # fmt: skip
+) -> Iterator[Eyes | None]:
     """The camera's eyes, looking; None where it has no perception, or where there is no floor to choose.
 
     ``n_floors``: of the building; ``load`` makes the backend; ``busy`` says when the camera has more important
@@ -59,9 +64,13 @@ class Eyes:
     """Looks at one view at a time and puts the summary, invoked or not. ``load`` makes the backend when it is needed."""
 
     def __init__(
-        self, node: Node, source: Source, settings: CameraSettings, load: Callable[[], Backend],
+        self,
+        node: Node,
+        source: Source,
+        settings: CameraSettings,
+        load: Callable[[], Backend],
         busy: Callable[[], bool] = lambda: False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         source = masked(source, settings)
         self._node, self._source, self._settings, self._load, self._busy = node, source, settings, load, busy
         self._kept, self._how = Kept(source, settings), ""

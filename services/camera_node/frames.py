@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import cv2
 import msgspec
 
-from services.camera_node.config import CameraSettings
-from services.camera_node.kept import Kept
-from services.camera_node.sources.source import Source
 from surveilnav.messages import Part
 from surveilnav.sensing.packing import encode_jpeg, encode_rgbd
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.kept import Kept
+from surveilnav.services.camera_node.sources.source import Source
 
 _THUMBNAIL_QUALITY = 80
 

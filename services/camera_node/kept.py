@@ -9,10 +9,10 @@ from typing import TypeVar
 
 import msgspec
 
-from services.camera_node.config import CameraSettings
-from services.camera_node.sources.source import Source
 from surveilnav.config import cache_called
 from surveilnav.program import program_id
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.sources.source import Source
 from surveilnav.stored import FolderCache
 
 T = TypeVar("T")
@@ -33,7 +33,7 @@ class Kept:
         content = self._source.content(view) if self._max_mb else ""
         if not content:
             return ""
-        program = program_id("surveilnav", "services.camera_node")
+        program = program_id("surveilnav", "surveilnav.services.camera_node")
         return hashlib.sha256(f"{content} {how} {program}".encode()).hexdigest()
 
     def get(self, key: str, of_parts: Callable[[Sequence[bytes]], T]) -> T | None:

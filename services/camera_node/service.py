@@ -5,15 +5,15 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from services.camera_node import core
-from services.camera_node.config import CameraSettings
-from services.camera_node.frames import EncodedViews
-from services.camera_node.sources.masked import MaskedSource, masked
-from services.camera_node.sources.source import Source
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
 from surveilnav.messages import Ack, CameraInfo, CameraViewInfo, FrameHeader
 from surveilnav.sensing.truth import truth_to_wire
+from surveilnav.services.camera_node import core
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.frames import EncodedViews
+from surveilnav.services.camera_node.sources.masked import MaskedSource, masked
+from surveilnav.services.camera_node.sources.source import Source
 
 
 class CameraService:
@@ -67,10 +67,18 @@ class CameraService:
         self._put_truth(view, encoded.version)
         source, place = self._source, self._source.place
         header = FrameHeader(
-            stamp_ns=clock_ns(), source=self._name, view=view, seq=self._seq[view], floor=place.floor,
-            T_world_camera=source.views[view], camera=source.intrinsics, mounting_offset_m=place.mounting_offset_m,
-            depth_range_m=source.depth_range_m, image=encoded.image, depth=encoded.depth,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            source=self._name,
+            view=view,
+            seq=self._seq[view],
+            floor=place.floor,
+            T_world_camera=source.views[view],
+            camera=source.intrinsics,
+            mounting_offset_m=place.mounting_offset_m,
+            depth_range_m=source.depth_range_m,
+            image=encoded.image,
+            depth=encoded.depth,
+        )
         self._frames[view].put(header, encoded.payload)
 
     def _put_truth(self, view: int, version: int) -> None:
@@ -85,10 +93,15 @@ class CameraService:
     def _info(self) -> CameraInfo:
         source, place = self._source, self._source.place
         return CameraInfo(
-            stamp_ns=clock_ns(), camera=place.name, floor=place.floor, position_m=place.position_m,
-            mounting_offset_m=place.mounting_offset_m, intrinsics=source.intrinsics,
-            views=[CameraViewInfo(v, pose) for v, pose in enumerate(source.views)], paused=self.paused,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            camera=place.name,
+            floor=place.floor,
+            position_m=place.position_m,
+            mounting_offset_m=place.mounting_offset_m,
+            intrinsics=source.intrinsics,
+            views=[CameraViewInfo(v, pose) for v, pose in enumerate(source.views)],
+            paused=self.paused,
+        )
 
     def _on_request(self, request: Request) -> Answer:
         action, views = request.message.action, request.message.views

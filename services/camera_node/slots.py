@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from services.camera_node import core
 from surveilnav.bus import Answer, BusSettings, Node, Received, clock_ns
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.contract import CAMERA_SLOT
 from surveilnav.errors import ConfigError
 from surveilnav.messages import Ack, SlotClaim
+from surveilnav.services.camera_node import core
 
 _ASK_TIMEOUT_S = 1.0
 

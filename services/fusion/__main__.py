@@ -1,15 +1,15 @@
-"""``python -m services.fusion``: the joint maps of a building."""
+"""``python -m surveilnav.services.fusion``: the joint maps of a building."""
 
 from __future__ import annotations
 
 import sys
 
-from services.fusion.config import FusionSettings
-from services.fusion.core.warm_up import warm_up
-from services.fusion.service import FusionService
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service, warm
 from surveilnav.pictures import PictureSettings
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core.warm_up import warm_up
+from surveilnav.services.fusion.service import FusionService
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Settings of the fusion service: environment variables ``SURVEILNAV_FUSION__<FIELD>``, parts by ``__``.
 
-``SURVEILNAV_FUSION__VALUE__FUSION=average`` changes one number of ``services.fusion.core.config``.
+``SURVEILNAV_FUSION__VALUE__FUSION=average`` changes one number of ``surveilnav.services.fusion.core.config``.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from services.fusion.core import FusionConfig
 from surveilnav.errors import ConfigError
+from surveilnav.services.fusion.core import FusionConfig
 
 
 class FusionSettings(BaseSettings):
@@ -43,9 +43,12 @@ class FusionSettings(BaseSettings):
         default=2, ge=1, description="camera views integrated between two looks at robots"
     )
     ahead_cameras: int = Field(
-        default=0, ge=0, le=64, description="while nobody searches, so many cameras at once that no robot is near are looked "
+        default=0,
+        ge=0,
+        le=64,
+        description="while nobody searches, so many cameras at once that no robot is near are looked "
         "through once; 0: none are, and they send nothing",
-    )  # fmt: skip
+    )
     linger_s: float = Field(default=10.0, ge=0, description="how long a camera stays invoked after the last robot left")
     resend_after_s: float = Field(default=5.0, gt=0, description="a view that hasn't come by then is asked for again")
     robot_timeout_s: float = Field(default=10.0, gt=0, description="a robot silent for so long activates no camera")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from services.fusion.records import LastObservation, PerceivedView, ViewKey
+from surveilnav.services.fusion.records import LastObservation, PerceivedView, ViewKey
 
 
 class MapContents:

@@ -10,17 +10,17 @@ import threading
 import time
 from collections.abc import Iterable
 
-from services.fusion.config import FusionSettings
-from services.fusion.contents import MapContents
-from services.fusion.core import JointMap
-from services.fusion.core.guard import ViewError
-from services.fusion.core.map_object import ObjectChange
-from services.fusion.core.snapshot import SnapshotError, freeze, thaw
-from services.fusion.journal import Journal, State
-from services.fusion.records import PerceivedView, ViewKey
-from services.fusion.store import Entry, StoreError
 from surveilnav.bus import Node
 from surveilnav.messages.maps import ObjectEvent
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.contents import MapContents
+from surveilnav.services.fusion.core import JointMap
+from surveilnav.services.fusion.core.guard import ViewError
+from surveilnav.services.fusion.core.map_object import ObjectChange
+from surveilnav.services.fusion.core.snapshot import SnapshotError, freeze, thaw
+from surveilnav.services.fusion.journal import Journal, State
+from surveilnav.services.fusion.records import PerceivedView, ViewKey
+from surveilnav.services.fusion.store import Entry, StoreError
 
 _PLACE_UNKNOWN = {"bad_pose", "pose_jump", "time_backwards", "out_of_map"}
 

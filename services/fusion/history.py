@@ -6,13 +6,13 @@ import threading
 
 import msgspec
 
-from services.fusion.core.config import FusionConfig
-from services.fusion.core.snapshot import digest, pack
-from services.fusion.durable_map import DurableMap
-from services.fusion.journal import State
-from services.fusion.store import StoreError
 from surveilnav.bus import Answer, Refused, Request, clock_ns
 from surveilnav.messages import LoggedView, MapSnapshot
+from surveilnav.services.fusion.core.config import FusionConfig
+from surveilnav.services.fusion.core.snapshot import digest, pack
+from surveilnav.services.fusion.durable_map import DurableMap
+from surveilnav.services.fusion.journal import State
+from surveilnav.services.fusion.store import StoreError
 
 _PIECE_BYTES = 8 << 20
 
@@ -36,9 +36,16 @@ class History:
             return Answer(LoggedView(stamp_ns=clock_ns(), number=0, newest=newest))
         number, e = found
         view = LoggedView(
-            stamp_ns=clock_ns(), number=number, newest=newest, source=e.source, view=e.view, header=e.header, reply=e.reply,
-            digest=e.digest, fault=e.fault,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            number=number,
+            newest=newest,
+            source=e.source,
+            view=e.view,
+            header=e.header,
+            reply=e.reply,
+            digest=e.digest,
+            fault=e.fault,
+        )
         return Answer(view, e.payload)
 
     def snapshot(self, request: Request) -> Answer:

@@ -15,17 +15,17 @@ from typing import Any
 
 import msgspec
 
-from services.fusion.config import FusionSettings
-from services.fusion.core.map_object import ObjectChange
-from services.fusion.core.snapshot import SnapshotError, pack, unpack
-from services.fusion.log_age import LogAge
-from services.fusion.records import PerceivedView
-from services.fusion.store import Entry, Store, StoredEvent, StoreError
 from surveilnav.bus import Node
 from surveilnav.errors import WireError
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.messages.maps import ObjectEvent
 from surveilnav.sensing.packing import decode_frame, perception_from_wire
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core.map_object import ObjectChange
+from surveilnav.services.fusion.core.snapshot import SnapshotError, pack, unpack
+from surveilnav.services.fusion.log_age import LogAge
+from surveilnav.services.fusion.records import PerceivedView
+from surveilnav.services.fusion.store import Entry, Store, StoredEvent, StoreError
 
 State = dict[str, Any]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
-from services.fusion.records import ViewKey
 from surveilnav.bus import Received
 from surveilnav.messages import FrameHeader
+from surveilnav.services.fusion.records import ViewKey
 
 
 class KeptPictures:

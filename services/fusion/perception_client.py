@@ -18,15 +18,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.config import FusionSettings
-from services.fusion.records import PerceivedView, ViewKey
-from services.fusion.workers import Workers
 from surveilnav.bus import Node, Received, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_TEXT
 from surveilnav.errors import BusError, PerceptionError, WireError
 from surveilnav.messages import FrameHeader, InferReply, InferRequest, TextReply
 from surveilnav.sensing.packing import decode_frame, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception, looks_straight_down
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.records import PerceivedView, ViewKey
+from surveilnav.services.fusion.workers import Workers
 
 
 class TextEmbedding(NamedTuple):
@@ -54,9 +54,13 @@ class PerceptionClient:
     """Views in by ``submit``, out by ``robots`` and ``cameras``."""
 
     def __init__(
-        self, node: Node, settings: FusionSettings, is_held: Callable[[ViewKey, bytes], bool],
-        words: Callable[[], tuple[str, ...]], next_of: Callable[[Mapping[ViewKey, FrameHeader]], ViewKey],
-    ) -> None:  # fmt: skip
+        self,
+        node: Node,
+        settings: FusionSettings,
+        is_held: Callable[[ViewKey, bytes], bool],
+        words: Callable[[], tuple[str, ...]],
+        next_of: Callable[[Mapping[ViewKey, FrameHeader]], ViewKey],
+    ) -> None:
         """``is_held``: whether the maps hold the picture of a camera's view with this digest. ``words``: what detectors
         with an open vocabulary should look for. Both are asked from any thread. ``next_of``: which of the cameras' waiting
         views comes next; asked by the thread that looks at them."""
@@ -210,11 +214,19 @@ class PerceptionClient:
         """A worker's reply, as it was sent and as it is understood."""
         header, timeout_s = frame.message, self._settings.infer_timeout_s
         request = InferRequest(
-            stamp_ns=clock_ns(), source=header.source, view=header.view, seq=header.seq, camera=header.camera,
-            image=header.image, depth=header.depth, depth_range_m=header.depth_range_m,
-            prompts=list(words), detects=bool(words) or not self._workers.needs_words,
-            deadline_ms=int(900 * timeout_s), asker=self._node.id,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            source=header.source,
+            view=header.view,
+            seq=header.seq,
+            camera=header.camera,
+            image=header.image,
+            depth=header.depth,
+            depth_range_m=header.depth_range_m,
+            prompts=list(words),
+            detects=bool(words) or not self._workers.needs_words,
+            deadline_ms=int(900 * timeout_s),
+            asker=self._node.id,
+        )
         reply: InferReply = self._workers.ask(PERCEPTION_INFER, request, frame.payload, timeout_s=timeout_s).message
         if (reply.source, reply.view, reply.seq) != (header.source, header.view, header.seq):
             raise WireError(f"worker {reply.worker} answered about another view")

@@ -7,17 +7,17 @@ from typing import Literal, cast
 
 import msgspec
 
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.durable_map import DurableMap
-from services.fusion.perception_client import PerceptionClient, TextEmbedding
-from services.fusion.robot_places import RobotPlaces
-from services.fusion.store import StoreError
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.messages import DEFAULT_LAYERS, LayerHeader, ObjectList, ObjectRecord, ViewPicture
 from surveilnav.messages.maps import LayerName
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.packing import pack_array
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.durable_map import DurableMap
+from surveilnav.services.fusion.perception_client import PerceptionClient, TextEmbedding
+from surveilnav.services.fusion.robot_places import RobotPlaces
+from surveilnav.services.fusion.store import StoreError
 
 DType = Literal["uint8", "float32", "int64"]
 _MAX_TEXT_CHARS = 200
@@ -55,10 +55,17 @@ class Replies:
                 "a value layer leaves out views that another model embedded", floor=floor, views=left_out
             )
         header = LayerHeader(
-            stamp_ns=clock_ns(), floor=floor, layer=cast("LayerName", layer), revision=revision, grid=grid,
-            dtype=cast("DType", str(array.dtype)), shape=array.shape, target=target, source_sets=source_sets,
+            stamp_ns=clock_ns(),
+            floor=floor,
+            layer=cast("LayerName", layer),
+            revision=revision,
+            grid=grid,
+            dtype=cast("DType", str(array.dtype)),
+            shape=array.shape,
+            target=target,
+            source_sets=source_sets,
             views_left_out=left_out,
-        )  # fmt: skip
+        )
         return Answer(header, pack_array(array))
 
     def _build_value(self, floor: str, text: TextEmbedding) -> None:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 
-from services.fusion.core import MapConfig, active_cameras
-from services.fusion.core.invocation import same_floor
-from services.fusion.durable_map import DurableMap
-from services.fusion.perception_client import PerceptionClient
-from services.fusion.robot_places import RobotPlaces
-from services.fusion.sources import InvokedCamera
 from surveilnav.bus import Answer, Node, Publisher, Refused, Request, clock_ns
 from surveilnav.contract import MAP_REVISION
 from surveilnav.messages import CameraUse, Revision
+from surveilnav.services.fusion.core import MapConfig, active_cameras
+from surveilnav.services.fusion.core.invocation import same_floor
+from surveilnav.services.fusion.durable_map import DurableMap
+from surveilnav.services.fusion.perception_client import PerceptionClient
+from surveilnav.services.fusion.robot_places import RobotPlaces
+from surveilnav.services.fusion.sources import InvokedCamera
 
 _HEARTBEAT_S = 1.0
 _MAX_TROUBLES = 3  # named in a revision's message
@@ -23,9 +23,14 @@ class Revisions:
     """Makes, publishes and remembers the revision of each floor."""
 
     def __init__(
-        self, node: Node, config: MapConfig, maps: DurableMap, perception: PerceptionClient, places: RobotPlaces,
+        self,
+        node: Node,
+        config: MapConfig,
+        maps: DurableMap,
+        perception: PerceptionClient,
+        places: RobotPlaces,
         cameras: Mapping[str, InvokedCamera],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """``cameras``: those invoked now, by name."""
         self._node, self._tau_z_m = node, config.tau_z_m
         self._maps, self._perception, self._places, self._cameras = maps, perception, places, cameras
@@ -72,10 +77,16 @@ class Revisions:
         here = {*(f"robot/{robot}" for robot in robots), *(f"camera/{use.camera}" for use in cameras)}
         troubles = [why for (source, _), why in sorted(contents.troubles.items()) if source in here]
         return Revision(
-            stamp_ns=clock_ns(), floor=floor, revision=number, floor_z_m=z_m, robots=robots, cameras=cameras,
-            pending_views=pending, perception_ok=not perception.problem,
+            stamp_ns=clock_ns(),
+            floor=floor,
+            revision=number,
+            floor_z_m=z_m,
+            robots=robots,
+            cameras=cameras,
+            pending_views=pending,
+            perception_ok=not perception.problem,
             message="; ".join(filter(None, [perception.problem, self._maps.problem, *troubles[:_MAX_TROUBLES]])),
-        )  # fmt: skip
+        )
 
     def _camera_use(self, floor_z_m: float) -> tuple[list[CameraUse], int]:
         """The invoked cameras of a floor (eq. 1), and how many of their views are still to come."""

@@ -5,21 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 
-from services.fusion.config import FusionSettings
-from services.fusion.durable_map import DurableMap
-from services.fusion.history import History
-from services.fusion.kept_pictures import KeptPictures
-from services.fusion.perception_client import PerceptionClient
-from services.fusion.records import PerceivedView
-from services.fusion.replies import Replies
-from services.fusion.revisions import Revisions
-from services.fusion.robot_places import RobotPlaces
-from services.fusion.sources import Sources
-from services.fusion.view_choice import ViewChoice
-from services.fusion.words import Words
 from surveilnav.bus import Answer, Node, Received, Request, clock_ns
 from surveilnav.contract import FORGET_PICTURES, MAP_LAYER, MAP_REVISION, MAP_SNAPSHOT, OBJECTS, VIEW_LOG, VIEW_PICTURE
 from surveilnav.messages import FrameHeader, PicturesForgotten
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.durable_map import DurableMap
+from surveilnav.services.fusion.history import History
+from surveilnav.services.fusion.kept_pictures import KeptPictures
+from surveilnav.services.fusion.perception_client import PerceptionClient
+from surveilnav.services.fusion.records import PerceivedView
+from surveilnav.services.fusion.replies import Replies
+from surveilnav.services.fusion.revisions import Revisions
+from surveilnav.services.fusion.robot_places import RobotPlaces
+from surveilnav.services.fusion.sources import Sources
+from surveilnav.services.fusion.view_choice import ViewChoice
+from surveilnav.services.fusion.words import Words
 
 _WORDS_S = 0.2  # between two looks at what missions search for
 
@@ -33,9 +33,13 @@ class FusionService:
         self._node, self._maps = node, DurableMap(node, settings, keep_pictures_s)
         words = Words(node, settings.prompts)
         self._sources = Sources(
-            node, settings, config.map, self._maps.contents.robots,
-            lambda camera: self._maps.contents.views_of(camera), words.idle,
-        )  # fmt: skip
+            node,
+            settings,
+            config.map,
+            self._maps.contents.robots,
+            lambda camera: self._maps.contents.views_of(camera),
+            words.idle,
+        )
         self._places = RobotPlaces()
         choice = ViewChoice(self._maps, self._places, config)
         self._perception = PerceptionClient(node, settings, self._maps.holds, words.now, choice.next_of)

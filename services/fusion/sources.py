@@ -8,14 +8,14 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
-from services.fusion.config import FusionSettings
-from services.fusion.core import MapConfig
-from services.fusion.core.invocation import Invocation, invoke
-from services.fusion.records import LastObservation
 from surveilnav.bus import Node, Received, Slot, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
 from surveilnav.errors import BusError
 from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core import MapConfig
+from surveilnav.services.fusion.core.invocation import Invocation, invoke
+from surveilnav.services.fusion.records import LastObservation
 
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
 _MAX_SEQ, _MAX_STAMP_NS = 2**53, 2**62  # beyond, no store, map or reader in JavaScript can hold it
@@ -38,9 +38,14 @@ class Sources:
     """Keeps the subscriptions as eq. 1 wants them and hands over the newest frame of each."""
 
     def __init__(
-        self, node: Node, settings: FusionSettings, config: MapConfig, processed: Mapping[str, LastObservation],
-        views_of: Callable[[str], Collection[int]], idle: Callable[[], bool],
-    ) -> None:  # fmt: skip
+        self,
+        node: Node,
+        settings: FusionSettings,
+        config: MapConfig,
+        processed: Mapping[str, LastObservation],
+        views_of: Callable[[str], Collection[int]],
+        idle: Callable[[], bool],
+    ) -> None:
         """``processed``: the newest observation that is, by robot; ``views_of``: the views that are, of a camera. ``idle``:
         whether nobody searches."""
         self._node, self._settings, self._config = node, settings, config
@@ -143,9 +148,14 @@ class Sources:
         }
         floors_z_m = [z_m for robot, z_m in self._floor_z_m.items() if robot in here]
         self._invocation = invoke(
-            self._invocation, floors_z_m, infos.values(), now_s, tau_z_m=self._config.tau_z_m,
-            release_z_m=self._config.release_z_m, linger_s=self._settings.linger_s,
-        )  # fmt: skip
+            self._invocation,
+            floors_z_m,
+            infos.values(),
+            now_s,
+            tau_z_m=self._config.tau_z_m,
+            release_z_m=self._config.release_z_m,
+            linger_s=self._settings.linger_s,
+        )
         active = [*self._invocation.active, *self._ahead(infos)]
         for name in active:
             if name not in infos:  # it lingers: nobody says of it any more what it is

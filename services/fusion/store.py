@@ -97,13 +97,16 @@ class Store:
         """Commits views to the log; returns their numbers. StoreError: not one of them was written."""
         with self._writing() as db:
             return [
-                int(db.execute(
-                    "INSERT INTO view (source, view, header, payload, reply, digest, fault, checksum)"
-                    " VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-                    (e.source, e.view, e.header, e.payload, e.reply, e.digest, e.fault, e.checksum),
-                ).lastrowid or 0)
+                int(
+                    db.execute(
+                        "INSERT INTO view (source, view, header, payload, reply, digest, fault, checksum)"
+                        " VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+                        (e.source, e.view, e.header, e.payload, e.reply, e.digest, e.fault, e.checksum),
+                    ).lastrowid
+                    or 0
+                )
                 for e in entries
-            ]  # fmt: skip
+            ]
 
     def log(self, after: int) -> Iterator[tuple[int, Entry | None]]:
         """The views logged after number ``after``, oldest first; None for one that is damaged. StoreError."""
@@ -111,8 +114,9 @@ class Store:
             with self._reading() as db:
                 row = db.execute(
                     "SELECT number, source, view, header, payload, reply, digest, fault, checksum FROM view"
-                    " WHERE number > ? ORDER BY number LIMIT 1", (after,),
-                ).fetchone()  # fmt: skip
+                    " WHERE number > ? ORDER BY number LIMIT 1",
+                    (after,),
+                ).fetchone()
             if row is None:
                 return
             after, *fields, checksum = row
@@ -123,8 +127,9 @@ class Store:
         with self._reading() as db:
             rows = db.execute(
                 "SELECT source, view, header, payload, reply, digest, fault, checksum FROM view"
-                " WHERE source = ? AND view = ? ORDER BY number DESC LIMIT ?", (source, view, limit),
-            ).fetchall()  # fmt: skip
+                " WHERE source = ? AND view = ? ORDER BY number DESC LIMIT ?",
+                (source, view, limit),
+            ).fetchall()
         return [entry for *fields, checksum in rows if (entry := _entry(fields, checksum)) is not None]
 
     def add_events(self, events: Iterable[StoredEvent]) -> None:

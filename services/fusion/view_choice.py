@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 
-from services.fusion.core import FusionConfig
-from services.fusion.core.view_order import FloorWedge, most_worth_first
-from services.fusion.durable_map import DurableMap
-from services.fusion.records import ViewKey
-from services.fusion.robot_places import RobotPlaces
 from surveilnav.messages import FrameHeader
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.fusion.core.view_order import FloorWedge, most_worth_first
+from surveilnav.services.fusion.durable_map import DurableMap
+from surveilnav.services.fusion.records import ViewKey
+from surveilnav.services.fusion.robot_places import RobotPlaces
 
 _RANKED_AGAIN_S = 0.5
 

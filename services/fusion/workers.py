@@ -12,11 +12,11 @@ from typing import Any
 
 import msgspec
 
-from services.fusion.core.choice import WorkerChoice
 from surveilnav.bus import Node, Received, Refused
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, Stream
 from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.messages import InferRequest, WorkerLoad
+from surveilnav.services.fusion.core.choice import WorkerChoice
 
 #: Refusals of one worker that another needn't share.
 _ITS_OWN = {"busy", "not_ready", "too_late", "no_prompt"}
@@ -133,9 +133,13 @@ class Workers:
         if stream is not PERCEPTION_INFER or not request.asker:
             return
         asked = InferRequest(
-            stamp_ns=request.stamp_ns, source=request.source, view=request.view, seq=request.seq, asker=request.asker,
+            stamp_ns=request.stamp_ns,
+            source=request.source,
+            view=request.view,
+            seq=request.seq,
+            asker=request.asker,
             cancel=True,
-        )  # fmt: skip
+        )
 
         def tell(worker: str) -> None:
             with suppress(SurveilNavError):  # it looks in vain, then

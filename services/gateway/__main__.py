@@ -1,4 +1,4 @@
-"""``python -m services.gateway``: REST and a page at http://127.0.0.1:8080."""
+"""``python -m surveilnav.services.gateway``: REST and a page at http://127.0.0.1:8080."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 
 import uvicorn
 
-from services.gateway.access_log import AccessLog
-from services.gateway.app import create_app
-from services.gateway.config import GatewaySettings
-from services.gateway.looks import Looks
-from services.gateway.service import Gateway
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
 from surveilnav.errors import BusError
+from surveilnav.services.gateway.access_log import AccessLog
+from surveilnav.services.gateway.app import create_app
+from surveilnav.services.gateway.config import GatewaySettings
+from surveilnav.services.gateway.looks import Looks
+from surveilnav.services.gateway.service import Gateway
 
 #: What was sent to a client that doesn't read waits so long, then its connection ends.
 _UNREAD_MS = 30_000
@@ -49,9 +49,13 @@ def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = 
     What uvicorn does depends on no ``X-Forwarded-*``; whom the log of looks believes is in the settings.
     """
     config = uvicorn.Config(
-        create_app(gateway, names), log_config=None, access_log=False, lifespan="off", proxy_headers=False,
+        create_app(gateway, names),
+        log_config=None,
+        access_log=False,
+        lifespan="off",
+        proxy_headers=False,
         root_path=root_path,
-    )  # fmt: skip
+    )
     server = uvicorn.Server(config)
     for feed in (gateway.events, gateway.live, gateway.tiles):
         feed.ended = lambda: server.should_exit

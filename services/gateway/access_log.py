@@ -19,7 +19,7 @@ from pathlib import Path
 import msgspec
 import structlog
 
-from services.gateway.core.looks import Look
+from surveilnav.services.gateway.core.looks import Look
 
 _AGAIN_S = 60.0
 _MOST_LINES, _MOST_WATCHERS = 10_000, 10_000

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from fastapi import FastAPI
 
-from services.gateway import problem_answers, refusals
-from services.gateway.routes import (
+from surveilnav import __version__
+from surveilnav.services.gateway import problem_answers, refusals
+from surveilnav.services.gateway.routes import (
     cameras,
     documentation,
     events,
@@ -20,8 +21,7 @@ from services.gateway.routes import (
     sources,
     system,
 )
-from services.gateway.service import Gateway
-from surveilnav import __version__
+from surveilnav.services.gateway.service import Gateway
 
 
 def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAPI:

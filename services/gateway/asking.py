@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from services.gateway.core.problems import Problem, refusal
 from surveilnav.bus import Node, Received, Refused, Unanswered
 from surveilnav.contract import Stream
+from surveilnav.services.gateway.core.problems import Problem, refusal
 
 
 def ask(node: Node, who: str, stream: Stream, request: Any = None, **options: Any) -> Received[Any]:
@@ -43,6 +43,8 @@ def ask_known(node: Node, what: str, id: str, who: str, stream: Stream, **option
 def absent(who: str) -> Problem:
     """503: nobody is there to ask, and how to start one."""
     hint = (
-        f"; start one with `python -m services.{who}`" if who in ("planner", "fusion", "perception", "recorder") else ""
+        f"; start one with `python -m surveilnav.services.{who}`"
+        if who in ("planner", "fusion", "perception", "recorder")
+        else ""
     )
     return Problem(503, "absent", f"no {who} is there{hint}")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from services.gateway.asking import ask
-from services.gateway.core.cones import floor_outline
-from services.gateway.core.problems import Problem
-from services.gateway.core.resources import ROOT, Camera, CameraCone
-from services.gateway.single_flight import SingleFlight
-from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import clock_ns
 from surveilnav.messages import CameraInfo, CameraRequest
+from surveilnav.services.gateway.asking import ask
+from surveilnav.services.gateway.core.cones import floor_outline
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import ROOT, Camera, CameraCone
+from surveilnav.services.gateway.single_flight import SingleFlight
+from surveilnav.services.gateway.state import BuildingState
 
 
 class Cameras:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import threading
 
-from services.gateway.core.costs import Costs, Sums
-from services.gateway.core.problems import Problem
-from services.gateway.core.resources import MissionTraffic
-from services.gateway.core.traffic import sum_traffic
-from services.gateway.missions import Missions
-from services.gateway.state import BuildingState
+from surveilnav.services.gateway.core.costs import Costs, Sums
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import MissionTraffic
+from surveilnav.services.gateway.core.traffic import sum_traffic
+from surveilnav.services.gateway.missions import Missions
+from surveilnav.services.gateway.state import BuildingState
 
 
 class MissionCosts:

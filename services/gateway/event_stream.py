@@ -15,9 +15,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from services.gateway.core.problems import Problem
-from services.gateway.feed import Feed
-from services.gateway.problem_answers import answer
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.feed import Feed
+from surveilnav.services.gateway.problem_answers import answer
 
 #: So often a stream looks whether the gateway is about to stop.
 _LOOK_S = 0.5

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import uuid
 
-from services.gateway.core.event_log import EventLog
-from services.gateway.feed import Feed
+from surveilnav.services.gateway.core.event_log import EventLog
+from surveilnav.services.gateway.feed import Feed
 
 
 class Events(Feed):

@@ -7,9 +7,9 @@ import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 
-from services.gateway.core.board import Board
-from services.gateway.core.event_log import Event, EventLog, Position
-from services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.board import Board
+from surveilnav.services.gateway.core.event_log import Event, EventLog, Position
+from surveilnav.services.gateway.core.problems import Problem
 
 #: Each stream costs a connection, and at most what uvicorn and the kernel buffer for it.
 _MAX_STREAMS = 200

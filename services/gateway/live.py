@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 
 from pydantic import BaseModel
 
-from services.gateway.core.board import Board
-from services.gateway.feed import Feed
 from surveilnav.bus import Node
+from surveilnav.services.gateway.core.board import Board
+from surveilnav.services.gateway.feed import Feed
 
 #: So often all is compared with what was shown.
 _LOOK_S = 0.5

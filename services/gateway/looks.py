@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from starlette.requests import HTTPConnection
 
-from services.gateway.access_log import AccessLog
-from services.gateway.core.proxies import Networks, client_address
-from services.gateway.core.resources import CameraLook
+from surveilnav.services.gateway.access_log import AccessLog
+from surveilnav.services.gateway.core.proxies import Networks, client_address
+from surveilnav.services.gateway.core.resources import CameraLook
 
 #: Instead of a view: somebody was shown all of them.
 ALL_VIEWS = -1

@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
-from services.gateway.asking import ask_known
-from services.gateway.cameras import Cameras
-from services.gateway.core import layers
-from services.gateway.core.clouds import thinned
-from services.gateway.core.layers import Drawn
-from services.gateway.core.problems import Problem
-from services.gateway.core.resources import Floor, Layer
-from services.gateway.missions import Missions
-from services.gateway.single_flight import SingleFlight
-from services.gateway.sources import Sources
-from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.errors import WireError
 from surveilnav.sensing.layers import unpack_cloud, unpack_layer
+from surveilnav.services.gateway.asking import ask_known
+from surveilnav.services.gateway.cameras import Cameras
+from surveilnav.services.gateway.core import layers
+from surveilnav.services.gateway.core.clouds import thinned
+from surveilnav.services.gateway.core.layers import Drawn
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import Floor, Layer
+from surveilnav.services.gateway.missions import Missions
+from surveilnav.services.gateway.single_flight import SingleFlight
+from surveilnav.services.gateway.sources import Sources
+from surveilnav.services.gateway.state import BuildingState
 
 #: So long one picture of a layer serves all who look: its maps change with every step of a robot.
 _LAYER_S = 0.5

@@ -5,16 +5,16 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
-from services.gateway.asking import ask, ask_known
-from services.gateway.core.cursors import Place, page_after
-from services.gateway.core.problems import Problem, refusal
-from services.gateway.core.resources import GrowingItems, Mission, MissionPlan, NewMission
-from services.gateway.state import BuildingState
-from services.gateway.submissions import Submissions, told
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionPause, MissionStatus
+from surveilnav.services.gateway.asking import ask, ask_known
+from surveilnav.services.gateway.core.cursors import Place, page_after
+from surveilnav.services.gateway.core.problems import Problem, refusal
+from surveilnav.services.gateway.core.resources import GrowingItems, Mission, MissionPlan, NewMission
+from surveilnav.services.gateway.state import BuildingState
+from surveilnav.services.gateway.submissions import Submissions, told
 
 _AT_ONCE = 16
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from services.gateway.asking import absent, ask_known
-from services.gateway.core.crops import crop
-from services.gateway.core.object_filter import ObjectFilter
-from services.gateway.core.problems import Problem
-from services.gateway.core.resources import Object
-from services.gateway.core.resources.object import ObjectEvent
-from services.gateway.single_flight import SingleFlight
-from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received
 from surveilnav.messages import ObjectList, ObjectRecord
+from surveilnav.services.gateway.asking import absent, ask_known
+from surveilnav.services.gateway.core.crops import crop
+from surveilnav.services.gateway.core.object_filter import ObjectFilter
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import Object
+from surveilnav.services.gateway.core.resources.object import ObjectEvent
+from surveilnav.services.gateway.single_flight import SingleFlight
+from surveilnav.services.gateway.state import BuildingState
 
 #: So long one answer of fusion serves all who list objects: it has much else to do while a robot searches.
 _LIST_S = 1.0

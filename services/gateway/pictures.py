@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 
-from services.gateway.core.problems import Problem
-from services.gateway.core.resources import PictureKeeper
-from services.gateway.looks import Looks
-from services.gateway.single_flight import SingleFlight
 from surveilnav import contract
 from surveilnav.bus import Node, clock_ns
 from surveilnav.messages import ForgetPictures
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import PictureKeeper
+from surveilnav.services.gateway.looks import Looks
+from surveilnav.services.gateway.single_flight import SingleFlight
 
 _TIDY_S = 30.0
 #: Nobody is shown one that is older than a second; what lies here longer is of no use.

@@ -10,9 +10,9 @@ from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 
-from services.gateway.core import problems
-from services.gateway.core.problems import Problem
 from surveilnav.errors import SurveilNavError
+from surveilnav.services.gateway.core import problems
+from surveilnav.services.gateway.core.problems import Problem
 
 _SCHEMA = {
     "type": "object",

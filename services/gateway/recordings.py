@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from services.gateway.asking import absent, ask
-from services.gateway.core.cursors import Place, page_after
-from services.gateway.core.problems import Problem
-from services.gateway.core.resources import GrowingItems, Recorder, Recording
-from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import clock_ns
 from surveilnav.messages import RecordingPart, RecordingRemoval
+from surveilnav.services.gateway.asking import absent, ask
+from surveilnav.services.gateway.core.cursors import Place, page_after
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import GrowingItems, Recorder, Recording
+from surveilnav.services.gateway.state import BuildingState
 
 _AGAIN = 2
 _PART_BYTES = 1 << 20

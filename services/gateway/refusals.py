@@ -8,9 +8,9 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from services.gateway.core.hosts import foreign, foreign_origin
-from services.gateway.core.problems import Problem
-from services.gateway.problem_answers import answer
+from surveilnav.services.gateway.core.hosts import foreign, foreign_origin
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.problem_answers import answer
 
 MAX_BODY_BYTES = 64 * 1024
 #: Methods that change nothing, whose answers a foreign page can't read.
@@ -45,10 +45,11 @@ def _foreign_host(headers: Headers, allowed: frozenset[str] | None) -> Problem |
         return None
     names = ", ".join(sorted(allowed or ()))
     return Problem(
-        421, "foreign_host",
+        421,
+        "foreign_host",
         f"this gateway answers as {names}, and was asked for as {host[:200]!r}. If people shall reach it by that name, add it "
         "to SURVEILNAV_GATEWAY__ALLOWED_HOSTS",
-    )  # fmt: skip
+    )
 
 
 def _foreign_page(method: str, headers: Headers, allowed: frozenset[str] | None) -> Problem | None:
@@ -59,9 +60,10 @@ def _foreign_page(method: str, headers: Headers, allowed: frozenset[str] | None)
     if origin is None:
         return None
     return Problem(
-        403, "foreign_page",
+        403,
+        "foreign_page",
         f"a page of {origin[:200]!r} asked for this. If it is yours, add its name to SURVEILNAV_GATEWAY__ALLOWED_HOSTS",
-    )  # fmt: skip
+    )
 
 
 def _long_body(headers: Headers) -> Problem | None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from services.gateway.asking import ask
-from services.gateway.core.problems import Problem
-from services.gateway.core.resources import Replay, ReplayChange
-from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
 from surveilnav.messages import ReplayControl, ReplayStatus
+from surveilnav.services.gateway.asking import ask
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import Replay, ReplayChange
+from surveilnav.services.gateway.state import BuildingState
 
 
 class Remembers(Protocol):

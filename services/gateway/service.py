@@ -10,25 +10,25 @@ import threading
 from collections import ChainMap
 from collections.abc import Callable
 
-from services.gateway.cameras import Cameras
-from services.gateway.core.metrics import Heard
-from services.gateway.core.resources import NEEDED, Building, Readiness, RobotHalt, Service, Traffic
-from services.gateway.core.traffic import sum_traffic
-from services.gateway.costs import MissionCosts
-from services.gateway.events import Events
-from services.gateway.live import Live, Things
-from services.gateway.looks import Looks
-from services.gateway.maps import Maps
-from services.gateway.missions import Missions
-from services.gateway.objects import Objects
-from services.gateway.pictures import Pictures
-from services.gateway.recordings import Recordings
-from services.gateway.replays import Replays
-from services.gateway.sources import Sources
-from services.gateway.state import BuildingState
-from services.gateway.tiles import Tiles
-from services.gateway.watch import Watch
 from surveilnav.bus import Node
+from surveilnav.services.gateway.cameras import Cameras
+from surveilnav.services.gateway.core.metrics import Heard
+from surveilnav.services.gateway.core.resources import NEEDED, Building, Readiness, RobotHalt, Service, Traffic
+from surveilnav.services.gateway.core.traffic import sum_traffic
+from surveilnav.services.gateway.costs import MissionCosts
+from surveilnav.services.gateway.events import Events
+from surveilnav.services.gateway.live import Live, Things
+from surveilnav.services.gateway.looks import Looks
+from surveilnav.services.gateway.maps import Maps
+from surveilnav.services.gateway.missions import Missions
+from surveilnav.services.gateway.objects import Objects
+from surveilnav.services.gateway.pictures import Pictures
+from surveilnav.services.gateway.recordings import Recordings
+from surveilnav.services.gateway.replays import Replays
+from surveilnav.services.gateway.sources import Sources
+from surveilnav.services.gateway.state import BuildingState
+from surveilnav.services.gateway.tiles import Tiles
+from surveilnav.services.gateway.watch import Watch
 
 #: The newest; older ones are had by REST.
 _MISSIONS_SHOWN = 100
@@ -106,11 +106,18 @@ class Gateway:
         alive, loads = self._node.alive("perception"), self._state.loads
         workers = {id: (row.message, id not in alive or loads.old(row)) for id, row in loads.newest("worker").items()}
         return Heard(
-            cameras=self.cameras.all(), floors=self.maps.floors(), robots=self.sources.robots(),
-            missions=self.missions.all(), processes=self.services(), workers=workers, traffic=self.traffic(),
-            recorders=self.recordings.recorders(), ready=self.readiness().ready, event_streams=self.events.streams,
+            cameras=self.cameras.all(),
+            floors=self.maps.floors(),
+            robots=self.sources.robots(),
+            missions=self.missions.all(),
+            processes=self.services(),
+            workers=workers,
+            traffic=self.traffic(),
+            recorders=self.recordings.recorders(),
+            ready=self.readiness().ready,
+            event_streams=self.events.streams,
             events=self.events.newest,
-        )  # fmt: skip
+        )
 
     def readiness(self) -> Readiness:
         """Whether a mission could run now, and what is missing."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from services.gateway.asking import absent, ask
-from services.gateway.core.problems import Problem
-from services.gateway.core.resources import Robot, RobotHalt, Target, Worker
-from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import clock_ns
 from surveilnav.messages import FINISHED_STATES, Halt, InferRequest
+from surveilnav.services.gateway.asking import absent, ask
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import Robot, RobotHalt, Target, Worker
+from surveilnav.services.gateway.state import BuildingState
 
 #: Any word: the answer tells all that a worker has.
 _A_WORD = "chair"

@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from services.gateway.core.resources import ROOT
 from surveilnav import contract
 from surveilnav.bus import Node, Received
 from surveilnav.contract import Stream
+from surveilnav.services.gateway.core.resources import ROOT
 
 #: How long a list of what is put on change is believed before it is asked for again.
 REFRESH_S = 5.0

@@ -8,13 +8,13 @@ import uuid
 from collections import OrderedDict
 from collections.abc import Mapping
 
-from services.gateway.asking import ask
-from services.gateway.core.problems import Problem, refusal
-from services.gateway.core.resources import Mission, NewMission
-from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
 from surveilnav.messages import Judged, MissionAck, MissionGoal, MissionStatus
+from surveilnav.services.gateway.asking import ask
+from surveilnav.services.gateway.core.problems import Problem, refusal
+from surveilnav.services.gateway.core.resources import Mission, NewMission
+from surveilnav.services.gateway.state import BuildingState
 from surveilnav.words import canonical
 
 _REMEMBERED_KEYS = 10_000

@@ -12,11 +12,11 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
-from services.gateway.cameras import Cameras
-from services.gateway.core.board import Board
-from services.gateway.core.problems import Problem
-from services.gateway.feed import Feed
 from surveilnav.bus import Node
+from surveilnav.services.gateway.cameras import Cameras
+from surveilnav.services.gateway.core.board import Board
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.feed import Feed
 
 #: A view is asked for again after so long; traffic for people, so seldom.
 PERIOD_S = 3.0

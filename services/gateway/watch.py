@@ -7,19 +7,19 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from services.gateway.cameras import Cameras
-from services.gateway.core import changes
-from services.gateway.core.changes import CameraState, Change, RobotSituation, Tracked
-from services.gateway.core.resources import Object
-from services.gateway.core.resources.event import Event
-from services.gateway.costs import MissionCosts
-from services.gateway.events import Events
-from services.gateway.sources import Sources
-from services.gateway.state import BuildingState
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import MissionStatus, ObjectRecord, ServiceState
+from surveilnav.services.gateway.cameras import Cameras
+from surveilnav.services.gateway.core import changes
+from surveilnav.services.gateway.core.changes import CameraState, Change, RobotSituation, Tracked
+from surveilnav.services.gateway.core.resources import Object
+from surveilnav.services.gateway.core.resources.event import Event
+from surveilnav.services.gateway.costs import MissionCosts
+from surveilnav.services.gateway.events import Events
+from surveilnav.services.gateway.sources import Sources
+from surveilnav.services.gateway.state import BuildingState
 
 #: So often all is compared with what it was. Missions tell of each change themselves.
 _LOOK_S = 0.5

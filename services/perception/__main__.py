@@ -1,4 +1,4 @@
-"""``python -m services.perception``: one perception worker."""
+"""``python -m surveilnav.services.perception``: one perception worker."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import threading
 
 import structlog
 
-from services.perception.config import PerceptionSettings
-from services.perception.service import PerceptionService
-from simulator.truth.choose import choose_backend
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
 from surveilnav.errors import PerceptionError
+from surveilnav.services.perception.config import PerceptionSettings
+from surveilnav.services.perception.service import PerceptionService
+from surveilnav.simulator.truth.choose import choose_backend
 
 
 def main() -> None:

@@ -8,18 +8,27 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from services.perception.config import PerceptionSettings
-from services.perception.core.answer import Known, of_bytes, to_bytes
-from services.perception.core.cache import AnswerCache, content_key
 from surveilnav.config import cache_called
 from surveilnav.messages import InferReply, InferRequest
 from surveilnav.perception.backend import Backend
 from surveilnav.program import program_id
+from surveilnav.services.perception.config import PerceptionSettings
+from surveilnav.services.perception.core.answer import Known, of_bytes, to_bytes
+from surveilnav.services.perception.core.cache import AnswerCache, content_key
 
 #: Settings that decide how a worker serves, and nothing of what it answers.
 _OF_SERVING = {
-    "worker", "threads", "download", "capacity", "max_batch", "decoders", "cache_mb", "kept_mb", "truth_wait_s", "truth_kept",
-}  # fmt: skip
+    "worker",
+    "threads",
+    "download",
+    "capacity",
+    "max_batch",
+    "decoders",
+    "cache_mb",
+    "kept_mb",
+    "truth_wait_s",
+    "truth_kept",
+}
 
 
 class Answers:
@@ -31,7 +40,7 @@ class Answers:
         lasting = settings.simulated and not backend.needs_truth
         self._files = cache_called("answers", b"surveilnav answer 1", settings.kept_mb) if lasting else None
         self.hits = 0
-        program = program_id("surveilnav", "services.perception") if self._files is not None else ""
+        program = program_id("surveilnav", "surveilnav.services.perception") if self._files is not None else ""
         self._program = f"{program} {backend.name} {settings.model_dump_json(exclude=_OF_SERVING)}"
 
     def key_of(self, request: InferRequest, payload: bytes) -> bytes:

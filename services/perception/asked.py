@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.perception.core.queue import Job
-from services.perception.core.refusal import Refusal
 from surveilnav.bus import Answer, Refused
 from surveilnav.errors import PerceptionError
 from surveilnav.messages import InferRequest
 from surveilnav.perception.backend import Work
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.sensing.packing import decode_rgbd
+from surveilnav.services.perception.core.queue import Job
+from surveilnav.services.perception.core.refusal import Refusal
 
 
 @dataclass(slots=True, eq=False)

@@ -50,8 +50,9 @@ class PerceptionSettings(BaseSettings):
     decoders: int = Field(default=2, ge=1, le=64, description="threads that decode pictures")
     cache_mb: int = Field(default=32, ge=0, description="memory for answers given before; 0: none are kept")
     kept_mb: int = Field(
-        default=1000, ge=0,
+        default=1000,
+        ge=0,
         description="disk for answers to camera views of a simulated building, which show the same in every run; 0: none",
-    )  # fmt: skip
+    )
     truth_wait_s: float = Field(default=2.0, ge=0, description="oracle, simulated: how long to wait for instance ids")
     truth_kept: int = Field(default=256, ge=1, description="oracle and simulated: views whose instance ids are kept")

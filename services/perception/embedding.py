@@ -9,12 +9,12 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from services.perception.asked import Asked
-from services.perception.core import probe
-from services.perception.core.cache import ByteCache, text_key
 from surveilnav.errors import TargetError
 from surveilnav.perception.backend import Backend, Work
 from surveilnav.perception.prompts import word_refused
+from surveilnav.services.perception.asked import Asked
+from surveilnav.services.perception.core import probe
+from surveilnav.services.perception.core.cache import ByteCache, text_key
 
 _CACHE_BYTES = 16 << 20
 

@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from services.perception.asked import Asked
-from services.perception.core.queue import Job, StageQueues, Turned
 from surveilnav.bus import clock_ns
 from surveilnav.histogram import Histogram
+from surveilnav.services.perception.asked import Asked
+from surveilnav.services.perception.core.queue import Job, StageQueues, Turned
 
 _POLL_S = 0.2
 

@@ -6,11 +6,6 @@ import time
 from concurrent.futures import Future
 from typing import Any
 
-from services.perception.config import PerceptionSettings
-from services.perception.core import probe
-from services.perception.core.checks import check_texts
-from services.perception.embedding import Embedding
-from services.perception.views import Views
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import PerceptionError, TargetError
@@ -18,6 +13,11 @@ from surveilnav.messages import InferRequest, TextReply, WorkerLoad
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.prompts import named
 from surveilnav.sensing.packing import pack_embedding
+from surveilnav.services.perception.config import PerceptionSettings
+from surveilnav.services.perception.core import probe
+from surveilnav.services.perception.core.checks import check_texts
+from surveilnav.services.perception.embedding import Embedding
+from surveilnav.services.perception.views import Views
 
 _WARM_UP_MS = 2000  # who asks before a worker is ready is told to come again after this
 _QUERIES_PER_VIEW = 16  # that may wait to be let in or refused, for each view that may be under way
@@ -79,11 +79,15 @@ class PerceptionService:
             raise Refused("bad_target", str(error)) from error
         return Answer(
             TextReply(
-                stamp_ns=clock_ns(), worker=self._settings.worker, backend=self._backend.name, embeddings=embeddings,
-                words=[self._backend.understood(named(text)) for text in request.texts], models=self._backend.models,
+                stamp_ns=clock_ns(),
+                worker=self._settings.worker,
+                backend=self._backend.name,
+                embeddings=embeddings,
+                words=[self._backend.understood(named(text)) for text in request.texts],
+                models=self._backend.models,
                 vocabulary=list(self._backend.vocabulary or ()),
             )
-        )  # fmt: skip
+        )
 
     def _expect_ready(self) -> None:
         """Refused: the backend is busy with its probe, and serves one thread at a time."""
@@ -102,8 +106,17 @@ class PerceptionService:
         """Queue and speed, and which backend runs."""
         line = self._views.line
         return WorkerLoad(
-            stamp_ns=clock_ns(), worker=self._settings.worker, backend=self._backend.name, why=self._backend.why,
-            queued=line.under_way, capacity=self._settings.capacity, latency_ms=line.latency_ms, ready=self.ready,
-            models=self._backend.models, times=line.counts(), cached=self._views.cached,
-            open_vocabulary=self._backend.vocabulary is None, calibrated=self._backend.calibrated,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            worker=self._settings.worker,
+            backend=self._backend.name,
+            why=self._backend.why,
+            queued=line.under_way,
+            capacity=self._settings.capacity,
+            latency_ms=line.latency_ms,
+            ready=self.ready,
+            models=self._backend.models,
+            times=line.counts(),
+            cached=self._views.cached,
+            open_vocabulary=self._backend.vocabulary is None,
+            calibrated=self._backend.calibrated,
+        )

@@ -8,12 +8,12 @@ from collections import OrderedDict
 from collections.abc import Callable
 from functools import partial
 
-from services.perception.config import PerceptionSettings
 from surveilnav.bus import Node, Received, Refused
 from surveilnav.contract import TRUTH
 from surveilnav.messages import Truth
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
+from surveilnav.services.perception.config import PerceptionSettings
 
 _Key = tuple[str, int, int]
 #: Gives the instance ids of a view; WireError: they don't decode.

@@ -8,20 +8,20 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-from services.perception.answers import Answers
-from services.perception.asked import Asked
-from services.perception.config import PerceptionSettings
-from services.perception.core.answer import Known, reply_to
-from services.perception.core.checks import check_view
-from services.perception.core.queue import Job
-from services.perception.core.refusal import Refusal
-from services.perception.embedding import Embedding
-from services.perception.line import Line, Step
-from services.perception.truth_channel import Told, TruthChannel
 from surveilnav.bus import Answer, Node, Refused, clock_ns
 from surveilnav.errors import PerceptionError, WireError
 from surveilnav.messages import InferReply, InferRequest
 from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.services.perception.answers import Answers
+from surveilnav.services.perception.asked import Asked
+from surveilnav.services.perception.config import PerceptionSettings
+from surveilnav.services.perception.core.answer import Known, reply_to
+from surveilnav.services.perception.core.checks import check_view
+from surveilnav.services.perception.core.queue import Job
+from surveilnav.services.perception.core.refusal import Refusal
+from surveilnav.services.perception.embedding import Embedding
+from surveilnav.services.perception.line import Line, Step
+from surveilnav.services.perception.truth_channel import Told, TruthChannel
 
 _SWEEP_S = 0.05  # between two looks for views whose time is over
 
@@ -85,10 +85,16 @@ class Views:
         self.line.cancel(lambda asked: asked.is_meant_by(request))
         return Answer(
             InferReply(
-                stamp_ns=clock_ns(), worker=self._worker, backend=self._backend.name, source=request.source,
-                view=request.view, seq=request.seq, detections=[], image_embedding=b"",
+                stamp_ns=clock_ns(),
+                worker=self._worker,
+                backend=self._backend.name,
+                source=request.source,
+                view=request.view,
+                seq=request.seq,
+                detections=[],
+                image_embedding=b"",
             )
-        )  # fmt: skip
+        )
 
     def _let_in(self, job: Job[Asked]) -> None:
         if not self.line.admit(job):
@@ -109,9 +115,14 @@ class Views:
         seen = asked.work.seen if asked.work is not None else None
         assert seen is not None, f"the last stage of {self._backend.name} gave no answer"
         reply = reply_to(
-            asked.request, seen, asked.vectors, models=self._backend.models, worker=self._worker,
-            latency_ms=asked.busy_ms, stamp_ns=clock_ns(),
-        )  # fmt: skip
+            asked.request,
+            seen,
+            asked.vectors,
+            models=self._backend.models,
+            worker=self._worker,
+            latency_ms=asked.busy_ms,
+            stamp_ns=clock_ns(),
+        )
         if asked.key:
             self._answers.put(asked.key, reply, seen.image_embedding)
         asked.reply = Answer(reply)

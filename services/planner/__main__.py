@@ -1,14 +1,14 @@
-"""``python -m services.planner``: missions for the robots of a building."""
+"""``python -m surveilnav.services.planner``: missions for the robots of a building."""
 
 from __future__ import annotations
 
 import sys
 
-from services.planner.config import PlannerSettings
-from services.planner.core.warm_up import warm_up
-from services.planner.service import PlannerService
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service, warm
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.core.warm_up import warm_up
+from surveilnav.services.planner.service import PlannerService
 
 
 def main() -> None:

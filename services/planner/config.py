@@ -1,6 +1,6 @@
 """Settings of the planner service: environment variables ``SURVEILNAV_PLANNER__<FIELD>``, those of the core by ``__``.
 
-``SURVEILNAV_PLANNER__CORE__STRATEGY=greedy`` changes one number of ``services.planner.core.config``.
+``SURVEILNAV_PLANNER__CORE__STRATEGY=greedy`` changes one number of ``surveilnav.services.planner.core.config``.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from services.planner.core import PlannerConfig
+from surveilnav.services.planner.core import PlannerConfig
 
 
 class PlannerSettings(BaseSettings):

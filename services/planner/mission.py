@@ -9,15 +9,15 @@ from typing import Any
 
 import msgspec
 
-from services.planner.config import PlannerSettings
-from services.planner.core import Decision, MapView, MissionState, RobotView, memory, step
-from services.planner.pausing import Pause, PausedError
-from services.planner.store import Pending, SavedMission, Store, StoreError
-from services.planner.summaries import Summaries
-from services.planner.world import CancelError, LostError, World
 from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.core import Decision, MapView, MissionState, RobotView, memory, step
+from surveilnav.services.planner.pausing import Pause, PausedError
+from surveilnav.services.planner.store import Pending, SavedMission, Store, StoreError
+from surveilnav.services.planner.summaries import Summaries
+from surveilnav.services.planner.world import CancelError, LostError, World
 from surveilnav.words import canonical
 
 #: So often in a row a robot may refuse a stair; the core gives the stair up long before.
@@ -42,11 +42,21 @@ def accepted(goal: MissionGoal, target: str, robot: str, message: str = "") -> S
     asked = _as_asked(goal) if canonical(goal.target) != target else ""
     return SavedMission(
         status=MissionStatus(
-            stamp_ns=now_ns, mission=goal.mission, target=target, robot=robot, state="queued", phase="queued", step=0,
-            max_steps=goal.max_steps, path_m=0.0, started_ns=now_ns, message=message, asked=asked,
+            stamp_ns=now_ns,
+            mission=goal.mission,
+            target=target,
+            robot=robot,
+            state="queued",
+            phase="queued",
+            step=0,
+            max_steps=goal.max_steps,
+            path_m=0.0,
+            started_ns=now_ns,
+            message=message,
+            asked=asked,
         ),
         wanted_robot=goal.robot,
-    )  # fmt: skip
+    )
 
 
 def _as_asked(goal: MissionGoal) -> str:
@@ -71,8 +81,14 @@ class Mission:
         self.unsaved = False
         self._saving = threading.Lock()  # who cancels writes too, and an older state must not come last
         self._world = World(
-            self._node, self._settings, around.revisions, self.robot, self.status.target, self._hold, self._interrupted,
-        )  # fmt: skip
+            self._node,
+            self._settings,
+            around.revisions,
+            self.robot,
+            self.status.target,
+            self._hold,
+            self._interrupted,
+        )
         # what was heard before counts too: the choice stands on it
         heard = sum(self._summaries.received_bytes().values()) - self._summaries.held_bytes()
         self._summary_bytes_before = heard - self.status.floor_choice_bytes
@@ -105,9 +121,15 @@ class Mission:
         with self._saving:
             memory = "" if self.finished else self._memory.to_json().decode()
             saved = SavedMission(
-                status=self.status, plan=self.plan, pending=self._pending, robot_path_m=self._robot_path_m,
-                cancel=self._cancel, paused=self._pause.reason, wanted_robot=self.wanted_robot, memory=memory,
-            )  # fmt: skip
+                status=self.status,
+                plan=self.plan,
+                pending=self._pending,
+                robot_path_m=self._robot_path_m,
+                cancel=self._cancel,
+                paused=self._pause.reason,
+                wanted_robot=self.wanted_robot,
+                memory=memory,
+            )
             under_way = not self.finished and self._pending is not None and self._cancel is None
             self._store.save(saved, finished=self.finished, sync=not under_way)
 
@@ -249,14 +271,19 @@ class Mission:
             self._memory, maps, robot, self._settings.core, summaries=self._summaries.by_floor()
         )
         facts = {
-            "step": self._memory.step, "path_m": self._path_before_m + robot.path_m, "floor": status.floor,
-            "object_id": decision.object_id, "floor_choice_bytes": self._floor_choice_bytes(),
-        }  # fmt: skip
+            "step": self._memory.step,
+            "path_m": self._path_before_m + robot.path_m,
+            "floor": status.floor,
+            "object_id": decision.object_id,
+            "floor_choice_bytes": self._floor_choice_bytes(),
+        }
         if not decision.finished:
             facts |= {
-                "state": "confirming" if decision.phase == "confirming" else "active", "phase": decision.phase,
-                "distance_remaining_m": decision.distance_m, "message": decision.message,
-            }  # fmt: skip
+                "state": "confirming" if decision.phase == "confirming" else "active",
+                "phase": decision.phase,
+                "distance_remaining_m": decision.distance_m,
+                "message": decision.message,
+            }
         self._note(**facts)
         self.plan = self._plan(decision, status, maps)
         self._pending = Pending.of(decision, status.seq)
@@ -316,9 +343,14 @@ class Mission:
     def _stop_robot(self) -> None:
         """Tells the robot to stop, once and without insisting: its own deadline does the rest."""
         world = World(
-            self._node, self._settings.model_copy(update={"robot_timeout_s": 1e-3}), self._world.revisions, self.robot,
-            self._world.target, lambda _: None, lambda: False,
-        )  # fmt: skip
+            self._node,
+            self._settings.model_copy(update={"robot_timeout_s": 1e-3}),
+            self._world.revisions,
+            self.robot,
+            self._world.target,
+            lambda _: None,
+            lambda: False,
+        )
         try:
             world.move("stop", world.robot_status().seq, self.id)
         except (LostError, Refused, CancelError) as error:
@@ -369,20 +401,40 @@ class Mission:
 
     def _end(self, state: str, *, error: str = "", message: str = "", found: bool = False) -> None:
         self._note(
-            state=state, phase="finished", error=error, message=message, found=found, finished_ns=clock_ns(),
-            distance_remaining_m=None, floor_choice_bytes=self._floor_choice_bytes(),
-        )  # fmt: skip
+            state=state,
+            phase="finished",
+            error=error,
+            message=message,
+            found=found,
+            finished_ns=clock_ns(),
+            distance_remaining_m=None,
+            floor_choice_bytes=self._floor_choice_bytes(),
+        )
         self._save_or_warn()
         self._tell(self._statuses, self.status)
         self._node.log.info(
-            "mission ended", mission=self.id, state=state, error=error, message=message,
-            floor_choice_bytes=self.status.floor_choice_bytes, summary_bytes_by_floor=self._summaries.received_bytes(),
-        )  # fmt: skip
+            "mission ended",
+            mission=self.id,
+            state=state,
+            error=error,
+            message=message,
+            floor_choice_bytes=self.status.floor_choice_bytes,
+            summary_bytes_by_floor=self._summaries.received_bytes(),
+        )
 
     def _plan(self, decision: Decision, status: RobotStatus, maps: MapView) -> Plan:
         return Plan(
-            stamp_ns=clock_ns(), mission=self.id, robot=self.robot, floor=status.floor, step=self._memory.step,
-            seq=status.seq, action=decision.action or "", waypoint=decision.waypoint,
-            path_m=[(round(x, 3), round(y, 3)) for x, y in decision.path], candidates=list(decision.candidates),
-            why=decision.message, revision=maps.revision, pending_views=maps.pending_views,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            mission=self.id,
+            robot=self.robot,
+            floor=status.floor,
+            step=self._memory.step,
+            seq=status.seq,
+            action=decision.action or "",
+            waypoint=decision.waypoint,
+            path_m=[(round(x, 3), round(y, 3)) for x, y in decision.path],
+            candidates=list(decision.candidates),
+            why=decision.message,
+            revision=maps.revision,
+            pending_views=maps.pending_views,
+        )

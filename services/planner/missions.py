@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import threading
 
-from services.planner.config import PlannerSettings
-from services.planner.mission import Mission, Surroundings, accepted
-from services.planner.store import Store, StoreError
-from services.planner.summaries import Summaries
-from services.planner.targets import understood
 from surveilnav.bus import Node
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.mission import Mission, Surroundings, accepted
+from surveilnav.services.planner.store import Store, StoreError
+from surveilnav.services.planner.summaries import Summaries
+from surveilnav.services.planner.targets import understood
 
 
 class Missions:

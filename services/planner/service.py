@@ -9,13 +9,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from services.planner.config import PlannerSettings
-from services.planner.mission import Mission
-from services.planner.missions import Missions
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_PAUSE, MISSION_PLAN, MISSION_STATUS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionAck, MissionCancel, MissionGoal, MissionPause
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.mission import Mission
+from surveilnav.services.planner.missions import Missions
 
 _CANCEL_WAIT_S = _PAUSE_WAIT_S = 3.0
 _SAVE_AGAIN_S = 2.0
@@ -101,10 +101,15 @@ class PlannerService:
 def _acknowledged(mission: Mission, *, accepted: bool, message: str = "") -> Answer:
     return Answer(
         MissionAck(
-            stamp_ns=clock_ns(), mission=mission.id, accepted=accepted, state=mission.status.state, robot=mission.robot,
-            target=mission.status.target, message=message,
+            stamp_ns=clock_ns(),
+            mission=mission.id,
+            accepted=accepted,
+            state=mission.status.state,
+            robot=mission.robot,
+            target=mission.status.target,
+            message=message,
         )
-    )  # fmt: skip
+    )
 
 
 def _refused(mission: str, error: str, message: str) -> Answer:

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import msgspec
 
-from services.planner.core import Decision
 from surveilnav.bus import Node
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import MissionStatus, Plan
+from surveilnav.services.planner.core import Decision
 
 #: Of the tables and of what is in them. Records of version 1 lack ``robot_path_m`` and have two fields more, which reading
 #: passes over. A store of any other version is set aside, not read.
@@ -49,9 +49,14 @@ class Pending(msgspec.Struct, frozen=True, kw_only=True):
     @classmethod
     def of(cls, decision: Decision, seq: int) -> Pending:
         return cls(
-            seq=seq, action=decision.action, to_floor=decision.to_floor, finished=decision.finished,
-            found=decision.found, error=decision.error, message=decision.message,
-        )  # fmt: skip
+            seq=seq,
+            action=decision.action,
+            to_floor=decision.to_floor,
+            finished=decision.finished,
+            found=decision.found,
+            error=decision.error,
+            message=decision.message,
+        )
 
 
 class SavedMission(msgspec.Struct, frozen=True, kw_only=True):

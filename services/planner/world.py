@@ -10,14 +10,14 @@ from typing import cast
 
 from numpy.typing import NDArray
 
-from services.planner.config import PlannerSettings
-from services.planner.core import MapView
 from surveilnav.bus import Node, Refused, Table, Unanswered, clock_ns
 from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS, ROBOT_COMMAND, ROBOT_STATUS
 from surveilnav.errors import WireError
 from surveilnav.messages import Command, CommandReply, LayerHeader, Revision, RobotStatus, Stair
 from surveilnav.messages.robot import ActionName
 from surveilnav.sensing.layers import unpack_layer
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.core import MapView
 
 _LAYERS = ("occupancy", "explored", "frontier", "value")
 _POLL_S = 0.004
@@ -107,9 +107,13 @@ class World:
         deadline_ms = round(self.settings.command_deadline_s * 1000)
         while True:
             command = Command(
-                stamp_ns=clock_ns(), action=cast("ActionName", action), seq_expected=seq, deadline_ms=deadline_ms,
-                to_floor=to_floor, mission=mission,
-            )  # fmt: skip
+                stamp_ns=clock_ns(),
+                action=cast("ActionName", action),
+                seq_expected=seq,
+                deadline_ms=deadline_ms,
+                to_floor=to_floor,
+                mission=mission,
+            )
             try:
                 reply: CommandReply = self.node.ask(
                     ROBOT_COMMAND, command, robot=self.robot, timeout_s=self.settings.ask_timeout_s
@@ -150,17 +154,27 @@ class World:
         objects = self.node.ask(OBJECTS, floor=revision.floor, timeout_s=self.settings.ask_timeout_s).message
         arrays = {name: array for name, (_, array) in layers.items()}
         return MapView(
-            revision.floor, revision.floor_z_m, grids.pop(), arrays["occupancy"], arrays["explored"],
-            arrays["frontier"], arrays["value"], objects.objects, layers["occupancy"][0].revision,
+            revision.floor,
+            revision.floor_z_m,
+            grids.pop(),
+            arrays["occupancy"],
+            arrays["explored"],
+            arrays["frontier"],
+            arrays["value"],
+            objects.objects,
+            layers["occupancy"][0].revision,
             revision.pending_views,
-        )  # fmt: skip
+        )
 
     def _layer(self, floor: str, layer: str) -> tuple[LayerHeader, NDArray]:
         """One layer. WireError: its header and its bytes don't fit."""
         received = self.node.ask(
-            MAP_LAYER, floor=floor, layer=layer, timeout_s=self.settings.ask_timeout_s,
+            MAP_LAYER,
+            floor=floor,
+            layer=layer,
+            timeout_s=self.settings.ask_timeout_s,
             parameters={"target": self.target} if layer == "value" else None,
-        )  # fmt: skip
+        )
         header: LayerHeader = received.message
         return header, unpack_layer(layer, header, received.payload)
 

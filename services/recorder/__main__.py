@@ -1,14 +1,14 @@
-"""``python -m services.recorder``: every mission as one MCAP file."""
+"""``python -m surveilnav.services.recorder``: every mission as one MCAP file."""
 
 from __future__ import annotations
 
 import sys
 
-from services.recorder.config import RecorderSettings
-from services.recorder.service import RecorderService
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import run_service
 from surveilnav.pictures import PictureSettings
+from surveilnav.services.recorder.config import RecorderSettings
+from surveilnav.services.recorder.service import RecorderService
 
 
 def main() -> None:

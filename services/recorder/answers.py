@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from services.recorder.config import RecorderSettings
-from services.recorder.folder import Folder
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import RECORDING_DELETE, RECORDING_READ, RECORDINGS
 from surveilnav.messages import Ack, RecordingList, RecordingPart
+from surveilnav.services.recorder.config import RecorderSettings
+from surveilnav.services.recorder.folder import Folder
 
 
 class Answers:

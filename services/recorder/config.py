@@ -18,9 +18,11 @@ class RecorderSettings(BaseSettings):
     folder: Path = Field(default=Path("runs/recordings"), description="where recordings go, a file a mission")
     id: str = Field(default="recorder", pattern=ID_PATTERN, description="its name on the bus")
     max_mb: int = Field(
-        default=8192, ge=0, description="megabytes of all recordings in the folder, those of earlier runs too: the oldest go "
+        default=8192,
+        ge=0,
+        description="megabytes of all recordings in the folder, those of earlier runs too: the oldest go "
         "first, never one that is being written; 0: no limit",
-    )  # fmt: skip
+    )
     max_days: float = Field(default=30.0, ge=0, description="recordings older than this are deleted; 0: none is")
     min_free_mb: int = Field(
         default=512, ge=0, description="recording stops when less is left on the disk: others write there, too"

@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from services.recorder.config import RecorderSettings
-from services.recorder.core.drawer import Heard
-from services.recorder.fusion import Fusion
-from services.recorder.missions import Recorded
-from services.recorder.scribe import Scribe
 from surveilnav.bus import Node, Received, clock_ns
 from surveilnav.contract import MAP_LAYER, OBJECTS, Stream
 from surveilnav.errors import BusError
 from surveilnav.messages import Revision
+from surveilnav.services.recorder.config import RecorderSettings
+from surveilnav.services.recorder.core.drawer import Heard
+from surveilnav.services.recorder.fusion import Fusion
+from surveilnav.services.recorder.missions import Recorded
+from surveilnav.services.recorder.scribe import Scribe
 
 _GRIDS = ("occupancy", "explored", "frontier")
 

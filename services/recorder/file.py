@@ -8,8 +8,8 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from services.recorder.core.line import Line, Schema
 from surveilnav import __version__
+from surveilnav.services.recorder.core.line import Line, Schema
 
 try:
     import fcntl

@@ -8,11 +8,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from services.recorder.core.limits import Kept, Limits, to_delete
-from services.recorder.core.names import ENDING, parts_of
-from services.recorder.reading import cameras_in_whole, target_of
 from surveilnav.bus import Refused
 from surveilnav.messages import Recording
+from surveilnav.services.recorder.core.limits import Kept, Limits, to_delete
+from surveilnav.services.recorder.core.names import ENDING, parts_of
+from surveilnav.services.recorder.reading import cameras_in_whole, target_of
 
 try:
     import fcntl
@@ -110,10 +110,15 @@ class Folder:
             facts = self._facts[file.id] = _Facts(file.n_bytes, target, cameras)
         whole = facts.cameras is not None
         return Recording(
-            id=file.id, mission=mission, state="recording" if file.open else "complete" if whole else "interrupted",
-            n_bytes=file.n_bytes, started_ns=started_ns, changed_ns=file.changed_ns, target=facts.target,
+            id=file.id,
+            mission=mission,
+            state="recording" if file.open else "complete" if whole else "interrupted",
+            n_bytes=file.n_bytes,
+            started_ns=started_ns,
+            changed_ns=file.changed_ns,
+            target=facts.target,
             cameras=facts.cameras,
-        )  # fmt: skip
+        )
 
 
 def is_open(path: Path) -> bool:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 
-from services.recorder.core.drawer import Heard
-from services.recorder.missions import Recorded
-from services.recorder.scribe import Scribe
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import PERCEPTION_TEXT
 from surveilnav.errors import BusError
 from surveilnav.messages import InferRequest
 from surveilnav.perception.prompts import value_prompt
+from surveilnav.services.recorder.core.drawer import Heard
+from surveilnav.services.recorder.missions import Recorded
+from surveilnav.services.recorder.scribe import Scribe
 
 _PATIENCE_S, _AGAIN_S = 2.0, 3.0
 

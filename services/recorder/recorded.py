@@ -10,9 +10,9 @@ from typing import Any
 import msgspec
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
-from services.recorder.core.line import BUS_ENCODING, read_bus_line, stream_of
-from services.recorder.reading import BEGIN, END, RecordingError, records
 from surveilnav.contract import Stream
+from surveilnav.services.recorder.core.line import BUS_ENCODING, read_bus_line, stream_of
+from surveilnav.services.recorder.reading import BEGIN, END, RecordingError, records
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,4 +112,4 @@ def told(path: Path) -> Iterator[Told]:
             any_told = True
             yield found
     if not any_told:
-        raise RecordingError(f"{path} holds no mission: expected a file that `services.recorder` wrote")
+        raise RecordingError(f"{path} holds no mission: expected a file that `surveilnav.services.recorder` wrote")

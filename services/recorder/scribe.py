@@ -10,14 +10,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 
-from services.recorder.config import RecorderSettings
-from services.recorder.core.drawer import Drawer, Heard
-from services.recorder.core.limits import Limits
-from services.recorder.file import RecordingFile
-from services.recorder.folder import Folder
-from services.recorder.reading import BEGIN, END
 from surveilnav.bus import Node, clock_ns
 from surveilnav.bus.wire import encode
+from surveilnav.services.recorder.config import RecorderSettings
+from surveilnav.services.recorder.core.drawer import Drawer, Heard
+from surveilnav.services.recorder.core.limits import Limits
+from surveilnav.services.recorder.file import RecordingFile
+from surveilnav.services.recorder.folder import Folder
+from surveilnav.services.recorder.reading import BEGIN, END
 
 _TIDY_S = 30.0
 _PATIENCE_S = 10.0  # for what waits when the recorder ends

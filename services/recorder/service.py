@@ -6,29 +6,36 @@ import threading
 from contextlib import suppress
 from typing import Any
 
-from services.recorder.answers import Answers
-from services.recorder.config import RecorderSettings
-from services.recorder.core.drawer import Heard
-from services.recorder.core.names import recording_id
-from services.recorder.drawings import Drawings
-from services.recorder.folder import Folder
-from services.recorder.fusion import Fusion
-from services.recorder.meaning import Meanings
-from services.recorder.missions import Recorded, is_under_way
-from services.recorder.scribe import Scribe
-from services.recorder.views import Views
 from surveilnav import contract
 from surveilnav.bus import Answer, Node, Received, clock_ns
 from surveilnav.contract import RECORDER_STATUS, Stream
 from surveilnav.errors import BusError
 from surveilnav.messages import RecorderStatus, Revision
 from surveilnav.perception.prompts import value_prompt
+from surveilnav.services.recorder.answers import Answers
+from surveilnav.services.recorder.config import RecorderSettings
+from surveilnav.services.recorder.core.drawer import Heard
+from surveilnav.services.recorder.core.names import recording_id
+from surveilnav.services.recorder.drawings import Drawings
+from surveilnav.services.recorder.folder import Folder
+from surveilnav.services.recorder.fusion import Fusion
+from surveilnav.services.recorder.meaning import Meanings
+from surveilnav.services.recorder.missions import Recorded, is_under_way
+from surveilnav.services.recorder.scribe import Scribe
+from surveilnav.services.recorder.views import Views
 
 #: What is put, small, and replayed. No frames: a camera sends them to whoever listens, and would have one listener more.
 _HEARD = (
-    contract.CAMERA_INFO, contract.CAMERA_SUMMARY, contract.ROBOT_STATUS, contract.PERCEPTION_LOAD, contract.MAP_REVISION,
-    contract.MISSION_STATUS, contract.MISSION_PLAN, contract.TRAFFIC, contract.SERVICES,
-)  # fmt: skip
+    contract.CAMERA_INFO,
+    contract.CAMERA_SUMMARY,
+    contract.ROBOT_STATUS,
+    contract.PERCEPTION_LOAD,
+    contract.MAP_REVISION,
+    contract.MISSION_STATUS,
+    contract.MISSION_PLAN,
+    contract.TRAFFIC,
+    contract.SERVICES,
+)
 _STATUS_S = 1.0
 
 
@@ -74,9 +81,14 @@ class RecorderService:
         """How it is. It touches no disk, which may hang."""
         scribe = self._scribe
         return RecorderStatus(
-            stamp_ns=clock_ns(), recorder=self._settings.id, recording=scribe.open, dropped=scribe.dropped,
-            problem=scribe.full or self._views.problem, n_bytes=scribe.n_bytes, free_bytes=scribe.free_bytes,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            recorder=self._settings.id,
+            recording=scribe.open,
+            dropped=scribe.dropped,
+            problem=scribe.full or self._views.problem,
+            n_bytes=scribe.n_bytes,
+            free_bytes=scribe.free_bytes,
+        )
 
     def close(self) -> None:
         """Closes the files; who reads them finds that their missions weren't over."""
@@ -101,9 +113,13 @@ class RecorderService:
 
     def _begin(self, mission: str, one: Recorded) -> None:
         facts = {
-            "mission": mission, "target": one.status.target, "robot": one.status.robot, "building": self._node.building,
-            "started_ns": str(one.status.started_ns), "prompt": value_prompt(one.status.target),
-        }  # fmt: skip
+            "mission": mission,
+            "target": one.status.target,
+            "robot": one.status.robot,
+            "building": self._node.building,
+            "started_ns": str(one.status.started_ns),
+            "prompt": value_prompt(one.status.target),
+        }
         self._scribe.begin(one.id, facts)
         self._recorded[mission] = one
         for stream, table in self._tables.items():  # what was put before

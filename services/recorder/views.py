@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 
-from services.recorder.core.drawer import Heard
-from services.recorder.fusion import Fusion
-from services.recorder.missions import Recorded
-from services.recorder.scribe import Scribe
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import VIEW_LOG
 from surveilnav.errors import BusError
+from surveilnav.services.recorder.core.drawer import Heard
+from surveilnav.services.recorder.fusion import Fusion
+from surveilnav.services.recorder.missions import Recorded
+from surveilnav.services.recorder.scribe import Scribe
 
 _AGAIN_S = 2.0  # before fusion is asked again after trouble
 _MOST_AT_ONCE = 32  # before others have their turn

@@ -1,15 +1,15 @@
-"""``python -m services.robot_node``: one simulated robot."""
+"""``python -m surveilnav.services.robot_node``: one simulated robot."""
 
 from __future__ import annotations
 
 import sys
 
-from services.robot_node.bodies.simulated import SimulatedJudge, simulated_body
-from services.robot_node.config import RobotSettings
-from services.robot_node.service import RobotService
-from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node
 from surveilnav.bus.main import run_service
+from surveilnav.services.robot_node.bodies.simulated import SimulatedJudge, simulated_body
+from surveilnav.services.robot_node.config import RobotSettings
+from surveilnav.services.robot_node.service import RobotService
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 
 def main() -> None:

@@ -28,7 +28,7 @@ _CLEARANCE_M = 1e-3
 
 
 class TransitLike(Protocol):
-    """A stair: see ``simulator.world.navigation.Transit``."""
+    """A stair: see ``surveilnav.simulator.world.navigation.Transit``."""
 
     @property
     def length_m(self) -> float:
@@ -55,7 +55,7 @@ class TransitLike(Protocol):
 
 
 class NavigationLike(Protocol):
-    """What motion needs to know of the world: see ``simulator.world.navigation.NavigationMap``."""
+    """What motion needs to know of the world: see ``surveilnav.simulator.world.navigation.NavigationMap``."""
 
     @property
     def transits(self) -> tuple[TransitLike, ...]:
@@ -105,12 +105,15 @@ def stairs_of(navigation: NavigationLike) -> list[Stair]:
     """All stairs of the building, each in both directions."""
     return [
         Stair(
-            floor=floor, to_floor=t.other_floor(floor), at_m=t.end_on(floor), to_m=t.end_on(t.other_floor(floor)),
+            floor=floor,
+            to_floor=t.other_floor(floor),
+            at_m=t.end_on(floor),
+            to_m=t.end_on(t.other_floor(floor)),
             length_m=t.length_m,
         )
         for t in navigation.transits
         for floor in _floors_of(t)
-    ]  # fmt: skip
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,15 +138,32 @@ def state_name(state: RobotState, halted: Halted, *, late: bool, awaiting: bool)
 
 
 def status_of(
-    state: RobotState, *, robot: str, kind: StateName = "ready", message: str = "", stairs: Sequence[Stair] = (),
-    notes: Sequence[str] = (), stamp_ns: int = 0,
-) -> RobotStatus:  # fmt: skip
+    state: RobotState,
+    *,
+    robot: str,
+    kind: StateName = "ready",
+    message: str = "",
+    stairs: Sequence[Stair] = (),
+    notes: Sequence[str] = (),
+    stamp_ns: int = 0,
+) -> RobotStatus:
     """What the robot says of itself on the bus."""
     return RobotStatus(
-        stamp_ns=stamp_ns, robot=robot, floor=state.floor, seq=state.seq, state=kind, pitch_rad=state.pitch_rad,
-        T_world_base=Pose.from_matrix(base_pose_of(state)), message=message, stairs=list(stairs), notes=list(notes),
-        mission=state.mission, collided=state.collided, last_action=state.last_action, path_m=state.path_m,  # type: ignore[arg-type]
-    )  # fmt: skip
+        stamp_ns=stamp_ns,
+        robot=robot,
+        floor=state.floor,
+        seq=state.seq,
+        state=kind,
+        pitch_rad=state.pitch_rad,
+        T_world_base=Pose.from_matrix(base_pose_of(state)),
+        message=message,
+        stairs=list(stairs),
+        notes=list(notes),
+        mission=state.mission,
+        collided=state.collided,
+        last_action=state.last_action,  # type: ignore[arg-type]
+        path_m=state.path_m,
+    )
 
 
 def begin_mission(state: RobotState, mission: str) -> RobotState:
@@ -201,9 +221,12 @@ def _moved(state: RobotState, navigation: NavigationLike) -> RobotState:
         if not navigation.is_navigable((state.x_m + share * dx, state.y_m + share * dy), state.floor):
             share = 0.0
     return replace(
-        state, x_m=state.x_m + share * dx, y_m=state.y_m + share * dy,
-        path_m=state.path_m + share * STEP_M, collided=collided,
-    )  # fmt: skip
+        state,
+        x_m=state.x_m + share * dx,
+        y_m=state.y_m + share * dy,
+        path_m=state.path_m + share * STEP_M,
+        collided=collided,
+    )
 
 
 def _over_stairs(state: RobotState, navigation: NavigationLike, to_floor: str | None) -> RobotState:
@@ -214,9 +237,14 @@ def _over_stairs(state: RobotState, navigation: NavigationLike, to_floor: str | 
     near, far = transit.end_on(state.floor), transit.end_on(to_floor)
     length_m = math.hypot(near[0] - state.x_m, near[1] - state.y_m) + transit.length_m
     return replace(
-        state, x_m=far[0], y_m=far[1], z_m=far[2], floor=to_floor, path_m=state.path_m + length_m,
+        state,
+        x_m=far[0],
+        y_m=far[1],
+        z_m=far[2],
+        floor=to_floor,
+        path_m=state.path_m + length_m,
         steps=state.steps - 1 + max(1, math.ceil(length_m / STEP_M - 1e-9)),
-    )  # fmt: skip
+    )
 
 
 def _transit_to(state: RobotState, navigation: NavigationLike, to_floor: str | None) -> TransitLike | None:

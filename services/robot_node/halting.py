@@ -6,7 +6,7 @@ from pathlib import Path
 
 import structlog
 
-from services.robot_node.core import Halted
+from surveilnav.services.robot_node.core import Halted
 from surveilnav.stored import read_parts, write_parts
 
 _FORMAT = b"surveilnav halt 1"

@@ -5,16 +5,16 @@ from __future__ import annotations
 import threading
 import time
 
-from services.robot_node import core
-from services.robot_node.bodies.body import Body
-from services.robot_node.config import RobotSettings
-from services.robot_node.halting import Halting
-from services.robot_node.observation import Encoded, encode
-from services.robot_node.verdicts import Judge, Verdicts
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
 from surveilnav.messages import CommandReply, HaltReply, RobotStatus
 from surveilnav.sensing.truth import truth_to_wire
+from surveilnav.services.robot_node import core
+from surveilnav.services.robot_node.bodies.body import Body
+from surveilnav.services.robot_node.config import RobotSettings
+from surveilnav.services.robot_node.halting import Halting
+from surveilnav.services.robot_node.observation import Encoded, encode
+from surveilnav.services.robot_node.verdicts import Judge, Verdicts
 
 #: An observation that nobody follows up is put again, ever more seldom: the router may have lost it.
 _REPEAT_S = (1.0, 2.0, 4.0, 8.0)
@@ -115,6 +115,11 @@ class RobotService:
         late, awaiting = bool(self._message), self._deadline_s is not None
         kind = core.state_name(state, self._halting.now, late=late, awaiting=awaiting)
         return core.status_of(
-            state, robot=self._settings.id, kind=kind, message=self._halting.now.refusal("move") or self._message,
-            stairs=self._body.stairs, notes=self._body.notes, stamp_ns=clock_ns(),
-        )  # fmt: skip
+            state,
+            robot=self._settings.id,
+            kind=kind,
+            message=self._halting.now.refusal("move") or self._message,
+            stairs=self._body.stairs,
+            notes=self._body.notes,
+            stamp_ns=clock_ns(),
+        )

@@ -6,11 +6,11 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 
-from services.robot_node.core import RobotState
 from surveilnav.bus import Answer, Node, Request, clock_ns
 from surveilnav.contract import JUDGED, MISSION_STATUS
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import Judged
+from surveilnav.services.robot_node.core import RobotState
 
 #: ``judge(target, state)``: (whether it is a success, the way to the nearest place that counts [m]); None: no such thing
 #: is known in the building, as with words for what nobody labelled.

@@ -105,145 +105,405 @@ def schema_of(message: type[Message]) -> str:
 
 
 CAMERA_INFO = Stream(
-    "camera_info", "{building}/{floor}/camera/{camera}/info", m.CameraInfo, "camera_node", "put+query", None, 10_000,
-    "data", "place, intrinsics, views, mounting offset, tier",
-)  # fmt: skip
+    "camera_info",
+    "{building}/{floor}/camera/{camera}/info",
+    m.CameraInfo,
+    "camera_node",
+    "put+query",
+    None,
+    10_000,
+    "data",
+    "place, intrinsics, views, mounting offset, tier",
+)
 CAMERA_FRAME = Stream(
-    "camera_frame", "{building}/{floor}/camera/{camera}/frame/{view}", m.FrameHeader, "camera_node", "put", None, 10_000,
-    "bulk", "RGB-D of one view, while somebody listens", payload=True,
-)  # fmt: skip
+    "camera_frame",
+    "{building}/{floor}/camera/{camera}/frame/{view}",
+    m.FrameHeader,
+    "camera_node",
+    "put",
+    None,
+    10_000,
+    "bulk",
+    "RGB-D of one view, while somebody listens",
+    payload=True,
+)
 CAMERA_SUMMARY = Stream(
-    "camera_summary", "{building}/{floor}/camera/{camera}/summary", m.CameraSummary, "camera_node", "put", 0.2, 15_000,
-    "data", "labels and confidences last seen, at most 512 bytes: for choosing the floor",
-)  # fmt: skip
+    "camera_summary",
+    "{building}/{floor}/camera/{camera}/summary",
+    m.CameraSummary,
+    "camera_node",
+    "put",
+    0.2,
+    15_000,
+    "data",
+    "labels and confidences last seen, at most 512 bytes: for choosing the floor",
+)
 CAMERA_REQUEST = Stream(
-    "camera_request", "{building}/{floor}/camera/{camera}/request", m.Ack, "camera_node", "query", None, 5_000,
-    "control", "send views again (no payload); a viewer's thumbnail (a JPEG); pause, resume",
-    request=m.CameraRequest, payload=True,
-)  # fmt: skip
+    "camera_request",
+    "{building}/{floor}/camera/{camera}/request",
+    m.Ack,
+    "camera_node",
+    "query",
+    None,
+    5_000,
+    "control",
+    "send views again (no payload); a viewer's thumbnail (a JPEG); pause, resume",
+    request=m.CameraRequest,
+    payload=True,
+)
 CAMERA_SLOT = Stream(
-    "camera_slot", "{building}/camera_slot/{slot}", m.Ack, "camera_node", "query", None, 2_000,
-    "control", "who holds a slot of the camera plan answers; the others look for a free one", request=m.SlotClaim,
+    "camera_slot",
+    "{building}/camera_slot/{slot}",
+    m.Ack,
+    "camera_node",
+    "query",
+    None,
+    2_000,
+    "control",
+    "who holds a slot of the camera plan answers; the others look for a free one",
+    request=m.SlotClaim,
     asked_of_all=True,
-)  # fmt: skip
+)
 ROBOT_OBSERVATION = Stream(
-    "robot_observation", "{building}/robot/{robot}/observation", m.Observation, "robot_node", "put", None, 2_000,
-    "bulk", "RGB-D, pose and sequence number after an action", payload=True,
-)  # fmt: skip
+    "robot_observation",
+    "{building}/robot/{robot}/observation",
+    m.Observation,
+    "robot_node",
+    "put",
+    None,
+    2_000,
+    "bulk",
+    "RGB-D, pose and sequence number after an action",
+    payload=True,
+)
 ROBOT_STATUS = Stream(
-    "robot_status", "{building}/robot/{robot}/status", m.RobotStatus, "robot_node", "put+query", 1.0, 3_000,
-    "data", "state, floor, pose",
-)  # fmt: skip
+    "robot_status",
+    "{building}/robot/{robot}/status",
+    m.RobotStatus,
+    "robot_node",
+    "put+query",
+    1.0,
+    3_000,
+    "data",
+    "state, floor, pose",
+)
 ROBOT_COMMAND = Stream(
-    "robot_command", "{building}/robot/{robot}/command", m.CommandReply, "robot_node", "query", None, 2_000,
-    "control", "one action, the sequence number it expects, a deadline", request=m.Command,
-)  # fmt: skip
+    "robot_command",
+    "{building}/robot/{robot}/command",
+    m.CommandReply,
+    "robot_node",
+    "query",
+    None,
+    2_000,
+    "control",
+    "one action, the sequence number it expects, a deadline",
+    request=m.Command,
+)
 ROBOT_HALT = Stream(
-    "robot_halt", "{building}/robot/{robot}/halt", m.HaltReply, "robot_node", "query", None, 2_000,
-    "control", "stop at once and stay, or be released: one robot or all", request=m.Halt, asked_of_all=True,
-)  # fmt: skip
+    "robot_halt",
+    "{building}/robot/{robot}/halt",
+    m.HaltReply,
+    "robot_node",
+    "query",
+    None,
+    2_000,
+    "control",
+    "stop at once and stay, or be released: one robot or all",
+    request=m.Halt,
+    asked_of_all=True,
+)
 PERCEPTION_INFER = Stream(
-    "perception_infer", "{building}/perception/{worker}/infer", m.InferReply, "perception", "query", None, 30_000,
-    "data", "a picture in, detections and embeddings out", request=m.InferRequest,
-)  # fmt: skip
+    "perception_infer",
+    "{building}/perception/{worker}/infer",
+    m.InferReply,
+    "perception",
+    "query",
+    None,
+    30_000,
+    "data",
+    "a picture in, detections and embeddings out",
+    request=m.InferRequest,
+)
 PERCEPTION_TEXT = Stream(
-    "perception_text", "{building}/perception/{worker}/text", m.TextReply, "perception", "query", None, 30_000,
-    "data", "texts in, embeddings out", request=m.InferRequest,
-)  # fmt: skip
+    "perception_text",
+    "{building}/perception/{worker}/text",
+    m.TextReply,
+    "perception",
+    "query",
+    None,
+    30_000,
+    "data",
+    "texts in, embeddings out",
+    request=m.InferRequest,
+)
 PERCEPTION_LOAD = Stream(
-    "perception_load", "{building}/perception/{worker}/load", m.WorkerLoad, "perception", "put+query", 1.0, 3_000,
-    "data", "queue and latency of a worker, and which backend runs",
-)  # fmt: skip
+    "perception_load",
+    "{building}/perception/{worker}/load",
+    m.WorkerLoad,
+    "perception",
+    "put+query",
+    1.0,
+    3_000,
+    "data",
+    "queue and latency of a worker, and which backend runs",
+)
 MAP_LAYER = Stream(
-    "map_layer", "{building}/map/{floor}/{layer}", m.LayerHeader, "fusion", "query", None, 5_000,
-    "maps", "occupancy, explored, frontier, value (parameter target=...), cloud, provenance of the cloud", payload=True,
-)  # fmt: skip
+    "map_layer",
+    "{building}/map/{floor}/{layer}",
+    m.LayerHeader,
+    "fusion",
+    "query",
+    None,
+    5_000,
+    "maps",
+    "occupancy, explored, frontier, value (parameter target=...), cloud, provenance of the cloud",
+    payload=True,
+)
 MAP_REVISION = Stream(
-    "map_revision", "{building}/map_revision/{floor}", m.Revision, "fusion", "put+query", None, 5_000,
-    "data", "the observations and frames that the maps of a floor have processed: they hold them, or refused them for good",
-)  # fmt: skip
+    "map_revision",
+    "{building}/map_revision/{floor}",
+    m.Revision,
+    "fusion",
+    "put+query",
+    None,
+    5_000,
+    "data",
+    "the observations and frames that the maps of a floor have processed: they hold them, or refused them for good",
+)
 OBJECTS = Stream(
-    "objects", "{building}/objects/{floor}", m.ObjectList, "fusion", "query", None, 5_000,
+    "objects",
+    "{building}/objects/{floor}",
+    m.ObjectList,
+    "fusion",
+    "query",
+    None,
+    5_000,
     "data",
     "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; "
     "text=WORDS: with how well each fits; detail=brief: without points and events",
-)  # fmt: skip
+)
 VIEW_PICTURE = Stream(
-    "view_picture", "{building}/view_picture/{floor}", m.ViewPicture, "fusion", "query", None, 5_000,
-    "maps", "a picture that the maps took (parameters source, view, seq), for as long as fusion keeps it; a JPEG", payload=True,
-)  # fmt: skip
+    "view_picture",
+    "{building}/view_picture/{floor}",
+    m.ViewPicture,
+    "fusion",
+    "query",
+    None,
+    5_000,
+    "maps",
+    "a picture that the maps took (parameters source, view, seq), for as long as fusion keeps it; a JPEG",
+    payload=True,
+)
 FORGET_PICTURES = Stream(
-    "forget_pictures", "{building}/forget_pictures/{keeper}", m.PicturesForgotten, "fusion", "query", None, 5_000,
-    "control", "forget past pictures: all who keep any", request=m.ForgetPictures, asked_of_all=True,
-)  # fmt: skip
+    "forget_pictures",
+    "{building}/forget_pictures/{keeper}",
+    m.PicturesForgotten,
+    "fusion",
+    "query",
+    None,
+    5_000,
+    "control",
+    "forget past pictures: all who keep any",
+    request=m.ForgetPictures,
+    asked_of_all=True,
+)
 VIEW_LOG = Stream(
-    "view_log", "{building}/view_log", m.LoggedView, "fusion", "query", None, 5_000,
-    "maps", "the next view that went into the maps after one (after=NUMBER), with what perception said of it", payload=True,
-)  # fmt: skip
+    "view_log",
+    "{building}/view_log",
+    m.LoggedView,
+    "fusion",
+    "query",
+    None,
+    5_000,
+    "maps",
+    "the next view that went into the maps after one (after=NUMBER), with what perception said of it",
+    payload=True,
+)
 MAP_SNAPSHOT = Stream(
-    "map_snapshot", "{building}/map_snapshot", m.MapSnapshot, "fusion", "query", None, 10_000,
-    "maps", "all maps after the newest view, in pieces (number=, offset=); only=digest: what they come to", payload=True,
-)  # fmt: skip
+    "map_snapshot",
+    "{building}/map_snapshot",
+    m.MapSnapshot,
+    "fusion",
+    "query",
+    None,
+    10_000,
+    "maps",
+    "all maps after the newest view, in pieces (number=, offset=); only=digest: what they come to",
+    payload=True,
+)
 MISSION_GOAL = Stream(
-    "mission_goal", "{building}/mission/{mission}/goal", m.MissionAck, "planner", "query", None, 5_000,
-    "control", "submit a mission", request=m.MissionGoal,
-)  # fmt: skip
+    "mission_goal",
+    "{building}/mission/{mission}/goal",
+    m.MissionAck,
+    "planner",
+    "query",
+    None,
+    5_000,
+    "control",
+    "submit a mission",
+    request=m.MissionGoal,
+)
 MISSION_CANCEL = Stream(
-    "mission_cancel", "{building}/mission/{mission}/cancel", m.MissionAck, "planner", "query", None, 5_000,
-    "control", "cancel a mission", request=m.MissionCancel,
-)  # fmt: skip
+    "mission_cancel",
+    "{building}/mission/{mission}/cancel",
+    m.MissionAck,
+    "planner",
+    "query",
+    None,
+    5_000,
+    "control",
+    "cancel a mission",
+    request=m.MissionCancel,
+)
 MISSION_PAUSE = Stream(
-    "mission_pause", "{building}/mission/{mission}/pause", m.MissionAck, "planner", "query", None, 5_000,
-    "control", "pause a mission, or have it go on", request=m.MissionPause,
-)  # fmt: skip
+    "mission_pause",
+    "{building}/mission/{mission}/pause",
+    m.MissionAck,
+    "planner",
+    "query",
+    None,
+    5_000,
+    "control",
+    "pause a mission, or have it go on",
+    request=m.MissionPause,
+)
 MISSION_STATUS = Stream(
-    "mission_status", "{building}/mission/{mission}/status", m.MissionStatus, "planner", "put+query", None, 5_000,
-    "data", "state, feedback, name of the error",
-)  # fmt: skip
+    "mission_status",
+    "{building}/mission/{mission}/status",
+    m.MissionStatus,
+    "planner",
+    "put+query",
+    None,
+    5_000,
+    "data",
+    "state, feedback, name of the error",
+)
 MISSION_PLAN = Stream(
-    "mission_plan", "{building}/mission/{mission}/plan", m.Plan, "planner", "put+query", None, 5_000,
-    "data", "waypoint, path, candidates",
-)  # fmt: skip
+    "mission_plan",
+    "{building}/mission/{mission}/plan",
+    m.Plan,
+    "planner",
+    "put+query",
+    None,
+    5_000,
+    "data",
+    "waypoint, path, candidates",
+)
 TRAFFIC = Stream(
-    "traffic", "{building}/traffic/{node}", m.TrafficReport, "every node", "put+query", 1.0, 20_000,
-    "data", "bytes offered and delivered per key, bytes on the wire; at most at this rate, seldom without news",
-)  # fmt: skip
+    "traffic",
+    "{building}/traffic/{node}",
+    m.TrafficReport,
+    "every node",
+    "put+query",
+    1.0,
+    20_000,
+    "data",
+    "bytes offered and delivered per key, bytes on the wire; at most at this rate, seldom without news",
+)
 RECORDER_STATUS = Stream(
-    "recorder_status", "{building}/recorder/{recorder}/status", m.RecorderStatus, "recorder", "put+query", 1.0, 5_000,
-    "data", "which missions are being recorded, and what is wrong",
-)  # fmt: skip
+    "recorder_status",
+    "{building}/recorder/{recorder}/status",
+    m.RecorderStatus,
+    "recorder",
+    "put+query",
+    1.0,
+    5_000,
+    "data",
+    "which missions are being recorded, and what is wrong",
+)
 RECORDINGS = Stream(
-    "recordings", "{building}/recorder/{recorder}/recordings", m.RecordingList, "recorder", "query", None, 5_000,
-    "data", "the recordings that are kept",
-)  # fmt: skip
+    "recordings",
+    "{building}/recorder/{recorder}/recordings",
+    m.RecordingList,
+    "recorder",
+    "query",
+    None,
+    5_000,
+    "data",
+    "the recordings that are kept",
+)
 RECORDING_READ = Stream(
-    "recording_read", "{building}/recorder/{recorder}/read", m.RecordingPart, "recorder", "query", None, 5_000,
-    "maps", "a stretch of a recording", request=m.RecordingPart, payload=True,
-)  # fmt: skip
+    "recording_read",
+    "{building}/recorder/{recorder}/read",
+    m.RecordingPart,
+    "recorder",
+    "query",
+    None,
+    5_000,
+    "maps",
+    "a stretch of a recording",
+    request=m.RecordingPart,
+    payload=True,
+)
 RECORDING_DELETE = Stream(
-    "recording_delete", "{building}/recorder/{recorder}/delete", m.Ack, "recorder", "query", None, 5_000,
-    "control", "delete a recording for good", request=m.RecordingRemoval,
-)  # fmt: skip
+    "recording_delete",
+    "{building}/recorder/{recorder}/delete",
+    m.Ack,
+    "recorder",
+    "query",
+    None,
+    5_000,
+    "control",
+    "delete a recording for good",
+    request=m.RecordingRemoval,
+)
 REPLAY = Stream(
-    "replay", "{building}/replay/{player}", m.ReplayStatus, "surveilnav replay", "put+query", 2.0, 5_000,
-    "data", "where a recording is that is shown again",
-)  # fmt: skip
+    "replay",
+    "{building}/replay/{player}",
+    m.ReplayStatus,
+    "surveilnav replay",
+    "put+query",
+    2.0,
+    5_000,
+    "data",
+    "where a recording is that is shown again",
+)
 REPLAY_CONTROL = Stream(
-    "replay_control", "{building}/replay/{player}/control", m.ReplayStatus, "surveilnav replay", "query", None, 5_000,
-    "control", "have a replay play, pause, go to a moment, or change its speed", request=m.ReplayControl,
-)  # fmt: skip
+    "replay_control",
+    "{building}/replay/{player}/control",
+    m.ReplayStatus,
+    "surveilnav replay",
+    "query",
+    None,
+    5_000,
+    "control",
+    "have a replay play, pause, go to a moment, or change its speed",
+    request=m.ReplayControl,
+)
 SERVICES = Stream(
-    "services", "{building}/services/{supervisor}", m.ServiceList, "surveilnav up", "put", 1.0, 3_000,
-    "data", "the processes that are kept running, how often each was started again, and why",
-)  # fmt: skip
+    "services",
+    "{building}/services/{supervisor}",
+    m.ServiceList,
+    "surveilnav up",
+    "put",
+    1.0,
+    3_000,
+    "data",
+    "the processes that are kept running, how often each was started again, and why",
+)
 TRUTH = Stream(
-    "truth", "{building}/truth/{source}/{view}", m.Truth, "simulator nodes", "put", None, 10_000,
-    "bulk", "simulation only: instance ids for the backends oracle and simulated", payload=True,
-)  # fmt: skip
+    "truth",
+    "{building}/truth/{source}/{view}",
+    m.Truth,
+    "simulator nodes",
+    "put",
+    None,
+    10_000,
+    "bulk",
+    "simulation only: instance ids for the backends oracle and simulated",
+    payload=True,
+)
 JUDGED = Stream(
-    "judged", "{building}/truth/{source}/judged/{mission}", m.Judged, "simulator nodes", "put+query", None, 10_000,
-    "data", "simulation only, for the gateway alone: whether the robot stopped where it should",
-)  # fmt: skip
+    "judged",
+    "{building}/truth/{source}/judged/{mission}",
+    m.Judged,
+    "simulator nodes",
+    "put+query",
+    None,
+    10_000,
+    "data",
+    "simulation only, for the gateway alone: whether the robot stopped where it should",
+)
 
 #: What only a simulator knows: no traffic of a real building, and nothing for fusion and planner.
 SIMULATION: tuple[Stream, ...] = (TRUTH, JUDGED)

@@ -12,9 +12,12 @@ class PictureSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PICTURES__", extra="ignore", env_ignore_empty=True)
 
     keep_h: float | None = Field(
-        None, ge=0.01, le=100_000, description="hours after which past pictures go from fusion's store, recordings are deleted, "
+        None,
+        ge=0.01,
+        le=100_000,
+        description="hours after which past pictures go from fusion's store, recordings are deleted, "
         "and runs with reports go at the next demo; not set: the first two have limits of their own alone, and runs stay",
-    )  # fmt: skip
+    )
 
     @property
     def keep_s(self) -> float | None:

@@ -22,9 +22,9 @@ from pathlib import Path
 
 import zstandard
 
-from simulator.furniture.catalog import JAR, LIBRARIES
 from surveilnav.config import cache_dir
 from surveilnav.errors import AssetError
+from surveilnav.simulator.furniture.catalog import JAR, LIBRARIES
 
 PACKAGES: tuple[str, ...] = ("sweethome3d", "sweethome3d-furniture")
 
@@ -153,9 +153,14 @@ def _downloaded(package: str, part: Path, remedy: str) -> Path:
 def _run(command: list[str], timeout_s: float, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Runs a command of apt's, whose words are to be English."""
     return subprocess.run(
-        command, cwd=cwd, capture_output=True, text=True, timeout=timeout_s, env={**os.environ, "LC_ALL": "C"},
+        command,
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        env={**os.environ, "LC_ALL": "C"},
         check=False,
-    )  # fmt: skip
+    )
 
 
 def _index_hashes(package: str) -> frozenset[str]:
@@ -238,7 +243,7 @@ def _opened_tar(raw: bytes, *, packed: bool) -> Iterator[tarfile.TarFile]:
 
 
 def main() -> int:
-    """``python -m simulator.furniture.assets``: the set-up step."""
+    """``python -m surveilnav.simulator.furniture.assets``: the set-up step."""
     try:
         root = ensure_assets(lambda what: print(f"furniture: {what}", file=sys.stderr))
     except AssetError as error:

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.archive import Archive
-from simulator.furniture.models import CACHE_VERSION, Model, load_model
 from surveilnav.errors import AssetError, BuildingError
+from surveilnav.simulator.archive import Archive
+from surveilnav.simulator.furniture.models import CACHE_VERSION, Model, load_model
 
 #: Where the Debian packages put their files.
 JAR = "usr/share/sweethome3d/sweethome3d.jar"
@@ -80,10 +80,15 @@ def read_catalog(data: bytes, library: str) -> list[CatalogModel]:
             size = (float(row["width"]) / 100, float(row["depth"]) / 100, float(row["height"]) / 100)
             entries.append(
                 CatalogModel(
-                    row["id"], row["name"], row.get("category", ""), library, row["model"].lstrip("/"), size,
+                    row["id"],
+                    row["name"],
+                    row.get("category", ""),
+                    library,
+                    row["model"].lstrip("/"),
+                    size,
                     parse_rotation(row.get("modelRotation")),
                 )
-            )  # fmt: skip
+            )
         except (KeyError, ValueError):
             continue
     return entries

@@ -13,10 +13,10 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.archive import MAX_TEXTURE_PX, decode_picture
-from simulator.furniture.objfile import MtlMaterial, ObjModel, read_mtl, read_obj
-from simulator.world.scene import Material
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.archive import MAX_TEXTURE_PX, decode_picture
+from surveilnav.simulator.furniture.objfile import MtlMaterial, ObjModel, read_mtl, read_obj
+from surveilnav.simulator.world.scene import Material
 from surveilnav.stored import replacing
 
 #: Part of the cache's file names: raise it whenever parsing changes.
@@ -48,15 +48,20 @@ class Model:
         if keep.all():
             return self
         return Model(
-            self.vertices, self.triangles[keep], self.uvs[keep], self.material[keep], self.group[keep], self.materials,
+            self.vertices,
+            self.triangles[keep],
+            self.uvs[keep],
+            self.material[keep],
+            self.group[keep],
+            self.materials,
             self.group_names,
-        )  # fmt: skip
+        )
 
 
 @lru_cache(maxsize=1)
 def builtin_materials() -> dict[str, MtlMaterial]:
     """Java 3D's named materials, which OBJ files without an MTL use."""
-    text = resources.files("simulator.furniture").joinpath("data/java3d_materials.json").read_text("utf-8")
+    text = resources.files("surveilnav.simulator.furniture").joinpath("data/java3d_materials.json").read_text("utf-8")
     table: dict[str, dict] = json.loads(text)["materials"]
     return {
         name.lower(): MtlMaterial(color=(v["Kd"][0], v["Kd"][1], v["Kd"][2]), alpha=v["d"]) for name, v in table.items()
@@ -119,9 +124,7 @@ def _with_materials(obj: ObjModel, path: str, read: Reader, max_texture_px: int)
         # A picture keeps its own colours: many MTL files give Kd 0 beside one.
         color = (1.0, 1.0, 1.0) if texture is not None else mtl.color or (0.8, 0.8, 0.8)
         materials.append(Material(name, color, texture, mtl.alpha, mtl.shininess / 128.0))
-    model = Model(
-        obj.vertices, obj.triangles, obj.uvs, obj.material, obj.group, tuple(materials), obj.group_names
-    )  # fmt: skip
+    model = Model(obj.vertices, obj.triangles, obj.uvs, obj.material, obj.group, tuple(materials), obj.group_names)
     for index, alpha in cuts.items():
         model = _cut_out(model, index, alpha)
     return model
@@ -149,9 +152,11 @@ def _cut_out(model: Model, material: int, alpha: NDArray[np.uint8]) -> Model:
     """The model with the transparent parts of one picture cut away, triangle by triangle."""
     chosen = np.flatnonzero(model.material == material)
     corners, uv, group = _opaque_parts(
-        model.vertices[model.triangles[chosen]].astype(np.float64), model.uvs[chosen].astype(np.float64),
-        model.group[chosen], alpha,
-    )  # fmt: skip
+        model.vertices[model.triangles[chosen]].astype(np.float64),
+        model.uvs[chosen].astype(np.float64),
+        model.group[chosen],
+        alpha,
+    )
     keep = model.material != material
     first = len(model.vertices)
     triangles = first + np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
@@ -219,9 +224,13 @@ def _save_cached(path: Path, model: Model) -> None:
         "materials": [(m.name, m.color, m.alpha, m.shininess, m.texture is not None) for m in model.materials],
     }
     arrays: dict[str, NDArray] = {
-        "vertices": model.vertices, "triangles": model.triangles, "uvs": model.uvs, "material": model.material,
-        "group": model.group, "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
-    }  # fmt: skip
+        "vertices": model.vertices,
+        "triangles": model.triangles,
+        "uvs": model.uvs,
+        "material": model.material,
+        "group": model.group,
+        "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
+    }
     for index, m in enumerate(model.materials):
         if m.texture is not None:
             arrays[f"texture_{index}"] = m.texture
@@ -244,8 +253,13 @@ def _load_cached(path: Path) -> Model | None:
                 for i, (name, color, alpha, shininess, has) in enumerate(meta["materials"])
             )
             return Model(
-                stored["vertices"], stored["triangles"], stored["uvs"], stored["material"], stored["group"], materials,
+                stored["vertices"],
+                stored["triangles"],
+                stored["uvs"],
+                stored["material"],
+                stored["group"],
+                materials,
                 tuple(meta["groups"]),
-            )  # fmt: skip
+            )
     except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile):
         return None

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.plans.polygons import ear_clip
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.plans.polygons import ear_clip
 
 MAX_VERTICES = 2_000_000
 MAX_TRIANGLES = 2_000_000
@@ -83,10 +83,15 @@ def read_obj(data: bytes, name: str = "model") -> ObjModel:
         has = corner[..., 1] >= 0
         uvs[has] = uv[corner[..., 1][has]]
     return ObjModel(
-        xyz[used].astype(np.float32), renumbered.reshape(-1, 3).astype(np.int32), uvs,
-        np.array(lines.face_material, np.int32)[face], np.array(lines.face_group, np.int32)[face],
-        tuple(lines.materials), tuple(lines.groups), tuple(lines.libraries),
-    )  # fmt: skip
+        xyz[used].astype(np.float32),
+        renumbered.reshape(-1, 3).astype(np.int32),
+        uvs,
+        np.array(lines.face_material, np.int32)[face],
+        np.array(lines.face_group, np.int32)[face],
+        tuple(lines.materials),
+        tuple(lines.groups),
+        tuple(lines.libraries),
+    )
 
 
 class _Lines:

@@ -11,26 +11,40 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simulator.plans.assembly import Mesh, MeshBuilder
-from simulator.world.scene import Material
+from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.scene import Material
 
 Color = tuple[float, float, float]
 _Maker = Callable[[MeshBuilder, float, float, float, np.random.Generator], None]
 
 #: Width, depth, height [m] of a piece when nobody says otherwise.
 SIZES_M: dict[str, tuple[float, float, float]] = {
-    "bed": (1.6, 2.05, 0.95), "couch": (2.0, 0.9, 0.8), "chair": (0.45, 0.5, 0.9), "toilet": (0.38, 0.68, 0.78),
-    "tv": (1.1, 0.2, 0.68), "potted plant": (0.55, 0.55, 1.1), "dining table": (1.4, 0.85, 0.74),
-    "sink": (0.6, 0.48, 0.86), "refrigerator": (0.62, 0.65, 1.8), "oven": (0.6, 0.6, 0.88),
+    "bed": (1.6, 2.05, 0.95),
+    "couch": (2.0, 0.9, 0.8),
+    "chair": (0.45, 0.5, 0.9),
+    "toilet": (0.38, 0.68, 0.78),
+    "tv": (1.1, 0.2, 0.68),
+    "potted plant": (0.55, 0.55, 1.1),
+    "dining table": (1.4, 0.85, 0.74),
+    "sink": (0.6, 0.48, 0.86),
+    "refrigerator": (0.62, 0.65, 1.8),
+    "oven": (0.6, 0.6, 0.88),
     "bathtub": (1.7, 0.75, 0.56),
-    "bookshelf": (0.9, 0.32, 1.9), "lamp": (0.36, 0.36, 1.55), "cabinet": (1.2, 0.42, 0.5), "rug": (1.8, 1.3, 0.01),
+    "bookshelf": (0.9, 0.32, 1.9),
+    "lamp": (0.36, 0.36, 1.55),
+    "cabinet": (1.2, 0.42, 0.5),
+    "rug": (1.8, 1.3, 0.01),
     "stairs": (0.9, 2.4, 3.62),
-}  # fmt: skip
+}
 
 _FABRICS: tuple[Color, ...] = (
-    (0.30, 0.36, 0.48), (0.52, 0.22, 0.20), (0.36, 0.42, 0.32), (0.45, 0.45, 0.47), (0.58, 0.48, 0.36),
+    (0.30, 0.36, 0.48),
+    (0.52, 0.22, 0.20),
+    (0.36, 0.42, 0.32),
+    (0.45, 0.45, 0.47),
+    (0.58, 0.48, 0.36),
     (0.20, 0.24, 0.30),
-)  # fmt: skip
+)
 _WOODS: tuple[Color, ...] = ((0.52, 0.36, 0.22), (0.40, 0.27, 0.17), (0.66, 0.50, 0.34), (0.78, 0.66, 0.50))
 _CERAMIC = Material("ceramic", (0.93, 0.93, 0.92), shininess=0.4)
 _METAL = Material("metal", (0.62, 0.63, 0.65), shininess=0.5)
@@ -44,9 +58,17 @@ def _pick(name: str, colors: tuple[Color, ...], rng: np.random.Generator) -> Mat
 
 
 def prism(
-    mesh: MeshBuilder, x: float, y: float, r_low: float, r_high: float, z0: float, z1: float, material: Material,
-    stretch_y: float = 1.0, sides: int = 12,
-) -> None:  # fmt: skip
+    mesh: MeshBuilder,
+    x: float,
+    y: float,
+    r_low: float,
+    r_high: float,
+    z0: float,
+    z1: float,
+    material: Material,
+    stretch_y: float = 1.0,
+    sides: int = 12,
+) -> None:
     """An upright round body of radius ``r_low`` below and ``r_high`` above."""
     at = [2 * math.pi * i / sides for i in range(sides)]
     low = [(x + r_low * math.cos(a), y + stretch_y * r_low * math.sin(a), z0) for a in at]
@@ -130,8 +152,12 @@ def _plant(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generato
         wide = 0.22 * radius
         middle = (0.55 * reach * c, 0.55 * reach * s, (rise + 0.12) * h)
         side = (-s * wide, c * wide)
-        leaf = [foot, (middle[0] - side[0], middle[1] - side[1], middle[2]), tip,
-                (middle[0] + side[0], middle[1] + side[1], middle[2])]  # fmt: skip
+        leaf = [
+            foot,
+            (middle[0] - side[0], middle[1] - side[1], middle[2]),
+            tip,
+            (middle[0] + side[0], middle[1] + side[1], middle[2]),
+        ]
         m.quad(leaf, greens[i % 3])
         m.quad(leaf[::-1], greens[i % 3])
 
@@ -179,9 +205,11 @@ def _bathtub(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Genera
     rim = 0.07
     m.box((-w / 2, -d / 2, 0), (w / 2, d / 2, 0.3 * h), _CERAMIC)
     for low, high in (
-        ((-w / 2, -d / 2), (w / 2, -d / 2 + rim)), ((-w / 2, d / 2 - rim), (w / 2, d / 2)),
-        ((-w / 2, -d / 2 + rim), (-w / 2 + rim, d / 2 - rim)), ((w / 2 - rim, -d / 2 + rim), (w / 2, d / 2 - rim)),
-    ):  # fmt: skip
+        ((-w / 2, -d / 2), (w / 2, -d / 2 + rim)),
+        ((-w / 2, d / 2 - rim), (w / 2, d / 2)),
+        ((-w / 2, -d / 2 + rim), (-w / 2 + rim, d / 2 - rim)),
+        ((w / 2 - rim, -d / 2 + rim), (w / 2, d / 2 - rim)),
+    ):
         m.box((*low, 0.3 * h), (*high, h), _CERAMIC)
 
 
@@ -231,11 +259,23 @@ def _stairs(m: MeshBuilder, w: float, d: float, h: float, rng: np.random.Generat
 
 
 _MAKERS: dict[str, _Maker] = {
-    "bed": _bed, "couch": _couch, "chair": _chair, "toilet": _toilet, "tv": _tv, "potted plant": _plant,
-    "dining table": _table, "sink": _sink, "refrigerator": _refrigerator, "oven": _oven, "bathtub": _bathtub,
-    "bookshelf": _bookshelf, "lamp": _lamp, "cabinet": _box, "rug": _rug,
+    "bed": _bed,
+    "couch": _couch,
+    "chair": _chair,
+    "toilet": _toilet,
+    "tv": _tv,
+    "potted plant": _plant,
+    "dining table": _table,
+    "sink": _sink,
+    "refrigerator": _refrigerator,
+    "oven": _oven,
+    "bathtub": _bathtub,
+    "bookshelf": _bookshelf,
+    "lamp": _lamp,
+    "cabinet": _box,
+    "rug": _rug,
     "stairs": _stairs,
-}  # fmt: skip
+}
 
 PIECES: tuple[str, ...] = tuple(_MAKERS)
 

@@ -13,11 +13,11 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.furniture.catalog import CatalogModel, Furniture, stretch
-from simulator.furniture.models import Model
-from simulator.plans.assembly import Mesh
-from simulator.plans.sweethome import Piece
-from simulator.world.scene import Material
+from surveilnav.simulator.furniture.catalog import CatalogModel, Furniture, stretch
+from surveilnav.simulator.furniture.models import Model
+from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.plans.sweethome import Piece
+from surveilnav.simulator.world.scene import Material
 
 #: Candidates that must be distorted this much more than the best one are not considered (factor e**0.2).
 _STRETCH_SLACK = 0.2
@@ -30,8 +30,13 @@ Models = Literal["all", "train", "val"]
 MODELS: tuple[Models, ...] = get_args(Models)
 #: Where a half is asked for and a piece of a target has no kind of its own.
 _KIND_BY_LABEL = {
-    "bed": "single bed", "couch": "sofa", "chair": "chair", "toilet": "toilet", "tv": "tv", "potted plant": "plant",
-}  # fmt: skip
+    "bed": "single bed",
+    "couch": "sofa",
+    "chair": "chair",
+    "toilet": "toilet",
+    "tv": "tv",
+    "potted plant": "plant",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +66,7 @@ def kinds() -> dict[str, Kind]:
 
 @lru_cache(maxsize=1)
 def _table() -> dict:
-    text = resources.files("simulator.furniture").joinpath("data/furniture_kinds.json").read_text("utf-8")
+    text = resources.files("surveilnav.simulator.furniture").joinpath("data/furniture_kinds.json").read_text("utf-8")
     result: dict = json.loads(text)
     return result
 
@@ -179,9 +184,12 @@ def placed(
     table[used] = np.arange(len(used), dtype=np.int32)
     materials = model.materials if material is None else tuple(material(i, m) for i, m in enumerate(model.materials))
     return Mesh(
-        world[used].astype(np.float32), np.ascontiguousarray(table[model.triangles][:, order]),
-        np.ascontiguousarray(model.uvs[:, order]), model.material, materials,
-    )  # fmt: skip
+        world[used].astype(np.float32),
+        np.ascontiguousarray(table[model.triangles][:, order]),
+        np.ascontiguousarray(model.uvs[:, order]),
+        model.material,
+        materials,
+    )
 
 
 def _upright(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simulator.meshes.export import export_glb, export_hm3d
-from simulator.meshes.layout import is_hm3d
-from simulator.world.scene import Scene
+from surveilnav.simulator.meshes.export import export_glb, export_hm3d
+from surveilnav.simulator.meshes.layout import is_hm3d
+from surveilnav.simulator.world.scene import Scene
 
 __all__ = ["export_glb", "export_hm3d", "is_mesh", "open_scan"]
 
@@ -23,7 +23,7 @@ def open_scan(path: Path) -> Scene:
         BuildingError: it isn't there, can't be read or has nowhere to stand.
     """
     # Readers load Open3D and scikit-learn: who opens a plan shouldn't wait for them.
-    from simulator.meshes.buildings import open_mesh
-    from simulator.meshes.hm3d import open_hm3d
+    from surveilnav.simulator.meshes.buildings import open_mesh
+    from surveilnav.simulator.meshes.hm3d import open_hm3d
 
     return open_hm3d(path) if is_hm3d(path) else open_mesh(path)

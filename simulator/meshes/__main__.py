@@ -1,4 +1,4 @@
-"""``python -m simulator.meshes BUILDING OUT``: writes a building as OUT.glb, or as an HM3D folder OUT."""
+"""``python -m surveilnav.simulator.meshes BUILDING OUT``: writes a building as OUT.glb, or as an HM3D folder OUT."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from simulator.meshes import export_glb, export_hm3d
-from simulator.meshes.buildings import open_mesh
-from simulator.sources import open_building
 from surveilnav.errors import SurveilNavError
+from surveilnav.simulator.meshes import export_glb, export_hm3d
+from surveilnav.simulator.meshes.buildings import open_mesh
+from surveilnav.simulator.sources import open_building
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m simulator.meshes", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m surveilnav.simulator.meshes", description=__doc__)
     parser.add_argument("building", help="a building's name, or a file that open_building takes")
     parser.add_argument("out", type=Path, help="NAME.glb, or a folder like 00800-NAME for HM3D's layout")
     parser.add_argument("--up", choices=("y", "z"), default="y", help="the axis that points up in a GLB or OBJ")

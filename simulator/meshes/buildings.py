@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.meshes.flights import find_stairs
-from simulator.meshes.floors import find_floors, outlines
-from simulator.meshes.gltf import MAX_TRIANGLES, Glb, read_glb
-from simulator.meshes.names import label_of_extra, label_of_node
-from simulator.meshes.things import ANY_SIZE_M, MeshPart, box_of, whole_things
-from simulator.meshes.walkable import find_spots
-from simulator.meshes.wavefront import read_obj_building
-from simulator.plans.assembly import Mesh, SceneBuilder
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Floor, Room, Scene, Stair
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.meshes.flights import find_stairs
+from surveilnav.simulator.meshes.floors import find_floors, outlines
+from surveilnav.simulator.meshes.gltf import MAX_TRIANGLES, Glb, read_glb
+from surveilnav.simulator.meshes.names import label_of_extra, label_of_node
+from surveilnav.simulator.meshes.things import ANY_SIZE_M, MeshPart, box_of, whole_things
+from surveilnav.simulator.meshes.walkable import find_spots
+from surveilnav.simulator.meshes.wavefront import read_obj_building
+from surveilnav.simulator.plans.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Floor, Room, Scene, Stair
 
 #: glTF's frame (y up) in ours (z up).
 T_WORLD_YUP = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
@@ -121,7 +121,7 @@ def _check_size(pieces: Sequence[MeshPart], name: str) -> None:
     if max(width, depth) > _LARGEST_M or height > _HIGHEST_M or max(width, depth) < _SMALLEST_M:
         raise BuildingError(
             f"{name} is {width:.4g} x {depth:.4g} x {height:.4g} m: not a building's size. Is its unit metres? "
-            "Convert it: python -m simulator.meshes FILE OUT.glb --scale 0.001 (millimetres)"
+            "Convert it: python -m surveilnav.simulator.meshes FILE OUT.glb --scale 0.001 (millimetres)"
         )
 
 
@@ -133,9 +133,14 @@ def _about(floors: Sequence[Floor], stairs: Sequence[Stair]) -> list[str]:
 
 
 def _assembled(
-    pieces: Sequence[MeshPart], name: str, source: str, floors: tuple[Floor, ...], rooms: list[Room],
-    stairs: tuple[Stair, ...], notes: list[str],
-) -> Scene:  # fmt: skip
+    pieces: Sequence[MeshPart],
+    name: str,
+    source: str,
+    floors: tuple[Floor, ...],
+    rooms: list[Room],
+    stairs: tuple[Stair, ...],
+    notes: list[str],
+) -> Scene:
     builder = SceneBuilder(name, rooms=list(rooms), floors=list(floors), stairs=list(stairs), notes=list(notes))
     builder._max_triangles = MAX_TRIANGLES
     for piece in pieces:

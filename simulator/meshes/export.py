@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.meshes.materials import linear_of
-from simulator.meshes.names import label_of_hm3d
-from simulator.world.scene import Instance, Material, Scene
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.meshes.materials import linear_of
+from surveilnav.simulator.meshes.names import label_of_hm3d
+from surveilnav.simulator.world.scene import Instance, Material, Scene
 from surveilnav.stored import replacing
 
 HEADER = "HM3D Semantic Annotations"
@@ -192,11 +192,13 @@ class _Tree:
     def header(self, materials: list[dict[str, Any]]) -> dict[str, Any]:
         """The JSON chunk."""
         return {
-            "asset": {"version": "2.0", "generator": "SurveilNav"}, "scene": 0,
-            "scenes": [{"nodes": list(range(len(self._lists["nodes"])))}], "materials": materials,
+            "asset": {"version": "2.0", "generator": "SurveilNav"},
+            "scene": 0,
+            "scenes": [{"nodes": list(range(len(self._lists["nodes"])))}],
+            "materials": materials,
             "buffers": [{"byteLength": self.written}],
             **{name: entries for name, entries in self._lists.items() if entries},
-        }  # fmt: skip
+        }
 
 
 def _stored(material: Material, tree: _Tree) -> dict[str, Any]:

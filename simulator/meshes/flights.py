@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from simulator.meshes.floors import FloorGround
-from simulator.meshes.walkable import Spots
-from simulator.world.geodesic import mark_triangles
-from simulator.world.scene import Scene, Stair
 from surveilnav.robot_body import CLIMB_M, HEIGHT_M, clearance_m, fits
+from surveilnav.simulator.meshes.floors import FloorGround
+from surveilnav.simulator.meshes.walkable import Spots
+from surveilnav.simulator.world.geodesic import mark_triangles
+from surveilnav.simulator.world.scene import Scene, Stair
 
 #: The way over a stair runs at most so far over the floors at its ends [m].
 _REACH_M = 2.0
@@ -51,9 +51,15 @@ def _free(scene: Scene, spots: Spots, ground: FloorGround) -> NDArray[np.bool_]:
     blocked = np.zeros(grid.shape, np.bool_)
     z = ground.floor.z_m
     mark_triangles(
-        blocked, scene.vertices, scene.triangles, grid.origin_x_m, grid.origin_y_m, grid.resolution_m, z + CLIMB_M,
+        blocked,
+        scene.vertices,
+        scene.triangles,
+        grid.origin_x_m,
+        grid.origin_y_m,
+        grid.resolution_m,
+        z + CLIMB_M,
         z + HEIGHT_M,
-    )  # fmt: skip
+    )
     room = np.pad(cells.reshape(grid.shape) & ~blocked, 1)
     free = fits(clearance_m(~room, grid.resolution_m))[1:-1, 1:-1]
     return np.asarray(ground.on & free.ravel()[spots.column])
@@ -108,9 +114,12 @@ def _way(
     points = np.array([spots.p_world(int(spot_of[i])) for i in reversed(way)])
     first, last = points[0], points[-1]
     return Stair(
-        lower.floor.id, upper.floor.id, (float(first[0]), float(first[1]), lower.floor.z_m),
-        (float(last[0]), float(last[1]), upper.floor.z_m), _smoothed_length(points),
-    )  # fmt: skip
+        lower.floor.id,
+        upper.floor.id,
+        (float(first[0]), float(first[1]), lower.floor.z_m),
+        (float(last[0]), float(last[1]), upper.floor.z_m),
+        _smoothed_length(points),
+    )
 
 
 def _smoothed_length(points: NDArray[np.float64]) -> float:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.cluster import DBSCAN
 
-from simulator.meshes.walkable import Spots
-from simulator.world.scene import Floor, Room
+from surveilnav.simulator.meshes.walkable import Spots
+from surveilnav.simulator.world.scene import Floor, Room
 
 #: Heights nearer than this belong together; floors of scans are uneven by some centimetres.
 _EPS_M = 0.1

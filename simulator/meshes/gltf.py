@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.meshes import draco
-from simulator.meshes.materials import materials_of, painted, uv_map_of
-from simulator.plans.assembly import Mesh, MeshBuilder
-from simulator.world.scene import Material
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.meshes import draco
+from surveilnav.simulator.meshes.materials import materials_of, painted, uv_map_of
+from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.scene import Material
 
 MAX_BYTES = 2 << 30
 MAX_TRIANGLES = 50_000_000
@@ -33,10 +33,17 @@ _MOST_ZEROS = 1_000_000
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 #: Extensions that change where vertices lie: a file that needs another one would be read wrongly.
 _KNOWN = {
-    "KHR_materials_unlit", "KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual",
-    "KHR_materials_specular", "KHR_materials_ior", "KHR_materials_transmission", "KHR_materials_emissive_strength",
-    "EXT_texture_webp", draco.EXTENSION,
-}  # fmt: skip
+    "KHR_materials_unlit",
+    "KHR_texture_transform",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_lights_punctual",
+    "KHR_materials_specular",
+    "KHR_materials_ior",
+    "KHR_materials_transmission",
+    "KHR_materials_emissive_strength",
+    "EXT_texture_webp",
+    draco.EXTENSION,
+}
 _NODE: tuple[str, ...] = ("children", "matrix", "translation", "rotation", "scale", "mesh")
 _PRIMITIVE: tuple[str, ...] = ("indices", "mode")
 _ADVICE = {
@@ -254,8 +261,10 @@ def _mesh(part: dict[str, Any], T: NDArray[np.float64], materials: list[_Surface
     colors = visual.vertex_attributes.get("color")
     used, renumbered = np.unique(faces, return_inverse=True)
     mesh = Mesh(
-        moved[used].astype(np.float32), renumbered.reshape(-1, 3).astype(np.int32),
+        moved[used].astype(np.float32),
+        renumbered.reshape(-1, 3).astype(np.int32),
         np.nan_to_num(uv[faces], nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32),
-        np.zeros(len(faces), np.int32), (material,),
-    )  # fmt: skip
+        np.zeros(len(faces), np.int32),
+        (material,),
+    )
     return painted(mesh, None if colors is None else np.asarray(colors)[faces]), bad

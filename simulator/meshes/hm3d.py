@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from open3d.t.geometry import RaycastingScene
 from scipy.spatial import cKDTree
 
-from simulator.meshes.buildings import building_of, scene_name
-from simulator.meshes.gltf import read_glb
-from simulator.meshes.layout import stem_of
-from simulator.meshes.names import label_of_hm3d
-from simulator.meshes.things import MeshPart
-from simulator.plans.assembly import Mesh
-from simulator.world.scene import Scene
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.meshes.buildings import building_of, scene_name
+from surveilnav.simulator.meshes.gltf import read_glb
+from surveilnav.simulator.meshes.layout import stem_of
+from surveilnav.simulator.meshes.names import label_of_hm3d
+from surveilnav.simulator.meshes.things import MeshPart
+from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.world.scene import Scene
 
 _EXACT_PX = 16_384
 _MAX_ROWS = 65_000
@@ -151,9 +151,12 @@ def _cut(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
         return mesh
     used, renumbered = np.unique(mesh.triangles[chosen], return_inverse=True)
     return Mesh(
-        mesh.vertices[used], renumbered.reshape(-1, 3).astype(np.int32), mesh.uvs[chosen], mesh.material[chosen],
+        mesh.vertices[used],
+        renumbered.reshape(-1, 3).astype(np.int32),
+        mesh.uvs[chosen],
+        mesh.material[chosen],
         mesh.materials,
-    )  # fmt: skip
+    )
 
 
 def _colors_of(meshes: list[Mesh], painted: Path) -> tuple[list[NDArray[np.int64]], list[str]]:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.archive import decode_picture
-from simulator.plans.assembly import Mesh
-from simulator.world.scene import Material
+from surveilnav.simulator.archive import decode_picture
+from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.world.scene import Material
 
 _MANY_PICTURES = 16
 TEXTURE_PX, _TEXTURE_PX_OF_MANY = 2048, 1024
@@ -54,11 +54,13 @@ def materials_of(header: dict[str, Any], blob: bytes, max_px: int | None) -> tup
         texture = None if image is None else pictures[image]
         found.append(
             Material(
-                str(stored.get("name") or f"material {number}"), (float(color[0]), float(color[1]), float(color[2])),
-                texture, a if stored.get("alphaMode") == "BLEND" and math.isfinite(a) else 1.0,
+                str(stored.get("name") or f"material {number}"),
+                (float(color[0]), float(color[1]), float(color[2])),
+                texture,
+                a if stored.get("alphaMode") == "BLEND" and math.isfinite(a) else 1.0,
                 round(1.0 - float(base.get("roughnessFactor", 1.0)), 6),
             )
-        )  # fmt: skip
+        )
     note = f"{len(unread)} of {len(images)} pictures can't be read (PNG and JPEG can): plain colours stand in"
     return [*found, Material("plain", (0.8, 0.8, 0.8))], (note,) if unread else ()
 

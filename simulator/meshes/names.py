@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-from simulator.furniture.labels import label_of, plain_name
 from surveilnav.nouns import whole_of
 from surveilnav.perception.vocabulary import COCO
+from surveilnav.simulator.furniture.labels import label_of, plain_name
 from surveilnav.words import canonical
 
 #: Structure by the name alone ("Wall.003", "Floor of Kitchen"); "floor lamp" is none.
@@ -18,10 +18,36 @@ _STRUCTURE = re.compile(
 #: whiteboard, bidet). As there, "wall tv" is none.
 _HM3D: dict[str, tuple[str, ...]] = {
     "chair": (
-        "chair", "chairs", "arm chair", "armchair", "bar chair", "barbers chair", "bean bag", "bean bag chair",
-        "beanbag chair", "chaise", "computer chair", "couch chair", "desk chair", "dining chair", "easy chair", "easychair",
-        "folding chair", "highchair", "lounge chair", "office chair", "patio chair", "recliner", "rocking chair",
-        "round chair", "small chair", "sofa chair", "sofachair", "soft chair", "stacked chairs", "swivel chair",
+        "chair",
+        "chairs",
+        "arm chair",
+        "armchair",
+        "bar chair",
+        "barbers chair",
+        "bean bag",
+        "bean bag chair",
+        "beanbag chair",
+        "chaise",
+        "computer chair",
+        "couch chair",
+        "desk chair",
+        "dining chair",
+        "easy chair",
+        "easychair",
+        "folding chair",
+        "highchair",
+        "lounge chair",
+        "office chair",
+        "patio chair",
+        "recliner",
+        "rocking chair",
+        "round chair",
+        "small chair",
+        "sofa chair",
+        "sofachair",
+        "soft chair",
+        "stacked chairs",
+        "swivel chair",
         "wooden chair",
     ),
     "couch": ("couch", "sofa", "loveseat", "circular sofa", "l shape sofa", "long sofa", "sofa couch", "sofa set"),
@@ -29,7 +55,7 @@ _HM3D: dict[str, tuple[str, ...]] = {
     "toilet": ("toilet", "toilet bowl", "commode"),
     "tv": ("tv", "t.v", "tv monitor", "television", "monitor", "computer monitor", "computer screen", "display"),
     "potted plant": ("plant", "plants", "potted plant", "flower", "flowers", "bush", "bushes", "tree", "trees"),
-}  # fmt: skip
+}
 _HM3D_LABEL = {name: label for label, names in _HM3D.items() for name in names}
 #: Parts of the building; frames of windows are none, or rooms would be lit twice through them.
 _HM3D_PARTS: dict[str, tuple[str, ...]] = {
@@ -37,12 +63,21 @@ _HM3D_PARTS: dict[str, tuple[str, ...]] = {
     "floor": ("floor",),
     "ceiling": ("ceiling",),
     "door": (
-        "door", "doors", "closet door", "door frame", "doorframe", "doorway", "double door", "garage door",
-        "glass door", "shower door", "sliding door",
+        "door",
+        "doors",
+        "closet door",
+        "door frame",
+        "doorframe",
+        "doorway",
+        "double door",
+        "garage door",
+        "glass door",
+        "shower door",
+        "sliding door",
     ),
     "window": ("window", "windows"),
     "stairs": ("stairs", "stair", "step", "steps", "stair step", "staircase", "stairway"),
-}  # fmt: skip
+}
 _HM3D_STRUCTURE = {name: label for label, names in _HM3D_PARTS.items() for name in names}
 
 

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.furniture.labels import plain_name
-from simulator.meshes.names import label_of_node, whole_of_node
-from simulator.plans.assembly import Mesh
+from surveilnav.simulator.furniture.labels import plain_name
+from surveilnav.simulator.meshes.names import label_of_node, whole_of_node
+from surveilnav.simulator.plans.assembly import Mesh
 
 #: Large enough for every rule about sizes, where a size isn't known yet.
 ANY_SIZE_M = (1.0, 1.0, 1.0)
@@ -70,7 +70,7 @@ class _Whole(NamedTuple):
 @lru_cache(maxsize=1)
 def thing_sizes() -> dict[str, Sizes]:
     """Sizes by class."""
-    text = resources.files("simulator.furniture").joinpath("data/thing_sizes.json").read_text("utf-8")
+    text = resources.files("surveilnav.simulator.furniture").joinpath("data/thing_sizes.json").read_text("utf-8")
     return {
         label: Sizes((row["body"][0], row["body"][1]), (row["most"][0], row["most"][1]))
         for label, row in json.loads(text).items()

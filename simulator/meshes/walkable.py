@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from simulator.world.raycast import NOTHING, RayCaster
-from simulator.world.scene import Scene
 from surveilnav.geometry import Grid
+from surveilnav.simulator.world.raycast import NOTHING, RayCaster
+from surveilnav.simulator.world.scene import Scene
 
 #: What one steps up at once: stairs have risers of up to 0.22 m, and scans are off by some centimetres.
 STEP_M = 0.28

@@ -6,11 +6,11 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from simulator.archive import MAX_MEMBER_BYTES
-from simulator.furniture.models import load_model
-from simulator.meshes.materials import TEXTURE_PX
-from simulator.plans.assembly import Mesh
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.archive import MAX_MEMBER_BYTES
+from surveilnav.simulator.furniture.models import load_model
+from surveilnav.simulator.meshes.materials import TEXTURE_PX
+from surveilnav.simulator.plans.assembly import Mesh
 
 MAX_BYTES = 2 << 30
 
@@ -42,8 +42,11 @@ def read_obj_building(path: Path) -> list[tuple[str, Mesh]]:
         if chosen.any():
             used, renumbered = np.unique(model.triangles[chosen], return_inverse=True)
             mesh = Mesh(
-                model.vertices[used], renumbered.reshape(-1, 3).astype(np.int32), model.uvs[chosen],
-                model.material[chosen], model.materials,
-            )  # fmt: skip
+                model.vertices[used],
+                renumbered.reshape(-1, 3).astype(np.int32),
+                model.uvs[chosen],
+                model.material[chosen],
+                model.materials,
+            )
             found.append((name or "building", mesh))
     return found

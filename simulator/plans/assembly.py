@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.world.scene import Floor, Instance, Material, Room, Scene, Stair
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.world.scene import Floor, Instance, Material, Room, Scene, Stair
 
 #: The renderer's instance ids are 16 bits wide.
 MAX_INSTANCES = 65_535
@@ -108,9 +108,12 @@ class MeshBuilder:
         """What was collected."""
         if not self._vertices:
             return Mesh(
-                np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3, 2), np.float32),
-                np.zeros(0, np.int32), (),
-            )  # fmt: skip
+                np.zeros((0, 3), np.float32),
+                np.zeros((0, 3), np.int32),
+                np.zeros((0, 3, 2), np.float32),
+                np.zeros(0, np.int32),
+                (),
+            )
         return Mesh(
             np.concatenate(self._vertices).astype(np.float32),
             np.concatenate(self._triangles),
@@ -152,11 +155,16 @@ class SceneBuilder:
         number = len(self.instances) + 1
         self.instances.append(
             Instance(
-                number, name, label, floor,
-                (float(low[0]), float(low[1]), float(low[2])), (float(high[0]), float(high[1]), float(high[2])),
-                model, room,
+                number,
+                name,
+                label,
+                floor,
+                (float(low[0]), float(low[1]), float(low[2])),
+                (float(high[0]), float(high[1]), float(high[2])),
+                model,
+                room,
             )
-        )  # fmt: skip
+        )
         self._meshes.append(mesh)
         return number
 
@@ -182,11 +190,15 @@ class SceneBuilder:
             instance.append(np.full(len(mesh.triangles), number, dtype=np.uint16))
             offset += len(mesh.vertices)
         arrays = (
-            np.concatenate(vertices), np.concatenate(triangles), np.concatenate(uvs),
-            np.concatenate(material), np.concatenate(instance),
-        )  # fmt: skip
+            np.concatenate(vertices),
+            np.concatenate(triangles),
+            np.concatenate(uvs),
+            np.concatenate(material),
+            np.concatenate(instance),
+        )
         return Scene(
-            self.name, *arrays,
+            self.name,
+            *arrays,
             materials=tuple(materials),
             instances=tuple(self.instances),
             rooms=tuple(self.rooms),
@@ -196,7 +208,7 @@ class SceneBuilder:
             credits=tuple(dict.fromkeys(self.credits)),
             content_hash=_hash(arrays, materials, self.instances),
             notes=tuple(dict.fromkeys(self.notes)),
-        )  # fmt: skip
+        )
 
 
 def _hash(arrays: Sequence[NDArray], materials: Sequence[Material], instances: Sequence[Instance]) -> str:

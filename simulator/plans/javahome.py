@@ -11,15 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from simulator.plans.javastream import JavaObject, read_java
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.plans.javastream import JavaObject, read_java
 
 _MODEL = "com.eteks.sweethome3d.model."
 #: Classes of furniture whose element isn't <pieceOfFurniture>.
 _TAGS = {
-    "HomeDoorOrWindow": "doorOrWindow", "HomeLight": "light", "HomeFurnitureGroup": "furnitureGroup",
+    "HomeDoorOrWindow": "doorOrWindow",
+    "HomeLight": "light",
+    "HomeFurnitureGroup": "furnitureGroup",
     "HomeShelfUnit": "shelfUnit",
-}  # fmt: skip
+}
 #: Lists of parts that become elements within their owner's.
 _PARTS = {"modelMaterials": "material", "sashes": "sash"}
 #: Where the furniture stands, by what the version that wrote the file knew: groups, else doors, else pieces alone.

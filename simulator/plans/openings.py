@@ -8,9 +8,9 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.plans.plan import Opening
-from simulator.plans.sweethome import Piece
-from simulator.plans.words import OUTER, SHUT, words_of
+from surveilnav.simulator.plans.plan import Opening
+from surveilnav.simulator.plans.sweethome import Piece
+from surveilnav.simulator.plans.words import OUTER, SHUT, words_of
 
 #: An opening reaches this far to both sides of its piece, so that a wall thicker than the model is cut through.
 _REACH_M = 0.02

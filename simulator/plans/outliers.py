@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from simulator.plans.sweethome import Home, Piece
+from surveilnav.simulator.plans.sweethome import Home, Piece
 
 #: Farther from the walls than any garden's end.
 FAR_M = 100.0

@@ -10,12 +10,12 @@ import math
 
 import numpy as np
 
-from simulator.furniture.parametric import SIZES_M, parametric_piece, stair_flight
-from simulator.plans.assembly import SceneBuilder
-from simulator.plans.plan import Opening, Point, Wall, build_wall, wall_outline
-from simulator.plans.slabs import build_skirt, build_slab
-from simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
-from simulator.world.scene import Floor, Material, Room, Scene, Stair
+from surveilnav.simulator.furniture.parametric import SIZES_M, parametric_piece, stair_flight
+from surveilnav.simulator.plans.assembly import SceneBuilder
+from surveilnav.simulator.plans.plan import Opening, Point, Wall, build_wall, wall_outline
+from surveilnav.simulator.plans.slabs import build_skirt, build_slab
+from surveilnav.simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
+from surveilnav.simulator.world.scene import Floor, Material, Room, Scene, Stair
 
 ROOM_HEIGHT_M = 2.5
 SLAB_M = 0.12
@@ -27,55 +27,86 @@ _STAIR_RUN_M, _STAIR_WIDTH_M, _STEPS = 2.64, 0.9, 12
 
 #: Rooms as x0, y0, x1, y1 between the walls' centre lines.
 _ROOMS: dict[str, tuple[float, float, float, float]] = {
-    "living": (0.0, 0.0, 6.0, 3.6), "kitchen": (6.0, 0.0, 10.0, 3.6), "hall": (0.0, 3.6, 10.0, 4.9),
-    "bedroom": (0.0, 4.9, 4.0, 8.0), "bath": (4.0, 4.9, 6.2, 8.0), "study": (6.2, 4.9, 10.0, 8.0),
-}  # fmt: skip
+    "living": (0.0, 0.0, 6.0, 3.6),
+    "kitchen": (6.0, 0.0, 10.0, 3.6),
+    "hall": (0.0, 3.6, 10.0, 4.9),
+    "bedroom": (0.0, 4.9, 4.0, 8.0),
+    "bath": (4.0, 4.9, 6.2, 8.0),
+    "study": (6.2, 4.9, 10.0, 8.0),
+}
 
 #: Inner walls: start, end (they butt against the faces of the others).
 _INNER: tuple[tuple[Point, Point], ...] = (
-    ((0.1, 3.6), (9.9, 3.6)), ((0.1, 4.9), (9.9, 4.9)), ((6.0, 0.1), (6.0, 3.55)),
-    ((4.0, 4.95), (4.0, 7.9)), ((6.2, 4.95), (6.2, 7.9)),
-)  # fmt: skip
+    ((0.1, 3.6), (9.9, 3.6)),
+    ((0.1, 4.9), (9.9, 4.9)),
+    ((6.0, 0.1), (6.0, 3.55)),
+    ((4.0, 4.95), (4.0, 7.9)),
+    ((6.2, 4.95), (6.2, 7.9)),
+)
 
 #: Openings: x, y, along x (else y), width, foot, top.
 _DOORS = (
-    (4.7, 3.6, True, 0.95, 0.0, 2.1), (8.0, 3.6, True, 0.95, 0.0, 2.1), (6.0, 1.8, False, 1.2, 0.0, 2.2),
-    (2.9, 4.9, True, 0.95, 0.0, 2.1), (5.1, 4.9, True, 0.95, 0.0, 2.1), (7.4, 4.9, True, 0.95, 0.0, 2.1),
-)  # fmt: skip
+    (4.7, 3.6, True, 0.95, 0.0, 2.1),
+    (8.0, 3.6, True, 0.95, 0.0, 2.1),
+    (6.0, 1.8, False, 1.2, 0.0, 2.2),
+    (2.9, 4.9, True, 0.95, 0.0, 2.1),
+    (5.1, 4.9, True, 0.95, 0.0, 2.1),
+    (7.4, 4.9, True, 0.95, 0.0, 2.1),
+)
 _WINDOWS = (
-    (4.4, 0.0, True, 1.5, 0.9, 2.1), (8.0, 0.0, True, 1.2, 1.0, 2.1), (2.0, 8.0, True, 1.4, 0.9, 2.1),
-    (5.1, 8.0, True, 0.6, 1.4, 2.1), (8.2, 8.0, True, 1.4, 0.9, 2.1), (10.0, 4.25, False, 0.8, 0.9, 2.1),
-)  # fmt: skip
+    (4.4, 0.0, True, 1.5, 0.9, 2.1),
+    (8.0, 0.0, True, 1.2, 1.0, 2.1),
+    (2.0, 8.0, True, 1.4, 0.9, 2.1),
+    (5.1, 8.0, True, 0.6, 1.4, 2.1),
+    (8.2, 8.0, True, 1.4, 0.9, 2.1),
+    (10.0, 4.25, False, 0.8, 0.9, 2.1),
+)
 
 #: Furniture: class, x, y, the way it looks in quarter turns from -y counter-clockwise, height above the floor.
 _Piece = tuple[str, float, float, int, float]
 _LIVING: tuple[_Piece, ...] = (
-    ("rug", 3.9, 2.0, 0, 0.0), ("couch", 2.5, 3.05, 0, 0.0), ("cabinet", 2.6, 1.42, 2, 0.0), ("tv", 2.6, 1.42, 2, 0.5),
-    ("potted plant", 0.5, 3.1, 0, 0.0), ("lamp", 3.8, 3.3, 0, 0.0),
-)  # fmt: skip
+    ("rug", 3.9, 2.0, 0, 0.0),
+    ("couch", 2.5, 3.05, 0, 0.0),
+    ("cabinet", 2.6, 1.42, 2, 0.0),
+    ("tv", 2.6, 1.42, 2, 0.5),
+    ("potted plant", 0.5, 3.1, 0, 0.0),
+    ("lamp", 3.8, 3.3, 0, 0.0),
+)
 _BEDROOM: tuple[_Piece, ...] = (
-    ("bed", 1.2, 6.85, 0, 0.0), ("potted plant", 3.5, 7.5, 0, 0.0), ("bookshelf", 3.75, 6.2, 3, 0.0),
-)  # fmt: skip
+    ("bed", 1.2, 6.85, 0, 0.0),
+    ("potted plant", 3.5, 7.5, 0, 0.0),
+    ("bookshelf", 3.75, 6.2, 3, 0.0),
+)
 _BATH: tuple[_Piece, ...] = (
     ("toilet", 4.55, 7.5, 0, 0.0),
     ("sink", 5.84, 7.0, 3, 0.0),
     ("bathtub", 4.45, 5.95, 1, 0.0),
 )
 _STUDY: tuple[_Piece, ...] = (
-    ("dining table", 8.6, 7.4, 0, 0.0), ("chair", 8.6, 6.65, 2, 0.0), ("bookshelf", 6.45, 6.9, 1, 0.0),
-    ("chair", 9.5, 5.4, 3, 0.0), ("potted plant", 9.5, 7.4, 0, 0.0),
-)  # fmt: skip
+    ("dining table", 8.6, 7.4, 0, 0.0),
+    ("chair", 8.6, 6.65, 2, 0.0),
+    ("bookshelf", 6.45, 6.9, 1, 0.0),
+    ("chair", 9.5, 5.4, 3, 0.0),
+    ("potted plant", 9.5, 7.4, 0, 0.0),
+)
 _KITCHEN: tuple[_Piece, ...] = (
-    ("dining table", 7.7, 1.5, 0, 0.0), ("chair", 7.3, 2.15, 0, 0.0), ("chair", 8.1, 2.15, 0, 0.0),
-    ("chair", 7.3, 0.85, 2, 0.0), ("chair", 8.1, 0.85, 2, 0.0), ("refrigerator", 9.5, 0.5, 3, 0.0),
-    ("oven", 9.55, 1.3, 3, 0.0), ("sink", 9.6, 2.1, 3, 0.0),
-)  # fmt: skip
+    ("dining table", 7.7, 1.5, 0, 0.0),
+    ("chair", 7.3, 2.15, 0, 0.0),
+    ("chair", 8.1, 2.15, 0, 0.0),
+    ("chair", 7.3, 0.85, 2, 0.0),
+    ("chair", 8.1, 0.85, 2, 0.0),
+    ("refrigerator", 9.5, 0.5, 3, 0.0),
+    ("oven", 9.55, 1.3, 3, 0.0),
+    ("sink", 9.6, 2.1, 3, 0.0),
+)
 _UP_LANDING: tuple[_Piece, ...] = (("couch", 3.0, 3.05, 0, 0.0), ("potted plant", 5.5, 3.1, 0, 0.0))
 _UP_STUDY: tuple[_Piece, ...] = (("bed", 8.9, 6.85, 0, 0.0), ("chair", 6.6, 7.5, 0, 0.0))
 _UP_OFFICE: tuple[_Piece, ...] = (
-    ("dining table", 8.6, 0.6, 0, 0.0), ("chair", 8.6, 1.35, 0, 0.0), ("cabinet", 9.65, 2.4, 3, 0.0),
+    ("dining table", 8.6, 0.6, 0, 0.0),
+    ("chair", 8.6, 1.35, 0, 0.0),
+    ("cabinet", 9.65, 2.4, 3, 0.0),
     ("tv", 9.65, 2.4, 3, 0.5),
-)  # fmt: skip
+)
 
 _GROUND = {
     "living": "Living room",
@@ -86,9 +117,13 @@ _GROUND = {
     "study": "Study",
 }
 _UPPER = {
-    "living": "Landing", "kitchen": "Office", "hall": "Upper hall", "bedroom": "Bedroom 2", "bath": "Bathroom 2",
+    "living": "Landing",
+    "kitchen": "Office",
+    "hall": "Upper hall",
+    "bedroom": "Bedroom 2",
+    "bath": "Bathroom 2",
     "study": "Bedroom 3",
-}  # fmt: skip
+}
 
 
 def parametric_flat(seed: int = 0) -> Scene:
@@ -134,10 +169,17 @@ def _add_stair(builder: SceneBuilder, rise_m: float) -> None:
 
 
 def _add_floor(
-    builder: SceneBuilder, floor: str, name: str, z_m: float, room_names: dict[str, str], pieces: tuple[_Piece, ...],
-    rng: np.random.Generator, floor_holes: tuple[np.ndarray, ...] = (), ceiling_holes: tuple[np.ndarray, ...] = (),
+    builder: SceneBuilder,
+    floor: str,
+    name: str,
+    z_m: float,
+    room_names: dict[str, str],
+    pieces: tuple[_Piece, ...],
+    rng: np.random.Generator,
+    floor_holes: tuple[np.ndarray, ...] = (),
+    ceiling_holes: tuple[np.ndarray, ...] = (),
     railing: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     """One floor: shell, rooms, furniture."""
     builder.floors.append(Floor(floor, name, z_m, ROOM_HEIGHT_M))
     paint, white = wall_material(rng), Material("ceiling", (0.95, 0.95, 0.94))
@@ -177,9 +219,15 @@ def _add_railings(builder: SceneBuilder, floor: str, z_m: float, paint: Material
 
 
 def _add_rooms(
-    builder: SceneBuilder, floor: str, z_m: float, room_names: dict[str, str], white: Material,
-    rng: np.random.Generator, floor_holes: tuple[np.ndarray, ...], ceiling_holes: tuple[np.ndarray, ...],
-) -> None:  # fmt: skip
+    builder: SceneBuilder,
+    floor: str,
+    z_m: float,
+    room_names: dict[str, str],
+    white: Material,
+    rng: np.random.Generator,
+    floor_holes: tuple[np.ndarray, ...],
+    ceiling_holes: tuple[np.ndarray, ...],
+) -> None:
     """Floors and ceilings."""
     for key, (x0, y0, x1, y1) in _ROOMS.items():
         # Floors reach to the centre lines of the walls: no gap in a doorway.

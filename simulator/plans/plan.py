@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.plans.assembly import Mesh, MeshBuilder
-from simulator.plans.polygons import Polygon, intersect_convex, signed_area
-from simulator.world.scene import Material
+from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.plans.polygons import Polygon, intersect_convex, signed_area
+from surveilnav.simulator.world.scene import Material
 
 #: An opening cuts a wall when they are parallel to within this angle; else it only touches the wall's end.
 PARALLEL_TOLERANCE_RAD = math.radians(25.0)

@@ -9,20 +9,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.archive import Archive, decode_picture
-from simulator.furniture.placing import seeded
-from simulator.plans.assembly import Mesh, SceneBuilder
-from simulator.plans.ground import find_ground, without_voids
-from simulator.plans.openings import is_door, is_stairs, opening_of, stair_cut_outline
-from simulator.plans.plan import Wall, build_wall, wall_outline
-from simulator.plans.polygons import Polygon, contains, signed_area
-from simulator.plans.slabs import build_skirt, build_slab, build_slabs
-from simulator.plans.storeys import at_one_altitude, is_low_or_roof, is_upper, number_storeys, why_no_storey
-from simulator.plans.straight_walls import WallPart, joined, near, parts_of
-from simulator.plans.sweethome import Color, Home, Level, Picture, Piece, PlanRoom
-from simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
-from simulator.world.scene import Floor, Material, Room
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.archive import Archive, decode_picture
+from surveilnav.simulator.furniture.placing import seeded
+from surveilnav.simulator.plans.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.plans.ground import find_ground, without_voids
+from surveilnav.simulator.plans.openings import is_door, is_stairs, opening_of, stair_cut_outline
+from surveilnav.simulator.plans.plan import Wall, build_wall, wall_outline
+from surveilnav.simulator.plans.polygons import Polygon, contains, signed_area
+from surveilnav.simulator.plans.slabs import build_skirt, build_slab, build_slabs
+from surveilnav.simulator.plans.storeys import at_one_altitude, is_low_or_roof, is_upper, number_storeys, why_no_storey
+from surveilnav.simulator.plans.straight_walls import WallPart, joined, near, parts_of
+from surveilnav.simulator.plans.sweethome import Color, Home, Level, Picture, Piece, PlanRoom
+from surveilnav.simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
+from surveilnav.simulator.world.scene import Floor, Material, Room
 
 _EDGE = Material("edge", (0.85, 0.84, 0.82))
 _CEILING = Material("ceiling", (0.95, 0.95, 0.94))
@@ -262,13 +262,18 @@ class Shell:
             plan, own = part.plan, by_id[part.plan.id]
             walls.append(
                 Wall(
-                    part.start, part.end, plan.thickness_m, part.height_m, part.end_height_m,
-                    self._level(plan.level).z_m, self._wall_paint(plan.left, plan.left_picture),
+                    part.start,
+                    part.end,
+                    plan.thickness_m,
+                    part.height_m,
+                    part.end_height_m,
+                    self._level(plan.level).z_m,
+                    self._wall_paint(plan.left, plan.left_picture),
                     self._wall_paint(plan.right, plan.right_picture),
                     joined(parts, joinable.get(plan.at_start, []), part.start) if index == own[0] else index - 1,
                     joined(parts, joinable.get(plan.at_end, []), part.end) if index == own[-1] else index + 1,
                 )
-            )  # fmt: skip
+            )
             names.append((f"Wall {plan.id or len(walls)}", plan.level))
         return walls, names
 

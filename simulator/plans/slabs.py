@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simulator.plans.assembly import Mesh, MeshBuilder
-from simulator.plans.polygons import Polygon, subtract
-from simulator.world.scene import Material
+from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.plans.polygons import Polygon, subtract
+from surveilnav.simulator.world.scene import Material
 
 
 def build_skirt(hole: Polygon, z_low_m: float, z_high_m: float, material: Material) -> Mesh:

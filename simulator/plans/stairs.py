@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from simulator.plans.assembly import Mesh
-from simulator.world.scene import Stair
+from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.world.scene import Stair
 
 #: A tread is level and at least this large [m²].
 _MIN_TREAD_M2 = 0.04

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from simulator.plans.sweethome import Level
-from simulator.plans.words import ROOF
-from simulator.world.scene import Floor
+from surveilnav.simulator.plans.sweethome import Level
+from surveilnav.simulator.plans.words import ROOF
+from surveilnav.simulator.world.scene import Floor
 
 #: Nobody walks on a level lower than this [m]: a false ceiling, a crawl space.
 MIN_HEIGHT_M = 1.5

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simulator.plans.plan import Opening, Wall
-from simulator.plans.sweethome import PlanWall
+from surveilnav.simulator.plans.plan import Opening, Wall
+from surveilnav.simulator.plans.sweethome import PlanWall
 
 #: An arc wall becomes straight pieces that span at most this angle.
 _ARC_STEP_RAD = math.pi / 16

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from urllib.parse import unquote
 from xml.parsers import expat
 
-from simulator.plans.javahome import home_element
-from simulator.plans.javastream import MAGIC
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.plans.javahome import home_element
+from surveilnav.simulator.plans.javastream import MAGIC
 
 Color = tuple[float, float, float]
 
@@ -201,7 +201,7 @@ def read_home(data: bytes, source: str) -> Home:
         walls=walls,
         rooms=tuple(_room(e, source) for e in root.findall("room")),
         pieces=tuple(pieces),
-    )  # fmt: skip
+    )
 
 
 def _number(
@@ -262,23 +262,33 @@ def _point(element: ET.Element, x: str, y: str, source: str) -> tuple[float, flo
 
 def _plan_level(e: ET.Element, source: str) -> Level:
     return Level(
-        e.get("id", ""), e.get("name", ""), _number(e, "elevation", source, 0.0) / 100,
+        e.get("id", ""),
+        e.get("name", ""),
+        _number(e, "elevation", source, 0.0) / 100,
         _number(e, "height", source, 250.0, 1.0, _LARGE_CM) / 100,
         _number(e, "floorThickness", source, 12.0, 0.0, _LARGE_CM) / 100,
-    )  # fmt: skip
+    )
 
 
 def _wall(e: ET.Element, source: str) -> PlanWall:
     height = _number(e, "height", source, -1.0, -1.0, _LARGE_CM) / 100
     end_height = _number(e, "heightAtEnd", source, -1.0, -1.0, _LARGE_CM) / 100
     return PlanWall(
-        e.get("id", ""), e.get("level", ""), _point(e, "xStart", "yStart", source), _point(e, "xEnd", "yEnd", source),
-        _number(e, "thickness", source, 7.5, 0.01, _LARGE_CM) / 100, height if height >= 0 else None,
-        end_height if end_height >= 0 else None, -_number(e, "arcExtent", source, 0.0, -6.2, 6.2),
-        e.get("wallAtStart", ""), e.get("wallAtEnd", ""), _color(e, "leftSideColor", source),
-        _color(e, "rightSideColor", source), _picture(e, "leftSideTexture", source),
+        e.get("id", ""),
+        e.get("level", ""),
+        _point(e, "xStart", "yStart", source),
+        _point(e, "xEnd", "yEnd", source),
+        _number(e, "thickness", source, 7.5, 0.01, _LARGE_CM) / 100,
+        height if height >= 0 else None,
+        end_height if end_height >= 0 else None,
+        -_number(e, "arcExtent", source, 0.0, -6.2, 6.2),
+        e.get("wallAtStart", ""),
+        e.get("wallAtEnd", ""),
+        _color(e, "leftSideColor", source),
+        _color(e, "rightSideColor", source),
+        _picture(e, "leftSideTexture", source),
         _picture(e, "rightSideTexture", source),
-    )  # fmt: skip
+    )
 
 
 def _room(e: ET.Element, source: str) -> PlanRoom:
@@ -286,10 +296,14 @@ def _room(e: ET.Element, source: str) -> PlanRoom:
     if len(points) > MAX_ROOM_CORNERS:
         raise BuildingError(f"{source}: a room has at most {MAX_ROOM_CORNERS} corners, got {len(points)}")
     return PlanRoom(
-        e.get("name", "").strip(), e.get("level", ""), tuple(_point(p, "x", "y", source) for p in points),
-        e.get("floorVisible", "true") != "false", e.get("ceilingVisible", "true") != "false",
-        _color(e, "ceilingColor", source), _picture(e, "floorTexture", source),
-    )  # fmt: skip
+        e.get("name", "").strip(),
+        e.get("level", ""),
+        tuple(_point(p, "x", "y", source) for p in points),
+        e.get("floorVisible", "true") != "false",
+        e.get("ceilingVisible", "true") != "false",
+        _color(e, "ceilingColor", source),
+        _picture(e, "floorTexture", source),
+    )
 
 
 def _pieces(e: ET.Element, level: str, source: str, depth: int) -> Iterator[Piece]:
@@ -330,16 +344,25 @@ def _piece(e: ET.Element, level: str, source: str) -> Piece:
     rotation = _rotation(e, source)
     x, y = _point(e, "x", "y", source)
     return Piece(
-        name=e.get("name", ""), level=level, catalog_id=e.get("catalogId", ""), model=_place(e, "model"),
-        x_m=x, y_m=y, z_m=_number(e, "elevation", source, 0.0) / 100,
+        name=e.get("name", ""),
+        level=level,
+        catalog_id=e.get("catalogId", ""),
+        model=_place(e, "model"),
+        x_m=x,
+        y_m=y,
+        z_m=_number(e, "elevation", source, 0.0) / 100,
         size_m=(
             _number(e, "width", source, None, 0.0, _LARGE_CM) / 100,
             _number(e, "depth", source, None, 0.0, _LARGE_CM) / 100,
             _number(e, "height", source, None, 0.0, _LARGE_CM) / 100,
         ),
-        yaw_rad=-_number(e, "angle", source, 0.0), pitch_rad=_number(e, "pitch", source, 0.0),
-        roll_rad=_number(e, "roll", source, 0.0), mirrored=e.get("modelMirrored") == "true", rotation=rotation,
-        color=_color(e, "color", source), picture=_picture(e, None, source),
+        yaw_rad=-_number(e, "angle", source, 0.0),
+        pitch_rad=_number(e, "pitch", source, 0.0),
+        roll_rad=_number(e, "roll", source, 0.0),
+        mirrored=e.get("modelMirrored") == "true",
+        rotation=rotation,
+        color=_color(e, "color", source),
+        picture=_picture(e, None, source),
         is_opening=e.tag == "doorOrWindow" or e.get("doorOrWindow") == "true",
         stair_cut=e.get("staircaseCutOutShape", ""),
         material_colors={
@@ -347,4 +370,4 @@ def _piece(e: ET.Element, level: str, source: str) -> Piece:
             for m in e.findall("material")
             if (color := _color(m, "color", source)) is not None
         },
-    )  # fmt: skip
+    )

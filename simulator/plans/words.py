@@ -9,7 +9,7 @@ from importlib import resources
 from surveilnav.nouns import humps_apart
 
 _WORDS: dict[str, list[str]] = json.loads(
-    resources.files("simulator.plans").joinpath("data/doors_and_roofs.json").read_text("utf-8")
+    resources.files("surveilnav.simulator.plans").joinpath("data/doors_and_roofs.json").read_text("utf-8")
 )
 #: From here on scripts put no spaces between words.
 _SPACELESS = "\u2e80"

@@ -17,16 +17,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.render.bands import in_bands
-from simulator.render.bounced_light import bounced_light
-from simulator.render.direct_light import CHUNK, direct_light
-from simulator.render.hashed import hemisphere_rays
-from simulator.render.light_map import VERSION, LightMap, assembled, read_light, starts_of, steps_of, write_light
-from simulator.render.light_samples import samples_of
-from simulator.render.lights import Lights, lights_of
-from simulator.render.surfaces import Surfaces
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Scene
+from surveilnav.simulator.render.bands import in_bands
+from surveilnav.simulator.render.bounced_light import bounced_light
+from surveilnav.simulator.render.direct_light import CHUNK, direct_light
+from surveilnav.simulator.render.hashed import hemisphere_rays
+from surveilnav.simulator.render.light_map import (
+    VERSION,
+    LightMap,
+    assembled,
+    read_light,
+    starts_of,
+    steps_of,
+    write_light,
+)
+from surveilnav.simulator.render.light_samples import samples_of
+from surveilnav.simulator.render.lights import Lights, lights_of
+from surveilnav.simulator.render.surfaces import Surfaces
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Scene
 from surveilnav.stored import locked
 
 Progress = Callable[[float, str], None]

@@ -10,22 +10,26 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.render import shading
-from simulator.render.bands import in_bands
-from simulator.render.hashed import hemisphere_rays
-from simulator.render.light_map import starts_of
-from simulator.render.light_samples import Samples
-from simulator.render.surfaces import Surfaces
-from simulator.world.raycast import RayCaster
+from surveilnav.simulator.render import shading
+from surveilnav.simulator.render.bands import in_bands
+from surveilnav.simulator.render.hashed import hemisphere_rays
+from surveilnav.simulator.render.light_map import starts_of
+from surveilnav.simulator.render.light_samples import Samples
+from surveilnav.simulator.render.surfaces import Surfaces
+from surveilnav.simulator.world.raycast import RayCaster
 
 _FIRST_RAYS = 8
 _RAYS_AT_ONCE = 1_000_000
 
 
 def bounced_light(
-    samples: Samples, direct: NDArray[np.float32], steps: NDArray[np.int16], surfaces: Surfaces, caster: RayCaster,
+    samples: Samples,
+    direct: NDArray[np.float32],
+    steps: NDArray[np.int16],
+    surfaces: Surfaces,
+    caster: RayCaster,
     tell: Callable[[float], None],
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:  # fmt: skip
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Light (S, 3) that reaches each sample by way of other surfaces and the sky; (S,) whether it lies inside one."""
     gathering = _Gathering(samples, direct, steps, surfaces, caster)
     # A few rays tell what lies inside furniture and walls, where nobody will ever look; the rest is worth more.
@@ -41,16 +45,26 @@ class _Gathering:
     """Bounced light (S, 3) so far, and by sample ``reach`` [m] and ``close``: see ``shading.gather``."""
 
     def __init__(
-        self, samples: Samples, direct: NDArray[np.float32], steps: NDArray[np.int16], surfaces: Surfaces,
+        self,
+        samples: Samples,
+        direct: NDArray[np.float32],
+        steps: NDArray[np.int16],
+        surfaces: Surfaces,
         caster: RayCaster,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._samples, self._caster = samples, caster
         lit = direct[direct[:, 1] > 0.02]
         ambient = (0.3 * lit.mean(axis=0) if len(lit) else np.full(3, 0.2)).astype(np.float32)
         self._world = (
-            surfaces.normals, surfaces.materials, surfaces.mean_colors, starts_of(steps), steps, samples.of_node,
-            direct, ambient,
-        )  # fmt: skip
+            surfaces.normals,
+            surfaces.materials,
+            surfaces.mean_colors,
+            starts_of(steps),
+            steps,
+            samples.of_node,
+            direct,
+            ambient,
+        )
         self.bounced = np.zeros((len(samples.points), 3), dtype=np.float32)
         self.reach = np.zeros(len(samples.points), dtype=np.float32)
         self.close = np.zeros(len(samples.points), dtype=np.float32)
@@ -66,6 +80,16 @@ class _Gathering:
             in_bands(hemisphere_rays, len(part), part, points, normals, rays)
             hits = self._caster.cast_rays(rays)
             in_bands(
-                shading.gather, len(part), part, weight, rays, hits.t, hits.triangle, hits.uv, *self._world,
-                self.bounced, self.reach, self.close,
-            )  # fmt: skip
+                shading.gather,
+                len(part),
+                part,
+                weight,
+                rays,
+                hits.t,
+                hits.triangle,
+                hits.uv,
+                *self._world,
+                self.bounced,
+                self.reach,
+                self.close,
+            )

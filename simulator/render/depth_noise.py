@@ -23,9 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.render.bands import in_bands
-from simulator.render.hashed import add_noise
 from surveilnav.geometry import Pinhole
+from surveilnav.simulator.render.bands import in_bands
+from surveilnav.simulator.render.hashed import add_noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +56,21 @@ class DepthNoise:
             return depth_m.copy()
         out = np.empty_like(depth_m)
         in_bands(
-            add_noise, depth_m.shape[0], np.ascontiguousarray(depth_m), out, camera.fx_px, camera.fy_px, camera.cx_px,
-            camera.cy_px, np.uint64(seed & 0xFFFFFFFFFFFFFFFF), self.lateral_px, self.axial_m, self.axial_per_m,
-            self.axial_z0_m, self.disparity_step, self.grazing_cos, self.dropout,
-        )  # fmt: skip
+            add_noise,
+            depth_m.shape[0],
+            np.ascontiguousarray(depth_m),
+            out,
+            camera.fx_px,
+            camera.fy_px,
+            camera.cx_px,
+            camera.cy_px,
+            np.uint64(seed & 0xFFFFFFFFFFFFFFFF),
+            self.lateral_px,
+            self.axial_m,
+            self.axial_per_m,
+            self.axial_z0_m,
+            self.disparity_step,
+            self.grazing_cos,
+            self.dropout,
+        )
         return out

@@ -9,19 +9,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simulator.render.bands import in_bands
-from simulator.render.hashed import shadow_rays
-from simulator.render.lights import Lights
-from simulator.world.raycast import RayCaster
+from surveilnav.simulator.render.bands import in_bands
+from surveilnav.simulator.render.hashed import shadow_rays
+from surveilnav.simulator.render.lights import Lights
+from surveilnav.simulator.world.raycast import RayCaster
 
 CHUNK = 1 << 16
 _LIGHTS_PER_SAMPLE = 6
 
 
 def direct_light(
-    points: NDArray[np.float32], normals: NDArray[np.float32], lights: Lights, caster: RayCaster,
-    tell: Callable[[float], None], points_per_light: int = 4,
-) -> NDArray[np.float32]:  # fmt: skip
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    lights: Lights,
+    caster: RayCaster,
+    tell: Callable[[float], None],
+    points_per_light: int = 4,
+) -> NDArray[np.float32]:
     """Light (S, 3) float32 that reaches each point straight from lamps and windows."""
     direct = np.zeros((len(points), 3), dtype=np.float32)
     if not len(lights.position):
@@ -36,9 +40,19 @@ def direct_light(
         rays = np.empty((len(sample), points_per_light, 6), dtype=np.float32)
         value = np.empty((len(sample), points_per_light), dtype=np.float32)
         in_bands(
-            shadow_rays, len(sample), sample, light, begin, p, n, lights.position, lights.extent, lights.normal, rays,
+            shadow_rays,
+            len(sample),
+            sample,
+            light,
+            begin,
+            p,
+            n,
+            lights.position,
+            lights.extent,
+            lights.normal,
+            rays,
             value,
-        )  # fmt: skip
+        )
         # The last centimetres before a light are free: lamps hang in their own shades, windows stand in frames.
         value[caster.occluded_rays(rays, 0.93, tnear=1e-4)] = 0.0
         _add_up(sample, light, value.mean(axis=1), lights.color, direct[begin : begin + CHUNK])

@@ -14,9 +14,9 @@ import zstandard
 from numba import njit
 from numpy.typing import NDArray
 
-from simulator.render.bands import in_bands
-from simulator.render.surfaces import Surfaces
-from simulator.render.tones import LIGHT_MAX
+from surveilnav.simulator.render.bands import in_bands
+from surveilnav.simulator.render.surfaces import Surfaces
+from surveilnav.simulator.render.tones import LIGHT_MAX
 from surveilnav.stored import read_parts, write_parts
 
 VERSION = 2
@@ -83,9 +83,12 @@ def write_light(path: Path, baked: LightMap) -> None:
 
 
 def assembled(
-    steps: NDArray[np.int16], sample_of_node: NDArray[np.int32], direct: NDArray[np.float32],
-    bounced: NDArray[np.float32], buried: NDArray[np.bool_],
-) -> LightMap:  # fmt: skip
+    steps: NDArray[np.int16],
+    sample_of_node: NDArray[np.int32],
+    direct: NDArray[np.float32],
+    bounced: NDArray[np.float32],
+    buried: NDArray[np.bool_],
+) -> LightMap:
     """The map of triangles with ``steps`` (T,) from the light of their samples.
 
     ``sample_of_node`` (nodes, 2) int32; ``direct`` and ``bounced`` (S, 3) float32; ``buried`` (S,): inside something.

@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simulator.render.bands import in_bands
-from simulator.render.hashed import place_nodes
-from simulator.render.light_map import nodes_of, starts_of
-from simulator.render.surfaces import Surfaces
+from surveilnav.simulator.render.bands import in_bands
+from surveilnav.simulator.render.hashed import place_nodes
+from surveilnav.simulator.render.light_map import nodes_of, starts_of
+from surveilnav.simulator.render.surfaces import Surfaces
 
 
 class Samples(NamedTuple):
@@ -32,9 +32,19 @@ def samples_of(surfaces: Surfaces, steps: NDArray[np.int16]) -> Samples:
     keys = np.empty((nodes, 2), dtype=np.uint64)
     low = surfaces.corners.reshape(-1, 3).min(axis=0)
     in_bands(
-        place_nodes, len(steps), surfaces.corners, surfaces.normals, corner_normals, start, steps, low,
-        surfaces.instances, points, normals, keys,
-    )  # fmt: skip
+        place_nodes,
+        len(steps),
+        surfaces.corners,
+        surfaces.normals,
+        corner_normals,
+        start,
+        steps,
+        low,
+        surfaces.instances,
+        points,
+        normals,
+        keys,
+    )
     _, first, inverse = np.unique(keys.ravel(), return_index=True, return_inverse=True)
     of_node = inverse.reshape(nodes, 2).astype(np.int32)
     return Samples(of_node, points.reshape(-1, 3)[first].copy(), normals.reshape(-1, 3)[first].copy())

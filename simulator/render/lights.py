@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Room, Scene
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Room, Scene
 
 #: Linear colours: lamps a little warm, the sky a little cool.
 LAMP_COLOR = (1.06, 1.0, 0.90)
@@ -65,9 +65,11 @@ def lights_of(scene: Scene, caster: RayCaster) -> Lights:
         color.append(np.array(SKY_COLOR) * _SKY_RADIANCE * min(size[along] * size[2], 4.0))
     count = len(position)
     return Lights(
-        np.array(position, np.float32).reshape(count, 3), np.array(extent, np.float32).reshape(count, 2, 3),
-        np.array(normal, np.float32).reshape(count, 3), np.array(color, np.float32).reshape(count, 3),
-    )  # fmt: skip
+        np.array(position, np.float32).reshape(count, 3),
+        np.array(extent, np.float32).reshape(count, 2, 3),
+        np.array(normal, np.float32).reshape(count, 3),
+        np.array(color, np.float32).reshape(count, 3),
+    )
 
 
 def _room_lamps(scene: Scene, room: Room) -> list[tuple[float, float, float, float]]:

@@ -19,9 +19,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simulator.render.bands import in_bands, threads
-from simulator.world.raycast import Hits
 from surveilnav.geometry import Pinhole
+from surveilnav.simulator.render.bands import in_bands, threads
+from surveilnav.simulator.world.raycast import Hits
 
 _GROUP = 64
 _TILE = 16
@@ -65,9 +65,23 @@ class Rasteriser:
         triangle = np.empty((height, width), dtype=np.uint32)
         bary = np.empty((height, width, 2), dtype=np.float32)
         in_bands(
-            _draw, height, seen, len(self._corners), workspace, nearest, window, *lens, self._triangle, t_hit, triangle,
-            bary, alone, self._corners, R64, o64,
-        )  # fmt: skip
+            _draw,
+            height,
+            seen,
+            len(self._corners),
+            workspace,
+            nearest,
+            window,
+            *lens,
+            self._triangle,
+            t_hit,
+            triangle,
+            bary,
+            alone,
+            self._corners,
+            R64,
+            o64,
+        )
         self._workspaces.append(workspace)
         return Hits(t_hit, triangle, bary)
 
@@ -149,9 +163,26 @@ def _cross(a0, a1, a2, b0, b1, b2):
 
 @njit(nogil=True, cache=True)
 def _draw(
-    row0, row1, seen, count, corners, nearest, window, fx, fy, cx, cy, triangle_of, t_hit, triangle, bary, alone, world,
-    R, origin,
-):  # fmt: skip
+    row0,
+    row1,
+    seen,
+    count,
+    corners,
+    nearest,
+    window,
+    fx,
+    fy,
+    cx,
+    cy,
+    triangle_of,
+    t_hit,
+    triangle,
+    bary,
+    alone,
+    world,
+    R,
+    origin,
+):
     """Draws rows row0 to row1: inverse depth and winner per pixel, then depth and weights of the winners.
 
     ``corners``: (T, 3, 3) in the camera frame; ``alone``: to be made here, of those in the ``world``.

@@ -11,19 +11,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.render import shading
-from simulator.render.bake import light_at, load_or_bake
-from simulator.render.bands import in_bands
-from simulator.render.depth_noise import DepthNoise
-from simulator.render.light_map import LightMap
-from simulator.render.lights import lights_of
-from simulator.render.picture import Lighting, Rendered, within
-from simulator.render.raster import Rasteriser
-from simulator.render.surfaces import surfaces_of
-from simulator.render.tones import LIGHT_OF_BYTE, LINEAR_OF_QUARTER, TONE
-from simulator.world.raycast import NOTHING, Hits, RayCaster
-from simulator.world.scene import Scene
 from surveilnav.geometry import Matrix4, Pinhole
+from surveilnav.simulator.render import shading
+from surveilnav.simulator.render.bake import light_at, load_or_bake
+from surveilnav.simulator.render.bands import in_bands
+from surveilnav.simulator.render.depth_noise import DepthNoise
+from surveilnav.simulator.render.light_map import LightMap
+from surveilnav.simulator.render.lights import lights_of
+from surveilnav.simulator.render.picture import Lighting, Rendered, within
+from surveilnav.simulator.render.raster import Rasteriser
+from surveilnav.simulator.render.surfaces import surfaces_of
+from surveilnav.simulator.render.tones import LIGHT_OF_BYTE, LINEAR_OF_QUARTER, TONE
+from surveilnav.simulator.world.raycast import NOTHING, Hits, RayCaster
+from surveilnav.simulator.world.scene import Scene
 
 Matrix3 = NDArray[np.float32]
 Vector3 = NDArray[np.float32]
@@ -96,9 +96,18 @@ class Renderer:
     def _shade(self, R: Matrix3, origin: Vector3, camera: Pinhole, hits: Hits) -> NDArray[np.uint8]:
         pixel_light = _NO_PIXEL_LIGHT if self._lights is None else self._light_of_pixels(R, origin, camera, hits)
         seen = (
-            R, *_lens(camera), hits.t, hits.triangle, hits.uv, self._surfaces, _MODES[self.lighting], self._light,
-            pixel_light, LINEAR_OF_QUARTER, LIGHT_OF_BYTE,
-        )  # fmt: skip
+            R,
+            *_lens(camera),
+            hits.t,
+            hits.triangle,
+            hits.uv,
+            self._surfaces,
+            _MODES[self.lighting],
+            self._light,
+            pixel_light,
+            LINEAR_OF_QUARTER,
+            LIGHT_OF_BYTE,
+        )
         rgb = np.empty((camera.height_px, camera.width_px, 3), dtype=np.uint8)
         metered = np.empty((-(-camera.height_px // _METER), -(-camera.width_px // _METER)), dtype=np.float32)
         in_bands(shading.shade, len(metered), _METER, *seen, 0.0, TONE, rgb, metered)
@@ -124,9 +133,16 @@ class Renderer:
         instance_ids = np.empty(hits.t.shape, dtype=np.uint16)
         near, far = depth_range_m
         in_bands(
-            shading.depth_and_instances, hits.t.shape[0], hits.t, hits.triangle, self._surfaces.instances, float(near),
-            float(far), depth_m, instance_ids,
-        )  # fmt: skip
+            shading.depth_and_instances,
+            hits.t.shape[0],
+            hits.t,
+            hits.triangle,
+            self._surfaces.instances,
+            float(near),
+            float(far),
+            depth_m,
+            instance_ids,
+        )
         return depth_m, instance_ids
 
 

@@ -29,9 +29,28 @@ def flat_light(nx, ny, nz):
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def shade(
-    row0, row1, stride, R, fx, fy, cx, cy, t_hit, triangle, bary, surfaces, mode, lightmap, pixel_light, linear, decode,
-    exposure, tone, rgb, luminance,
-):  # fmt: skip
+    row0,
+    row1,
+    stride,
+    R,
+    fx,
+    fy,
+    cx,
+    cy,
+    t_hit,
+    triangle,
+    bary,
+    surfaces,
+    mode,
+    lightmap,
+    pixel_light,
+    linear,
+    decode,
+    exposure,
+    tone,
+    rgb,
+    luminance,
+):
     """Colours of every ``stride``-th pixel of every ``stride``-th row, for rows row0 to row1 of the output.
 
     Exposed and with the tone curve into rgb (H, W, 3) uint8; without exposure (0) only their luminance, each at most
@@ -136,9 +155,26 @@ def shade(
 
 @njit(nogil=True, cache=True)
 def gather(
-    row0, row1, samples, weight, rays, t_hit, triangle, bary, tri_normals, materials, mean_colors, start, steps,
-    sample_of_node, direct, ambient, out, reach, close,
-):  # fmt: skip
+    row0,
+    row1,
+    samples,
+    weight,
+    rays,
+    t_hit,
+    triangle,
+    bary,
+    tri_normals,
+    materials,
+    mean_colors,
+    start,
+    steps,
+    sample_of_node,
+    direct,
+    ambient,
+    out,
+    reach,
+    close,
+):
     """Mean light along the rays of each sample, blended into ``out`` with ``weight``.
 
     ``reach``: the longest free way [m]; ``close``: the share of rays that end within 6 cm.

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.render.tones import LINEAR_OF_BYTE, to_linear
-from simulator.world.scene import Material, Scene
+from surveilnav.simulator.render.tones import LINEAR_OF_BYTE, to_linear
+from surveilnav.simulator.world.scene import Material, Scene
 
 
 class Surfaces(NamedTuple):
@@ -62,7 +62,7 @@ def surfaces_of(scene: Scene, triangle_index: NDArray[np.integer]) -> Surfaces:
     instances = np.ascontiguousarray(scene.instance_of_triangle[triangle_index], dtype=np.uint16)
     return Surfaces(
         corners, normals, uvs, materials, instances, texels_per_m, colors, texture, mips, texels, mean_colors
-    )  # fmt: skip
+    )
 
 
 def _pack_textures(materials: tuple[Material, ...]) -> tuple[Any, ...]:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.world.scene import Material
+from surveilnav.simulator.world.scene import Material
 
 FloorKind = Literal["wood", "tile", "carpet"]
 

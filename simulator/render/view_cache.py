@@ -19,14 +19,14 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from simulator.render.depth_noise import DepthNoise
-from simulator.render.picture import PICTURES_VERSION, Lighting, Rendered, within
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.sensing.packing import byte_planes, of_byte_planes
+from surveilnav.simulator.render.depth_noise import DepthNoise
+from surveilnav.simulator.render.picture import PICTURES_VERSION, Lighting, Rendered, within
 from surveilnav.stored import FolderCache
 
 if TYPE_CHECKING:
-    from simulator.render.renderer import Renderer
+    from surveilnav.simulator.render.renderer import Renderer
 
 _FORMAT = b"surveilnav view 1"
 _DEPTH_STEP_M = 0.0005

@@ -13,27 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from simulator.truth import name_space
-from simulator.truth.error_model import (
-    Draws,
-    ErrorModel,
-    Kind,
-    Luck,
-    error_model,
-    hashed,
-    showing,
-    sights,
-    uniforms,
-)
-from simulator.truth.visible import (
-    Box,
-    Candidates,
-    Place,
-    VisibleThing,
-    candidates,
-    measured,
-    visible_things,
-)
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.messages import ModelIds
@@ -45,6 +24,27 @@ from surveilnav.perception.segmenters.depth_in_box import floor_of, mask_of
 from surveilnav.perception.sizes import WRONG_SIZE, extent_m, extents_of, plausible
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
+from surveilnav.simulator.truth import name_space
+from surveilnav.simulator.truth.error_model import (
+    Draws,
+    ErrorModel,
+    Kind,
+    Luck,
+    error_model,
+    hashed,
+    showing,
+    sights,
+    uniforms,
+)
+from surveilnav.simulator.truth.visible import (
+    Box,
+    Candidates,
+    Place,
+    VisibleThing,
+    candidates,
+    measured,
+    visible_things,
+)
 from surveilnav.words import canonical
 
 _EXTENTS_M = extents_of(COCO)

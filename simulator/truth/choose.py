@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from simulator.truth.backends import Oracle, Simulated
 from surveilnav.perception import choose as real
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.presets import Networks
+from surveilnav.simulator.truth.backends import Oracle, Simulated
 
 BACKENDS: tuple[str, ...] = tuple(BackendName)
 

@@ -6,7 +6,7 @@ three parts: one of the instance, which every view of it shares; one that change
 (a Gaussian field of random Fourier features, Rahimi and Recht 2007); one of the single view. All of it is drawn by
 hashing, so it depends on seed, view and instance alone, on any machine and in any order.
 
-The figures stand in data/simulated_errors.json; ``python -m benchmark.studies.calibration`` measures them.
+The figures stand in data/simulated_errors.json; ``python -m surveilnav.benchmark.studies.calibration`` measures them.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ def error_model() -> ErrorModel:
 
 
 def read(path: Path) -> ErrorModel:
-    """The model in a file that ``benchmark.studies.calibration.run`` wrote."""
+    """The model in a file that ``surveilnav.benchmark.studies.calibration.run`` wrote."""
     return msgspec.json.decode(path.read_bytes(), type=ErrorModel)
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from simulator.furniture.labels import KINDS, PARTS
-from simulator.truth.error_model import Floats, features
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import TrueInstances, box_cells
+from surveilnav.simulator.furniture.labels import KINDS, PARTS
+from surveilnav.simulator.truth.error_model import Floats, features
 from surveilnav.words import canonical
 
 #: Instances of these classes are surfaces of the building: what is seen on them belongs to a place, not to a thing.
@@ -228,11 +228,15 @@ def _measured(
         (*t.center_px, t.range_m, PLACE_M / t.range_m, 0.0, 0)
         if isinstance(t, Place)
         else (
-            (t.box_px[0] + t.box_px[2]) / 2, (t.box_px[1] + t.box_px[3]) / 2,
-            far_m if math.isnan(t.range_m) else t.range_m, math.sqrt(t.area_px) / camera.fx_px, t.hidden, t.cut,
+            (t.box_px[0] + t.box_px[2]) / 2,
+            (t.box_px[1] + t.box_px[3]) / 2,
+            far_m if math.isnan(t.range_m) else t.range_m,
+            math.sqrt(t.area_px) / camera.fx_px,
+            t.hidden,
+            t.cut,
         )
         for t in shown
-    ]  # fmt: skip
+    ]
     u, v, z, size, hidden, cut = np.array(rows, np.float64).T
     away = world_points(u, v, z, camera, T) - T[:3, 3]
     range_m = np.linalg.norm(away, axis=1)

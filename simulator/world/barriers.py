@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from simulator.furniture.labels import PARTS
-from simulator.world.free_ground import FloorNavigation
-from simulator.world.geodesic import mark_triangles
-from simulator.world.scene import Instance, Scene
 from surveilnav.robot_body import CLIMB_M, HEIGHT_M, RADIUS_M, clearance_m
+from surveilnav.simulator.furniture.labels import PARTS
+from surveilnav.simulator.world.free_ground import FloorNavigation
+from surveilnav.simulator.world.geodesic import mark_triangles
+from surveilnav.simulator.world.scene import Instance, Scene
 
 #: So far from a door one looks for the ground on its two sides [m]: half of a thick wall, a robot's radius, some cells.
 _BESIDE_M = 0.6
@@ -91,9 +91,15 @@ class _Layers:
         out = [id_ for id_, kind in kinds.items() if kind in without]
         obstacle = np.zeros(f.grid.shape, np.bool_)
         mark_triangles(
-            obstacle, scene.vertices, scene.triangles[~np.isin(scene.instance_of_triangle, out)], f.grid.origin_x_m,
-            f.grid.origin_y_m, f.grid.resolution_m, f.z_m + (_SILL_M if "sill" in without else CLIMB_M), f.z_m + HEIGHT_M,
-        )  # fmt: skip
+            obstacle,
+            scene.vertices,
+            scene.triangles[~np.isin(scene.instance_of_triangle, out)],
+            f.grid.origin_x_m,
+            f.grid.origin_y_m,
+            f.grid.resolution_m,
+            f.z_m + (_SILL_M if "sill" in without else CLIMB_M),
+            f.z_m + HEIGHT_M,
+        )
         return obstacle
 
 
@@ -173,9 +179,10 @@ def _before(layers: _Layers, door: Instance) -> Instance | None:
     high[:2] += _BEFORE_M
     low[2], high[2] = layers.f.z_m + CLIMB_M, layers.f.z_m + HEIGHT_M
     near = (
-        i for i in layers.scene.instances
+        i
+        for i in layers.scene.instances
         if i.label not in PARTS and np.all(np.array(i.p_min) < high) and np.all(np.array(i.p_max) > low)
-    )  # fmt: skip
+    )
     return max(near, key=lambda i: float(np.prod(np.subtract(i.p_max, i.p_min))), default=None)
 
 

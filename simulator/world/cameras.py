@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.world.free_ground import FloorNavigation
-from simulator.world.geodesic import spread
-from simulator.world.navigation import NavigationMap
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Scene
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
+from surveilnav.simulator.world.free_ground import FloorNavigation
+from surveilnav.simulator.world.geodesic import spread
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Scene
 
 MOUNTING_M = 1.8
 AZIMUTHS = 12

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simulator.world.geodesic import UNREACHED, spread
+from surveilnav.simulator.world.geodesic import UNREACHED, spread
 
 if TYPE_CHECKING:
-    from simulator.world.navigation import NavigationMap
+    from surveilnav.simulator.world.navigation import NavigationMap
 
 #: By floor, by cell: distance [m] of a place from which distances spread, and the stair that led there (-1: none).
 _Seeds = dict[str, dict[int, tuple[float, int]]]

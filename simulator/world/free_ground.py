@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from simulator.world.geodesic import mark_triangles
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Floor, Scene
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import clearance_m, fits
+from surveilnav.simulator.world.geodesic import mark_triangles
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Floor, Scene
 
 _MAX_CELLS = 64_000_000
 #: With less than this share of the free cells under a roof, the building has none.
@@ -82,9 +82,15 @@ def _ground_of(
     supported = _supported(caster, grid, floor.z_m, max_step_m)
     obstacle = np.zeros(grid.shape, dtype=np.bool_)
     mark_triangles(
-        obstacle, scene.vertices, scene.triangles, grid.origin_x_m, grid.origin_y_m, grid.resolution_m,
-        floor.z_m + max_step_m, floor.z_m + robot_height_m,
-    )  # fmt: skip
+        obstacle,
+        scene.vertices,
+        scene.triangles,
+        grid.origin_x_m,
+        grid.origin_y_m,
+        grid.resolution_m,
+        floor.z_m + max_step_m,
+        floor.z_m + robot_height_m,
+    )
     blocked = np.pad(~supported | obstacle, 1, constant_values=True)
     free = fits(clearance_m(blocked, grid.resolution_m), radius_m)[1:-1, 1:-1]
     indoor = supported & _roofed(caster, grid, floor.z_m + robot_height_m)

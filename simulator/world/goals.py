@@ -18,13 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from simulator.furniture.labels import PARTS
-from simulator.world.distance_field import DistanceField
-from simulator.world.free_ground import FloorNavigation
-from simulator.world.navigation import NavigationMap
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Instance, Scene
-from simulator.world.viewpoints import (
+from surveilnav.errors import TargetError
+from surveilnav.nouns import thing_asked_for
+from surveilnav.simulator.furniture.labels import PARTS
+from surveilnav.simulator.world.distance_field import DistanceField
+from surveilnav.simulator.world.free_ground import FloorNavigation
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Instance, Scene
+from surveilnav.simulator.world.viewpoints import (
     VIEWPOINT_REACH_M,
     eyes_over,
     is_reachable,
@@ -32,8 +34,6 @@ from simulator.world.viewpoints import (
     viewpoints_of,
     visible_share,
 )
-from surveilnav.errors import TargetError
-from surveilnav.nouns import thing_asked_for
 from surveilnav.words import canonical
 
 SUCCESS_M = 0.1
@@ -56,7 +56,7 @@ MIN_DETOUR = 1.05
 
 
 class StateLike(Protocol):
-    """What the judge reads of a robot: see ``services.robot_node.core.RobotState``."""
+    """What the judge reads of a robot: see ``surveilnav.services.robot_node.core.RobotState``."""
 
     @property
     def p_world(self) -> tuple[float, float, float]: ...
@@ -149,9 +149,14 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
     points = {name: navigation.floors[name].grid.centres_of(np.argwhere(cells)) for name, cells in on_floor.items()}
     points_of = {i.id: navigation.floors[i.floor].grid.centres_of(np.argwhere(cells)) for i, cells in seen_from.items()}
     return Goals(
-        wanted, tuple(seen_from), tuple(i for i in instances if i not in seen_from), points, points_of,
-        np.concatenate(surfaces), navigation.distance_field(points),
-    )  # fmt: skip
+        wanted,
+        tuple(seen_from),
+        tuple(i for i in instances if i not in seen_from),
+        points,
+        points_of,
+        np.concatenate(surfaces),
+        navigation.distance_field(points),
+    )
 
 
 def within_reach(

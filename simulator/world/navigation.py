@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simulator.world.distance_field import DistanceField, distance_field
-from simulator.world.free_ground import FloorNavigation, components_of, find_free_ground
-from simulator.world.geodesic import first_blocked
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Scene, Stair
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import CLIMB_M, HEIGHT_M, RADIUS_M
+from surveilnav.simulator.world.distance_field import DistanceField, distance_field
+from surveilnav.simulator.world.free_ground import FloorNavigation, components_of, find_free_ground
+from surveilnav.simulator.world.geodesic import first_blocked
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Scene, Stair
 from surveilnav.stored import replacing
 
 #: Raised by one with every change of what is computed: old caches are then built anew.
@@ -81,9 +81,13 @@ class NavigationMap:
         """
         caster = caster or RayCaster(scene)
         floors = find_free_ground(
-            scene, caster, radius_m=radius_m, resolution_m=resolution_m, robot_height_m=robot_height_m,
+            scene,
+            caster,
+            radius_m=radius_m,
+            resolution_m=resolution_m,
+            robot_height_m=robot_height_m,
             max_step_m=max_step_m,
-        )  # fmt: skip
+        )
         return cls._with_stairs(floors, scene.stairs, radius_m)
 
     @classmethod
@@ -247,9 +251,12 @@ class NavigationMap:
         x0, y0 = np.asarray(p_from, dtype=np.float64)[:2]
         x1, y1 = np.asarray(p_to, dtype=np.float64)[:2]
         share = first_blocked(
-            f.free, (y0 - f.grid.origin_y_m) * scale, (x0 - f.grid.origin_x_m) * scale,
-            (y1 - f.grid.origin_y_m) * scale, (x1 - f.grid.origin_x_m) * scale,
-        )  # fmt: skip
+            f.free,
+            (y0 - f.grid.origin_y_m) * scale,
+            (x0 - f.grid.origin_x_m) * scale,
+            (y1 - f.grid.origin_y_m) * scale,
+            (x1 - f.grid.origin_x_m) * scale,
+        )
         return min(1.0, float(share))
 
     # ---- distances ---------------------------------------------------------------------------------------------

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.world.scene import Scene
 from surveilnav.errors import ConfigError
+from surveilnav.simulator.world.scene import Scene
 
 try:
     import open3d.core as o3c

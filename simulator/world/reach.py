@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.world.barriers import LONGEST_NAME, barriers_of
-from simulator.world.free_ground import FloorNavigation
-from simulator.world.goals import within_reach
-from simulator.world.navigation import NavigationMap
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Floor, Room, Scene
 from surveilnav.robot_body import HEIGHT_M
+from surveilnav.simulator.world.barriers import LONGEST_NAME, barriers_of
+from surveilnav.simulator.world.free_ground import FloorNavigation
+from surveilnav.simulator.world.goals import within_reach
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Floor, Room, Scene
 
 #: Smaller pieces of floor are gaps between furniture, not places that somebody misses [m2].
 _PIECE_M2 = 1.0
@@ -98,9 +98,12 @@ def _without_doors(scene: Scene) -> Scene:
     doors = [instance.id for instance in scene.instances if instance.label == "door"]
     stays = ~np.isin(scene.instance_of_triangle, doors)
     return replace(
-        scene, triangles=scene.triangles[stays], uvs=scene.uvs[stays],
-        material_of_triangle=scene.material_of_triangle[stays], instance_of_triangle=scene.instance_of_triangle[stays],
-    )  # fmt: skip
+        scene,
+        triangles=scene.triangles[stays],
+        uvs=scene.uvs[stays],
+        material_of_triangle=scene.material_of_triangle[stays],
+        instance_of_triangle=scene.instance_of_triangle[stays],
+    )
 
 
 def reach_of(scene: Scene, navigation: NavigationMap) -> Reach:
@@ -108,8 +111,9 @@ def reach_of(scene: Scene, navigation: NavigationMap) -> Reach:
     levels = _levels(scene, navigation)
     shut_off = (gap for floor, f in levels for gap in _shut_off(scene, navigation, floor, f))
     return Reach(
-        _areas(scene, navigation), tuple(dict.fromkeys([*_whole_levels(scene, navigation, levels), *navigation.notes, *shut_off]))
-    )  # fmt: skip
+        _areas(scene, navigation),
+        tuple(dict.fromkeys([*_whole_levels(scene, navigation, levels), *navigation.notes, *shut_off])),
+    )
 
 
 def _levels(scene: Scene, navigation: NavigationMap) -> list[tuple[Floor, FloorNavigation]]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.furniture.labels import PARTS, word_for
+from surveilnav.simulator.furniture.labels import PARTS, word_for
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.world.free_ground import FloorNavigation
-from simulator.world.navigation import NavigationMap
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Instance, Scene
 from surveilnav.robot_body import CAMERA_HEIGHT_M
+from surveilnav.simulator.world.free_ground import FloorNavigation
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Instance, Scene
 
 VIEWPOINT_REACH_M = 1.0
 #: Share of an object's surface (all sides, so half is hidden at best) that a viewpoint must see.

@@ -178,10 +178,18 @@ def camera(node: Node, name: str) -> Callable[[int], None]:
 
     def put(seq: int) -> None:
         header = FrameHeader(
-            stamp_ns=clock_ns(), source=f"camera/{name}", view=0, seq=seq, floor="0", T_world_camera=HERE, camera=CAMERA,
-            mounting_offset_m=2.4, depth_range_m=(0.5, 5.0), image=Part("jpeg", FRAME_BYTES),
+            stamp_ns=clock_ns(),
+            source=f"camera/{name}",
+            view=0,
+            seq=seq,
+            floor="0",
+            T_world_camera=HERE,
+            camera=CAMERA,
+            mounting_offset_m=2.4,
+            depth_range_m=(0.5, 5.0),
+            image=Part("jpeg", FRAME_BYTES),
             depth=Part("depth-invq-zstd", 0),
-        )  # fmt: skip
+        )
         frames.put(header, picture)
 
     return put
@@ -407,8 +415,10 @@ def outcome(came: Any, other: Any, put: Any, span_s: tuple[float, float], took_s
         delivered=len(came["frames_s"]),
         other=None if other is None else len(other["frames_s"]),
         states_lost=states[-1] - states[0] + 1 - len(set(states)) if states else 0,
-        commands_s=took_s, unanswered=unanswered, layers_lost=sum(begin_s < s < end_s for s in came.get("lost_s", [])),
-    )  # fmt: skip
+        commands_s=took_s,
+        unanswered=unanswered,
+        layers_lost=sum(begin_s < s < end_s for s in came.get("lost_s", [])),
+    )
 
 
 # --- a slow link ------------------------------------------------------------------------------------------------------

@@ -25,13 +25,13 @@ import pytest
 from numpy.typing import NDArray
 from sklearn.cluster import DBSCAN
 
-from services.fusion.core import JointMap, MapConfig
-from services.fusion.core.cloud import VoxelCloud
-from services.fusion.core.clustering import dbscan
-from services.fusion.core.floor_map import _count_points, window_of
-from services.fusion.core.projection import world_points
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.services.fusion.core import JointMap, MapConfig
+from surveilnav.services.fusion.core.cloud import VoxelCloud
+from surveilnav.services.fusion.core.clustering import dbscan
+from surveilnav.services.fusion.core.floor_map import _count_points, window_of
+from surveilnav.services.fusion.core.projection import world_points
 
 ROOM_M, ROOMS, LAPS = 12.0, 4, 5
 CAMERA = Pinhole.from_hfov(640, 480, math.radians(79))
@@ -167,10 +167,22 @@ class Projection:
     def ours(self) -> None:
         c = self.config
         _count_points(
-            self.points, self.p_camera, 0.0, c.resolution_m, *self.window[:2], self.seen.copy(), np.inf,
-            c.obstacle_min_m, c.obstacle_max_m, c.drop_min_m, c.obstacle_noise_per_m, c.explored_max_m,
-            *self.counts[:2], *self.drops, *self.counts[2:4],
-        )  # fmt: skip
+            self.points,
+            self.p_camera,
+            0.0,
+            c.resolution_m,
+            *self.window[:2],
+            self.seen.copy(),
+            np.inf,
+            c.obstacle_min_m,
+            c.obstacle_max_m,
+            c.drop_min_m,
+            c.obstacle_noise_per_m,
+            c.explored_max_m,
+            *self.counts[:2],
+            *self.drops,
+            *self.counts[2:4],
+        )
 
     def by_numpy(self) -> None:
         c, p, (row0, col0, rows, cols) = self.config, self.points, self.window
@@ -191,10 +203,11 @@ def comparisons() -> Iterator[tuple[str, dict[str, Callable[[], object]]]]:
     yield (
         f"a view's points into a cloud of {accumulated.cloud.size:,} voxels",
         {
-            "ours": accumulated.ours, "Open3D voxel_down_sample": accumulated.by_open3d,
+            "ours": accumulated.ours,
+            "Open3D voxel_down_sample": accumulated.by_open3d,
             "numpy unique": accumulated.by_numpy,
         },
-    )  # fmt: skip
+    )
     yield "DBSCAN of a mask of 1,000 points", clusterings(1000)
     yield "DBSCAN of a mask of 5,000 points", clusterings(5000)
     projection = Projection()
@@ -219,8 +232,9 @@ def test_view(benchmark, what):
     done = benchmark.pedantic(joint.integrate, setup=setup, rounds=300, warmup_rounds=10)
     times_s = benchmark.stats.stats.data
     benchmark.extra_info |= {
-        "p99_ms": round(1e3 * float(np.percentile(times_s, 99)), 2), "views_per_s": round(1 / float(np.median(times_s)))
-    }  # fmt: skip
+        "p99_ms": round(1e3 * float(np.percentile(times_s, 99)), 2),
+        "views_per_s": round(1 / float(np.median(times_s))),
+    }
     assert done.n_points > 10_000
 
 

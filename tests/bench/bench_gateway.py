@@ -35,9 +35,17 @@ from surveilnav.contract import ROBOT_STATUS
 ROOT = Path(__file__).parents[2]
 LAYERS = ("explored", "value", "occupancy", "frontier")
 READS = (
-    "missions", "missions?state=active", "robots", "cameras", "floors", "objects?limit=20", "services", "traffic",
-    "perception", "buildings",
-)  # fmt: skip
+    "missions",
+    "missions?state=active",
+    "robots",
+    "cameras",
+    "floors",
+    "objects?limit=20",
+    "services",
+    "traffic",
+    "perception",
+    "buildings",
+)
 
 
 # --- load: a process of its own -------------------------------------------------------------------------------------
@@ -135,9 +143,21 @@ def running(building: str, perception: str) -> Iterator[tuple[int, str, int]]:
     port, router = free_port(), f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as logs:
         command = [
-            str(Path(sys.executable).parent / "surveilnav"), "up", "--building", building, "--perception", perception,
-            "--port", str(port), "--router", router, "--logs", f"{logs}/logs", "--record", "off",
-        ]  # fmt: skip
+            str(Path(sys.executable).parent / "surveilnav"),
+            "up",
+            "--building",
+            building,
+            "--perception",
+            perception,
+            "--port",
+            str(port),
+            "--router",
+            router,
+            "--logs",
+            f"{logs}/logs",
+            "--record",
+            "off",
+        ]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT) as up:
             assert up.stdout is not None
             for line in up.stdout:
@@ -147,7 +167,7 @@ def running(building: str, perception: str) -> Iterator[tuple[int, str, int]]:
                 raise SystemExit("the system didn't start")
             threading.Thread(target=up.stdout.read, daemon=True).start()
             try:
-                yield port, router, _child(up.pid, "services.gateway")
+                yield port, router, _child(up.pid, "surveilnav.services.gateway")
             finally:
                 up.terminate()
 
@@ -243,8 +263,13 @@ def _bus_name(client: Client) -> str:
 
 
 def report(
-    args: argparse.Namespace, quiet: list[Search], loaded: list[Search], told: dict[str, Any], used: float, memory: list[float]
-) -> None:  # fmt: skip
+    args: argparse.Namespace,
+    quiet: list[Search],
+    loaded: list[Search],
+    told: dict[str, Any],
+    used: float,
+    memory: list[float],
+) -> None:
     """Prints the table."""
     p50, p95, p99 = np.percentile([ms for _, ms in told["ms"]], [50, 95, 99])
     print(

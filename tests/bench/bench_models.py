@@ -38,9 +38,13 @@ PICTURE = np.random.default_rng(0).integers(0, 255, (480, 640, 3)).astype(np.uin
 def grounding_dino(folder: Path) -> Path:
     """Grounding DINO with a Swin-T, as ``grounding-dino-tiny``."""
     swin = transformers.SwinConfig(
-        embed_dim=96, depths=[2, 2, 6, 2], num_heads=[3, 6, 12, 24], window_size=7, image_size=224,
+        embed_dim=96,
+        depths=[2, 2, 6, 2],
+        num_heads=[3, 6, 12, 24],
+        window_size=7,
+        image_size=224,
         out_features=["stage2", "stage3", "stage4"],
-    )  # fmt: skip
+    )
     model = transformers.GroundingDinoForObjectDetection(transformers.GroundingDinoConfig(backbone_config=swin))
     tokenizer = tiny.bert_tokenizer(sorted({part for word in WORDS for part in word.split()}))
     return tiny.saved(model, folder, tokenizer, GroundingDinoImageProcessorPil())

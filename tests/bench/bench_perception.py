@@ -28,9 +28,6 @@ import cv2
 import msgspec
 import numpy as np
 
-from services.fusion.workers import Workers
-from services.perception.config import PerceptionSettings
-from services.perception.service import PerceptionService
 from surveilnav.bus import BusSettings, Node, Refused, Unanswered, clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD
@@ -42,6 +39,9 @@ from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.perception.presets import Networks, onnx_coco
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.services.fusion.workers import Workers
+from surveilnav.services.perception.config import PerceptionSettings
+from surveilnav.services.perception.service import PerceptionService
 
 CAMERA = Pinhole.from_hfov(640, 480, math.radians(79))
 RANGE_M = (0.5, 5.0)
@@ -136,9 +136,16 @@ def pictures(count: int) -> list[tuple[InferRequest, bytes]]:
         rgb = cv2.resize(rng.integers(0, 256, (12, 16, 3), np.uint8), (640, 480), interpolation=cv2.INTER_CUBIC)
         payload, image, depth = encode_rgbd(rgb, np.full((480, 640), 2.0, np.float32), depth_range_m=RANGE_M)
         request = InferRequest(
-            stamp_ns=clock_ns(), source="camera/c", view=0, seq=seq, camera=CAMERA, image=image, depth=depth,
-            depth_range_m=RANGE_M, prompts=["chair"],
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            source="camera/c",
+            view=0,
+            seq=seq,
+            camera=CAMERA,
+            image=image,
+            depth=depth,
+            depth_range_m=RANGE_M,
+            prompts=["chair"],
+        )
         out.append((request, payload))
     return out
 

@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.fusion.core import JointMap
-from services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView, step
-from services.planner.core.motion.terrain import build_terrain, travel_time_m
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
 from surveilnav.perception.embedders.class_space import ClassSpace
+from surveilnav.services.fusion.core import JointMap
+from surveilnav.services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core.motion.terrain import build_terrain, travel_time_m
 
 MODEL = ClassSpace.model
 HOME, SUBSTITUTE, TARGET, STEPS = "4_bedroom", "parametric_house", "tv", 150
@@ -49,10 +49,24 @@ def test_step(benchmark, side_cells, goal):
     if goal == "object":
         at = (side_cells * 0.05 - 3.0, side_cells * 0.05 - 2.0, 0.5)
         record = ObjectRecord(
-            id=1, floor="0", label="bed", status="confirmed", confidence=0.9, confidence_robot=0.0,
-            confidence_surveillance=0.9, label_robot="", label_surveillance="bed", n_detections=4, n_points=400,
-            center_m=at, size_m=(1.4, 2.0, 0.6), first_seen_ns=0, last_seen_ns=0, sources=[], reason="",
-        )  # fmt: skip
+            id=1,
+            floor="0",
+            label="bed",
+            status="confirmed",
+            confidence=0.9,
+            confidence_robot=0.0,
+            confidence_surveillance=0.9,
+            label_robot="",
+            label_surveillance="bed",
+            n_detections=4,
+            n_points=400,
+            center_m=at,
+            size_m=(1.4, 2.0, 0.6),
+            first_seen_ns=0,
+            last_seen_ns=0,
+            sources=[],
+            reason="",
+        )
         maps = replace(maps, objects=[record])
     robot = RobotView(0, 2.0, 2.0, 0.3, 0.0, "0", False, None, 0.0)
     state = MissionState("bed", floor="0", floors={"0": FloorMemory(scan_left=0)})
@@ -73,13 +87,13 @@ def test_field(benchmark, side_cells):
 @pytest.fixture(scope="module")
 def search():
     """One search of a home, looked at from a place where it can be played again: views, what the planner was told."""
-    from benchmark.play.episode import map_view
-    from benchmark.play.sight import Sight
-    from services.robot_node import core as robot
-    from simulator.simulation import SimulatedBuilding, SimulationSettings
-    from simulator.truth.choose import choose_backend
-    from simulator.world.goals import find_goals, sample_start
+    from surveilnav.benchmark.play.episode import map_view
+    from surveilnav.benchmark.play.sight import Sight
     from surveilnav.errors import AssetError
+    from surveilnav.services.robot_node import core as robot
+    from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+    from surveilnav.simulator.truth.choose import choose_backend
+    from surveilnav.simulator.world.goals import find_goals, sample_start
 
     try:
         building = SimulatedBuilding(SimulationSettings(building=HOME))
@@ -112,7 +126,7 @@ def search():
 
 def test_whole_robot_step(benchmark, search):
     """Detector and embeddings left out: they are recorded."""
-    from benchmark.play.episode import map_view
+    from surveilnav.benchmark.play.episode import map_view
 
     cameras, steps, text = search
     cpu_ms, plan_ms = [], []

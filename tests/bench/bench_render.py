@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from simulator.render.depth_noise import DepthNoise
-from simulator.render.renderer import Renderer
-from simulator.sources import EXAMPLE_HOMES, open_building
-from simulator.world.scene import Scene
 from surveilnav.errors import SurveilNavError
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
+from surveilnav.simulator.render.depth_noise import DepthNoise
+from surveilnav.simulator.render.renderer import Renderer
+from surveilnav.simulator.sources import EXAMPLE_HOMES, open_building
+from surveilnav.simulator.world.scene import Scene
 
 ROBOT = Pinhole.from_hfov(640, 480, math.radians(79))
 CAMERA = Pinhole.from_hfov(1280, 1280, math.radians(100))

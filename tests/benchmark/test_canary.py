@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from benchmark import canary
+from surveilnav.benchmark import canary
 from surveilnav.errors import ConfigError
 
 SHORT = next(s for s in canary.read().searches if s.name == "few steps")

@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-from benchmark.canary import play, read
-from services.fusion.core import FusionConfig
-from services.fusion.core.warm_up import warm_up as warm_up_fusion
-from services.planner.core import PlannerConfig
-from services.planner.core.warm_up import warm_up as warm_up_planner
+from surveilnav.benchmark.canary import play, read
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.fusion.core.warm_up import warm_up as warm_up_fusion
+from surveilnav.services.planner.core import PlannerConfig
+from surveilnav.services.planner.core.warm_up import warm_up as warm_up_planner
 
 #: Of the golden run, by the maps' preset.
 _SEARCHES = {"ours": "with cameras", "paper": "by the letter of the paper"}
@@ -25,8 +25,13 @@ _SEARCHES = {"ours": "with cameras", "paper": "by the letter of the paper"}
 @pytest.mark.parametrize("preset", _SEARCHES)
 def test_a_search_after_the_warm_ups_compiles_nothing(preset: str) -> None:
     """In a process of its own: here other tests have compiled whatever they called."""
-    new = subprocess.run([sys.executable, "-m", "tests.benchmark.test_warm_up", preset], capture_output=True, text=True,
-                         timeout=200, env=os.environ | {"PYTHONPATH": os.getcwd()})  # fmt: skip
+    new = subprocess.run(
+        [sys.executable, "-m", "tests.benchmark.test_warm_up", preset],
+        capture_output=True,
+        text=True,
+        timeout=200,
+        env=os.environ | {"PYTHONPATH": os.getcwd()},
+    )
     assert new.returncode == 0, new.stderr
     assert json.loads(new.stdout) == {"compiled before": True, "compiled late": []}
 
@@ -34,10 +39,13 @@ def test_a_search_after_the_warm_ups_compiles_nothing(preset: str) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"map": {"extent_m": 2.0, "max_extent_m": 6.0}}, {"map": {"resolution_m": 0.2}}, {"map": {"voxel_m": 0.2}},
-        {"map": {"carve_views": 0}}, {"objects": {"confirmation": {"rule": "paper"}}},
+        {"map": {"extent_m": 2.0, "max_extent_m": 6.0}},
+        {"map": {"resolution_m": 0.2}},
+        {"map": {"voxel_m": 0.2}},
+        {"map": {"carve_views": 0}},
+        {"objects": {"confirmation": {"rule": "paper"}}},
     ],
-)  # fmt: skip
+)
 def test_fusion_warms_up_whatever_is_set(changes: dict[str, Any]) -> None:
     warm_up_fusion(FusionConfig().changed(changes))
 
@@ -49,7 +57,11 @@ def test_the_planner_warms_up_whatever_is_set(changes: dict[str, Any]) -> None:
 
 def _compiled() -> set[str]:
     """The cores' loops, each with the types that it was compiled for."""
-    modules = [m for name, m in list(sys.modules.items()) if name.startswith(("services.fusion", "services.planner"))]
+    modules = [
+        m
+        for name, m in list(sys.modules.items())
+        if name.startswith(("surveilnav.services.fusion", "surveilnav.services.planner"))
+    ]
     return {f"{loop.__module__}.{loop.__name__}{s}" for loop in _loops(modules) for s in loop.signatures}
 
 

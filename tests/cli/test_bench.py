@@ -12,23 +12,23 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
-from benchmark.dataset.make import make
-from benchmark.dataset.splits import SceneSpec, SplitSpec
-from benchmark.runner.records import read
-from benchmark.tables.make import Made
-from cli.bench import app
-from cli.main import main
+from surveilnav.benchmark.dataset.make import make
+from surveilnav.benchmark.dataset.splits import SceneSpec, SplitSpec
+from surveilnav.benchmark.runner.records import read
+from surveilnav.benchmark.tables.make import Made
+from surveilnav.cli.bench import app
+from surveilnav.cli.main import main
 
 
 def surveilnav(*arguments, timeout_s=240):
-    command = [sys.executable, "-m", "cli.main", *map(str, arguments)]
+    command = [sys.executable, "-m", "surveilnav.cli.main", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s)
 
 
 @pytest.fixture
 def typed(monkeypatch, capsys):
     """``typed(*arguments)``: what the console script ends with and says, in this process; for mistakes, which end it soon."""
-    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+    monkeypatch.setattr("surveilnav.cli.main.signal.signal", lambda *_: None)
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["surveilnav", *map(str, arguments)])
@@ -82,7 +82,9 @@ def test_a_run_that_was_killed_goes_on_and_comes_to_the_same(root, tmp_path):
         return ("bench", "run", "--root", root, "--out", out, "--perception", "oracle", "--workers", 1)
 
     killed, whole = tmp_path / "killed", tmp_path / "whole"
-    process = subprocess.Popen([sys.executable, "-m", "cli.main", *map(str, arguments(killed))], stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "surveilnav.cli.main", *map(str, arguments(killed))], stderr=subprocess.PIPE
+    )
     try:
         until = time.monotonic() + 200.0
         while not kept(killed):
@@ -144,12 +146,19 @@ def test_check_names_faults_and_says_so_by_its_exit(root, tmp_path):
         (["range", "--no-play"], {"range": []}),
         (["range", "density", "--arm", "degrees"], {"range": ["360 degrees", "180 degrees"]}),
         (["delay", "--arm", "0 steps"], {"delay": ["0 steps"]}),
-        (["--arm", "VLFM", "--arm", "SP"], {"main": [
-            "ours, with surveillance, SP", "ours, without surveillance, SP", "VLFM's rule",
-            "VLFM's rule, our verification",
-        ]}),
+        (
+            ["--arm", "VLFM", "--arm", "SP"],
+            {
+                "main": [
+                    "ours, with surveillance, SP",
+                    "ours, without surveillance, SP",
+                    "VLFM's rule",
+                    "VLFM's rule, our verification",
+                ]
+            },
+        ),
     ],
-)  # fmt: skip
+)
 def test_tables_play_the_arms_that_are_asked_for(arguments, asked, monkeypatch, tmp_path):
     made = {}
 
@@ -161,8 +170,8 @@ def test_tables_play_the_arms_that_are_asked_for(arguments, asked, monkeypatch, 
         looked_at.update({t.name: [arm.label for arm in t.arms if wanted(arm)] for t in tables})
 
     looked_at = {}
-    monkeypatch.setattr("benchmark.tables.make.make", make)
-    monkeypatch.setattr("benchmark.tables.make.expect_own_runs", expect_own_runs)
+    monkeypatch.setattr("surveilnav.benchmark.tables.make.make", make)
+    monkeypatch.setattr("surveilnav.benchmark.tables.make.expect_own_runs", expect_own_runs)
     done = CliRunner().invoke(app, ["table", *arguments, "--out", str(tmp_path), "--json"])
     assert done.exit_code == 0
     assert made == looked_at == asked
@@ -183,8 +192,8 @@ def test_what_the_disk_refuses_is_one_line(error, said, monkeypatch, capsys):
     def refuse(**_):
         raise error
 
-    monkeypatch.setattr("cli.main.app", refuse)
-    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+    monkeypatch.setattr("surveilnav.cli.main.app", refuse)
+    monkeypatch.setattr("surveilnav.cli.main.signal.signal", lambda *_: None)
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 1
@@ -195,7 +204,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch):
     def fail(**_):
         raise OSError("bug")
 
-    monkeypatch.setattr("cli.main.app", fail)
-    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+    monkeypatch.setattr("surveilnav.cli.main.app", fail)
+    monkeypatch.setattr("surveilnav.cli.main.signal.signal", lambda *_: None)
     with pytest.raises(OSError, match="bug"):
         main()

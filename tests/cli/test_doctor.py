@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import cli.doctor
-from cli.doctor import examine
-from simulator.world.reach import FloorReach, Reach
+import surveilnav.cli.doctor
+from surveilnav.cli.doctor import examine
+from surveilnav.simulator.world.reach import FloorReach, Reach
 
 
 def finding(name):
@@ -23,6 +23,6 @@ def test_it_says_what_they_cant_reach(monkeypatch):
         def __init__(self, settings, progress):
             self.reach = Reach((FloorReach("0", "", 9.0, 4.0),), ("no stair leads to level 1",))
 
-    monkeypatch.setattr(cli.doctor, "SimulatedBuilding", Building)
+    monkeypatch.setattr(surveilnav.cli.doctor, "SimulatedBuilding", Building)
     found = finding("house.sh3d")
     assert (found.level, found.detail) == ("note", "house.sh3d: robots reach 4 of 9 m²: no stair leads to level 1")

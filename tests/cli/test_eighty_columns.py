@@ -12,14 +12,14 @@ import typer
 from rich.console import Console
 from typer.testing import CliRunner
 
-from cli import status
-from cli.cameras import show_cameras
-from cli.main import app
-from cli.mission_words import show_mission, show_missions, show_plan
-from cli.objects import show_objects
-from cli.survey import show_buildings
-from cli.traffic import show_traffic
-from services.gateway.core.resources import examples
+from surveilnav.cli import status
+from surveilnav.cli.cameras import show_cameras
+from surveilnav.cli.main import app
+from surveilnav.cli.mission_words import show_mission, show_missions, show_plan
+from surveilnav.cli.objects import show_objects
+from surveilnav.cli.survey import show_buildings
+from surveilnav.cli.traffic import show_traffic
+from surveilnav.services.gateway.core.resources import examples
 
 WIDTH = 80
 LONG = "north-wing_" + "0123456789" * 5 + "abc"
@@ -74,9 +74,17 @@ def shown(show: Any, *arguments: Any, **options: Any) -> str:
 
 
 MISSION = {
-    **examples.MISSION, "id": LONG, "robot": "r-" + LONG[:60], "target": "something red to sit on", "message": WORDY,
-    "error": "perception_down", "state": "confirming", "step": 4321, "max_steps": 5000, "path_m": 1234.5,
-}  # fmt: skip
+    **examples.MISSION,
+    "id": LONG,
+    "robot": "r-" + LONG[:60],
+    "target": "something red to sit on",
+    "message": WORDY,
+    "error": "perception_down",
+    "state": "confirming",
+    "step": 4321,
+    "max_steps": 5000,
+    "path_m": 1234.5,
+}
 CAMERA = {
     **examples.CAMERA,
     "id": LONG,
@@ -85,17 +93,34 @@ CAMERA = {
 }
 ROBOT = {**examples.ROBOT, "id": LONG, "mission": LONG, "message": WORDY, "notes": [WORDY], "state": "recovering"}
 OBJECT = {
-    **examples.OBJECT, "label": "fire extinguisher", "floor": "basement-2", "center_m": [-112.5, 1234.5, -10.0],
-    "relevance": 0.61, "sources": [f"camera/{LONG}", "robot/r1"],
-}  # fmt: skip
+    **examples.OBJECT,
+    "label": "fire extinguisher",
+    "floor": "basement-2",
+    "center_m": [-112.5, 1234.5, -10.0],
+    "relevance": 0.61,
+    "sources": [f"camera/{LONG}", "robot/r1"],
+}
 _SOURCE = {
-    "id": LONG, "node": f"camera/{LONG}", "stale": False, "last_seen": None, "offered_bytes": 812_345_678_901, "frames": 3,
-    "delivered_bytes": 812_345_678_901, "wire_sent_bytes": None, "frame_bytes": 812_345_678_901, "viewer_bytes": 1,
-}  # fmt: skip
+    "id": LONG,
+    "node": f"camera/{LONG}",
+    "stale": False,
+    "last_seen": None,
+    "offered_bytes": 812_345_678_901,
+    "frames": 3,
+    "delivered_bytes": 812_345_678_901,
+    "wire_sent_bytes": None,
+    "frame_bytes": 812_345_678_901,
+    "viewer_bytes": 1,
+}
 _NODE = {
-    "id": LONG, "kind": "perception", "offered_bytes": 1, "delivered_bytes": 812_345_678_901, "wire_sent_bytes": 1,
-    "wire_received_bytes": None, "rejected": {"bad": 3},
-}  # fmt: skip
+    "id": LONG,
+    "kind": "perception",
+    "offered_bytes": 1,
+    "delivered_bytes": 812_345_678_901,
+    "wire_sent_bytes": 1,
+    "wire_received_bytes": None,
+    "rejected": {"bad": 3},
+}
 TRAFFIC = {
     "offered_bytes": 1,
     "delivered_bytes": 2,
@@ -152,7 +177,7 @@ PLAN = {**examples.PLAN, "why": WORDY, "candidates": [{**c, "note": WORDY} for c
         (show_buildings, ([BUILDING],), ["2_bedroom_bow_window", "12346"]),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
-)  # fmt: skip
+)
 def test_tables_fit(show, arguments, whole):
     text = shown(show, *arguments)
     assert_fits(text)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import structlog
 
-from cli.evidence import layers, objects
 from surveilnav.bus import Unanswered
+from surveilnav.cli.evidence import layers, objects
 from surveilnav.geometry import Grid
 from surveilnav.messages import LayerHeader
 from surveilnav.sensing.packing import pack_array

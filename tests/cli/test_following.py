@@ -8,18 +8,21 @@ from typing import Any, cast
 import pytest
 from rich.console import Console
 
-from cli import following
-from services.gateway.core.resources import examples
+from surveilnav.cli import following
 from surveilnav.client import Client
 from surveilnav.errors import GatewayError
+from surveilnav.services.gateway.core.resources import examples
 
 
 @pytest.mark.parametrize(
     ("typed", "target", "said"),
     [
-        ("Fernseher", "tv", "Fernseher: perception calls it tv"), ("TV", "tv", ""), ("Sofa", "couch", ""), ("bed", "bed", ""),
+        ("Fernseher", "tv", "Fernseher: perception calls it tv"),
+        ("TV", "tv", ""),
+        ("Sofa", "couch", ""),
+        ("bed", "bed", ""),
     ],
-)  # fmt: skip
+)
 def test_it_says_what_perception_calls_a_target(typed: str, target: str, said: str) -> None:
     class Gateway:
         def submit(self, *asked: Any, queue: bool) -> dict[str, Any]:

@@ -10,10 +10,10 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-import cli.homes
-import simulator.sources
-from cli.homes import as_dict, homes_in, look_at, show
-from cli.main import app
+import surveilnav.cli.homes
+import surveilnav.simulator.sources
+from surveilnav.cli.homes import as_dict, homes_in, look_at, show
+from surveilnav.cli.main import app
 from surveilnav.errors import AssetError, ConfigError
 
 PLAN = """<?xml version='1.0'?>
@@ -35,7 +35,7 @@ def folder(tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise AssetError("none here")
 
-    monkeypatch.setattr(simulator.sources, "ensure_assets", refuse)  # walls need no furniture
+    monkeypatch.setattr(surveilnav.simulator.sources, "ensure_assets", refuse)  # walls need no furniture
     homes = tmp_path / "homes"
     (homes / "deep" / "deeper").mkdir(parents=True)
     (homes / "deep" / "deeper" / "Home.xml").write_text(PLAN.format(more=""))
@@ -74,7 +74,7 @@ def test_a_bug_of_ours_is_a_line_too(folder, monkeypatch):
     def fail(*_, **__):
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setattr(cli.homes, "survey", fail)
+    monkeypatch.setattr(surveilnav.cli.homes, "survey", fail)
     errors = {line.file: line.error for line in look_at(folder)}
     assert errors["shut.sh3d"] == "can't be opened by a mistake of this program: ZeroDivisionError: by nothing"
     assert "mistake of this program" not in errors["old.sh3d"]

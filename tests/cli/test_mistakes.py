@@ -9,14 +9,14 @@ import sys
 
 import pytest
 
-from cli.main import main
 from surveilnav.bus.router import free_port
+from surveilnav.cli.main import main
 
 
 @pytest.fixture
 def typed(monkeypatch, capsys, tmp_path):
     """``typed(*arguments)``: exit status, stdout, stderr of `surveilnav ...`."""
-    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+    monkeypatch.setattr("surveilnav.cli.main.signal.signal", lambda *_: None)
     monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
 
@@ -43,9 +43,14 @@ NOWHERE = f"http://127.0.0.1:{free_port()}"
         (("bench", "run", "--root", "nowhere"), "ConfigError", None, "nowhere"),
         (("bench", "table", "nowhere"), "ConfigError", None, "nowhere"),
         (("dataset", "check", "--root", "nowhere"), "ConfigError", None, "nowhere"),
-        (("dataset", "build", "--split", "a", "--split", "b", "--building", "studio"), "ConfigError", None, "one split"),
+        (
+            ("dataset", "build", "--split", "a", "--split", "b", "--building", "studio"),
+            "ConfigError",
+            None,
+            "one split",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_mistake_is_an_object(typed, arguments, type_, name, says):
     code, out, err = typed(*arguments, "--json")
     assert code == 1
@@ -114,7 +119,11 @@ def test_whoever_reads_may_go_away(arguments):
     read, write = os.pipe()
     os.close(read)
     run = subprocess.run(
-        [sys.executable, "-m", "cli.main", *arguments], stdout=write, stderr=subprocess.PIPE, text=True, check=False
+        [sys.executable, "-m", "surveilnav.cli.main", *arguments],
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
     )
     os.close(write)
     assert (run.returncode, run.stderr) == (1, "")

@@ -8,8 +8,8 @@ import json
 import msgspec
 import pytest
 
-from cli.doctor import examine
-from cli.main import main
+from surveilnav.cli.doctor import examine
+from surveilnav.cli.main import main
 from surveilnav.perception import models
 from tests.compact_file import write
 
@@ -37,7 +37,7 @@ def built_in(folder, monkeypatch, tmp_path):
 @pytest.fixture
 def typed(folder, monkeypatch, capsys):
     """``typed(*arguments)``: exit status, stdout, stderr of `surveilnav models ...`."""
-    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+    monkeypatch.setattr("surveilnav.cli.main.signal.signal", lambda *_: None)
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["surveilnav", "models", *map(str, arguments)])
@@ -57,8 +57,10 @@ def test_list_says_what_there_is_and_what_is_here(typed, folder):
     assert status == 0
     assert rows["clip-vit-b32"]["licence"].startswith("MIT")
     assert (rows["owlv2-base"]["hash"], rows["clip-vit-h14"]["hash"], rows["yolo-world"]["hash"]) == (
-        "known", "first pull", "none",
-    )  # fmt: skip
+        "known",
+        "first pull",
+        "none",
+    )
     assert "isn't what yolox-nano should be" in rows["yolox-nano"]["fault"]
     assert rows["picodet-s"]["path"] == ""
     status, out, err = typed("list")

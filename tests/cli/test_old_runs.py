@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from cli.old_runs import drop_old_runs
+from surveilnav.cli.old_runs import drop_old_runs
 
 NOW = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
 

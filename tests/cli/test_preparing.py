@@ -8,11 +8,11 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from cli import preparing
-from cli.main import app
-from simulator.simulation import SimulationSettings
+from surveilnav.cli import preparing
+from surveilnav.cli.main import app
 from surveilnav.errors import AssetError, PerceptionError
 from surveilnav.perception.names import BackendName
+from surveilnav.simulator.simulation import SimulationSettings
 
 SMALL = SimulationSettings(building="parametric_flat", cameras=1, lighting="flat")
 CONSOLE = Console(stderr=True)
@@ -93,10 +93,10 @@ def test_without_furniture_only_an_example_home_is_a_mistake(monkeypatch):
 
 
 def test_loops_are_found_and_their_number_is_told(monkeypatch):
-    import benchmark.canary
-    from services.planner.core.motion import marching
+    import surveilnav.benchmark.canary
+    from surveilnav.services.planner.core.motion import marching
 
-    monkeypatch.setattr(benchmark.canary, "play", lambda search: None)
+    monkeypatch.setattr(surveilnav.benchmark.canary, "play", lambda search: None)
     told = []
     preparing.compile_loops(lambda done, of, which: told.append((done, of)))
     assert any(value in preparing._loops() for value in vars(marching).values())
@@ -104,6 +104,6 @@ def test_loops_are_found_and_their_number_is_told(monkeypatch):
 
 
 def test_the_search_that_is_played_exists():
-    from benchmark.canary import read
+    from surveilnav.benchmark.canary import read
 
     assert preparing._SEARCH in [search.name for search in read().searches]

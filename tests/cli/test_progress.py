@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from cli import progress
+from surveilnav.cli import progress
 
 
 @pytest.fixture
@@ -33,9 +33,11 @@ def test_each_kind_of_work_has_a_line_and_a_time_of_its_own(clock, console):
         clock[0] += 15
         moved(0.25, "rendering camera views (c0-2)")
     assert console.file.getvalue().splitlines() == [
-        "  baking light ...", "  baking light: 50 %, 20 s left", "  rendering camera views ...",
+        "  baking light ...",
+        "  baking light: 50 %, 20 s left",
+        "  rendering camera views ...",
         "  rendering camera views (c0-2): 25 %, 45 s left",
-    ]  # fmt: skip
+    ]
 
 
 def test_counted_work_says_how_many_are_left(clock, console):

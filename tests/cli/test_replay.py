@@ -9,15 +9,15 @@ import pytest
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
-from cli.main import app
-from cli.replay.check import check, config_of
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.core.snapshot import digest, freeze, pack
-from services.recorder.core.line import bus_line
-from services.recorder.reading import RecordingError
-from services.recorder.recorded import Begin, Heard, Maps, told
 from surveilnav import messages as m
+from surveilnav.cli.main import app
+from surveilnav.cli.replay.check import check, config_of
 from surveilnav.contract import ROBOT_HALT, VIEW_LOG
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.snapshot import digest, freeze, pack
+from surveilnav.services.recorder.core.line import bus_line
+from surveilnav.services.recorder.reading import RecordingError
+from surveilnav.services.recorder.recorded import Begin, Heard, Maps, told
 
 SNAPSHOT = pack({"maps": freeze(JointMap(FusionConfig())), "held": {}})
 #: A frame of zstd that says it holds 3 GB.
@@ -95,7 +95,7 @@ def test_maps_that_aren_t_what_was_recorded_are_told_apart(tmp_path, claimed, sa
         ([*MAPS, (KEY, "msgpack", "surveilnav.LoggedView/1.0", b"\xc1")], "can't be read"),
         ([*MAPS, (KEY, "msgpack", "surveilnav.LoggedView/1.0", msgspec.msgpack.encode([1, 2]))], "can't be read"),
     ],
-)  # fmt: skip
+)
 def test_what_can_t_be_replayed_is_said(tmp_path, parts, why):
     path = file_of(tmp_path / "a.mcap", *parts)
     with pytest.raises(RecordingError, match=why):
@@ -109,8 +109,13 @@ def test_topics_of_others_are_passed_over(tmp_path):
         ("surveilnav/1/../../x", "msgpack", "surveilnav.RobotStatus/1.0", b"\xc1"),
         (KEY, "msgpack", "surveilnav.RobotStatus/1.0", b"\xc1"),
         (KEY, "protobuf", "surveilnav.LoggedView/1.0", b"\xc1"),
-        (halt, "msgpack", "surveilnav.HaltReply/1.0", msgspec.msgpack.encode(m.HaltReply(stamp_ns=1, robot="r1", halted=True))),
-    ]  # fmt: skip
+        (
+            halt,
+            "msgpack",
+            "surveilnav.HaltReply/1.0",
+            msgspec.msgpack.encode(m.HaltReply(stamp_ns=1, robot="r1", halted=True)),
+        ),
+    ]
     path = file_of(tmp_path / "a.mcap", *MAPS, *parts)
     assert [t.stream.name for t in told(path) if isinstance(t, Heard)] == ["robot_halt"]
     assert check(path).views == 0

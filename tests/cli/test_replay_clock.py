@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.replay.clock import ReplayClock
+from surveilnav.cli.replay.clock import ReplayClock
 
 
 def begun(duration_s: float = 100.0, speed: float = 1.0) -> ReplayClock:

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from cli.replay.clock import ReplayClock
-from cli.replay.control import ReplayControls
-from cli.replay.play import _Playing
 from surveilnav import contract
 from surveilnav.bus import Refused, Request
+from surveilnav.cli.replay.clock import ReplayClock
+from surveilnav.cli.replay.control import ReplayControls
+from surveilnav.cli.replay.play import _Playing
 from surveilnav.messages import ReplayControl, ReplayStatus
 
 
@@ -72,7 +72,7 @@ class Recorder:
 
 @pytest.mark.parametrize("back", [True, False])
 def test_who_is_taken_elsewhere_forgets_before_it_says_so(monkeypatch: pytest.MonkeyPatch, back: bool) -> None:
-    monkeypatch.setattr("cli.replay.play.told", lambda path: iter(()))
+    monkeypatch.setattr("surveilnav.cli.replay.play.told", lambda path: iter(()))
     log: Any = Recorder()
     playing = _Playing(log, log, Path("x"), 0)
     playing._told_s = 50.0

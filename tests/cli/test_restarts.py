@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from cli import supervisor as module
-from cli.restarts import RestartPolicy
-from cli.stack import Stack
-from cli.supervisor import Supervisor, how_it_ended
+from surveilnav.cli import supervisor as module
+from surveilnav.cli.restarts import RestartPolicy
+from surveilnav.cli.stack import Stack
+from surveilnav.cli.supervisor import Supervisor, how_it_ended
 from surveilnav.contract import SERVICES
 from surveilnav.errors import SurveilNavError
 from tests.waiting import until
@@ -77,9 +77,11 @@ def test_what_ends_is_started_again_after_a_wait_and_both_are_said(supervised):
         supervisor.tend()
         assert stack.started == started
     assert [line.partition(";")[0] for line in said] == [
-        "fusion ended (SIGKILL): it starts again in 0.5 s", "fusion started again (restart 1)",
-        "fusion ended (exit code 1): it starts again in 1 s", "fusion started again (restart 2)",
-    ]  # fmt: skip
+        "fusion ended (SIGKILL): it starts again in 0.5 s",
+        "fusion started again (restart 1)",
+        "fusion ended (exit code 1): it starts again in 1 s",
+        "fusion started again (restart 2)",
+    ]
     assert str(stack.log_of("fusion")) in said[0]
 
 

@@ -58,17 +58,24 @@ class Stack:
             port = server.getsockname()[1]
         self._project = f"surveilnav-test-{uuid.uuid4().hex[:8]}"
         self._environment = os.environ | {
-            "SURVEILNAV_PORT": str(port), "SURVEILNAV_SIM__BUILDING": "parametric_flat", "SURVEILNAV_SIM__SEED": "0",
-            "SURVEILNAV_SIM__CAMERAS": str(_CAMERAS), "SURVEILNAV_PERCEPTION__BACKEND": "oracle",
+            "SURVEILNAV_PORT": str(port),
+            "SURVEILNAV_SIM__BUILDING": "parametric_flat",
+            "SURVEILNAV_SIM__SEED": "0",
+            "SURVEILNAV_SIM__CAMERAS": str(_CAMERAS),
+            "SURVEILNAV_PERCEPTION__BACKEND": "oracle",
             "SURVEILNAV_MODELS_DIR": str(models),
-        }  # fmt: skip
+        }
         self.gateway = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0)
 
     def compose(self, *arguments: str, timeout_s: float = 60.0) -> str:
         done = subprocess.run(
             ["docker", "compose", "--project-name", self._project, "--progress", "quiet", *arguments],
-            cwd=_ROOT, env=self._environment, capture_output=True, text=True, timeout=timeout_s,
-        )  # fmt: skip
+            cwd=_ROOT,
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+        )
         assert done.returncode == 0, (
             f"docker compose {' '.join(arguments)} failed:\n{(done.stdout + done.stderr)[-4000:]}"
         )
@@ -104,8 +111,15 @@ def test_every_container_is_healthy(stack: Stack) -> None:
         by_service.setdefault(container["Service"], []).append(container)
     assert [c["ExitCode"] for c in by_service.pop("prepare")] == [0]
     assert {name: len(containers) for name, containers in by_service.items()} == {
-        "router": 1, "camera": _CAMERAS, "robot": 1, "perception": 1, "fusion": 1, "planner": 1, "gateway": 1, "recorder": 1,
-    }  # fmt: skip
+        "router": 1,
+        "camera": _CAMERAS,
+        "robot": 1,
+        "perception": 1,
+        "fusion": 1,
+        "planner": 1,
+        "gateway": 1,
+        "recorder": 1,
+    }
     unhealthy = [c["Name"] for containers in by_service.values() for c in containers if c["Health"] != "healthy"]
     assert not unhealthy, stack.state()
 

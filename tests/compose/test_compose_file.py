@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from services.perception.config import PerceptionSettings
 from surveilnav.pictures import PictureSettings
+from surveilnav.services.perception.config import PerceptionSettings
 
 _ROOT = Path(__file__).parents[2]
 _COMPOSE = yaml.safe_load((_ROOT / "compose.yaml").read_text(encoding="utf-8"))

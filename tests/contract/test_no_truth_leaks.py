@@ -16,9 +16,18 @@ ROOT = Path(__file__).parents[2]
 
 #: What a view may say of itself. A new field has to be justified here.
 FRAME_FIELDS = {
-    "stamp_ns", "source", "view", "seq", "floor", "T_world_camera", "camera", "mounting_offset_m", "depth_range_m",
-    "image", "depth",
-}  # fmt: skip
+    "stamp_ns",
+    "source",
+    "view",
+    "seq",
+    "floor",
+    "T_world_camera",
+    "camera",
+    "mounting_offset_m",
+    "depth_range_m",
+    "image",
+    "depth",
+}
 ODOMETRY_FIELDS = {"T_world_base", "last_action", "collided", "path_m"}
 
 
@@ -35,22 +44,49 @@ def test_frames_carry_pixels_depth_and_poses_only():
 
 def test_a_request_to_perception_carries_no_truth():
     assert fields(InferRequest) == {
-        "stamp_ns", "source", "view", "seq", "camera", "image", "depth", "depth_range_m", "prompts", "texts", "deadline_ms",
-        "detects", "asker", "cancel",
-    }  # fmt: skip
+        "stamp_ns",
+        "source",
+        "view",
+        "seq",
+        "camera",
+        "image",
+        "depth",
+        "depth_range_m",
+        "prompts",
+        "texts",
+        "deadline_ms",
+        "detects",
+        "asker",
+        "cancel",
+    }
     assert fields(InferReply) == {
-        "stamp_ns", "worker", "backend", "source", "view", "seq", "detections", "image_embedding", "latency_ms",
-        "relevance", "models", "words",
-    }  # fmt: skip
+        "stamp_ns",
+        "worker",
+        "backend",
+        "source",
+        "view",
+        "seq",
+        "detections",
+        "image_embedding",
+        "latency_ms",
+        "relevance",
+        "models",
+        "words",
+    }
 
 
 #: Where instance ids pass: from a simulated source or body over the key to the backends that need them.
 TRUTH_USERS = {
-    "camera_node/service.py", "camera_node/sources/simulated.py", "camera_node/sources/source.py",
+    "camera_node/service.py",
+    "camera_node/sources/simulated.py",
+    "camera_node/sources/source.py",
     "perception/truth_channel.py",
     "perception/core/probe.py",  # a backend that is told the truth is told that the probe shows nothing
-    "robot_node/bodies/body.py", "robot_node/bodies/simulated.py", "robot_node/observation.py", "robot_node/service.py",
-}  # fmt: skip
+    "robot_node/bodies/body.py",
+    "robot_node/bodies/simulated.py",
+    "robot_node/observation.py",
+    "robot_node/service.py",
+}
 #: The gateway alone hears the simulator's verdict of a stop; its sums of traffic leave all of that out.
 JUDGED_USERS = {"robot_node/verdicts.py", "gateway/state.py", "gateway/submissions.py"}
 SIMULATION_USERS = {"gateway/core/traffic.py"}
@@ -122,7 +158,8 @@ def test_a_planted_leak_of_the_truth_is_seen(tmp_path, file, text):
 
 
 @pytest.mark.parametrize(
-    "text", ["from simulator.world.scene import Scene", "import simulator", "import simulator.world"]
+    "text",
+    ["from surveilnav.simulator.world.scene import Scene", "import simulator", "import surveilnav.simulator.world"],
 )
 def test_a_planted_import_of_the_building_is_seen(tmp_path, text):
     (tmp_path / "fusion/core").mkdir(parents=True)

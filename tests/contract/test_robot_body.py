@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView
-from services.planner.core.motion.drive import FmmPlanner
-from services.planner.core.motion.terrain import build_terrain
-from services.robot_node import core
-from simulator.world.free_ground import FloorNavigation, components_of
-from simulator.world.navigation import NavigationMap
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import RADIUS_M, clearance_m, fits
+from surveilnav.services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView
+from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.services.planner.core.motion.terrain import build_terrain
+from surveilnav.services.robot_node import core
+from surveilnav.simulator.world.free_ground import FloorNavigation, components_of
+from surveilnav.simulator.world.navigation import NavigationMap
 
 CONFIG = PlannerConfig()
 R = 0.05

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from cli.stack import Stack, environment
-from simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.bus import Node, clock_ns
 from surveilnav.bus.router import free_port
+from surveilnav.cli.stack import Stack, environment
 from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_STATUS, TRAFFIC
 from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionStatus, TrafficReport
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from tests.waiting import patient, until
 
 
@@ -114,16 +114,28 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
         environ.setenv("SURVEILNAV_CACHE_DIR", str(cache))
 
         def start(
-            building: str = "parametric_flat", cameras: int = 2, perception: str = "oracle", surveillance: bool = True,
-            robot_start: str = "", gateway_port: int = 0, recorder: bool = False,
-        ) -> System:  # fmt: skip
+            building: str = "parametric_flat",
+            cameras: int = 2,
+            perception: str = "oracle",
+            surveillance: bool = True,
+            robot_start: str = "",
+            gateway_port: int = 0,
+            recorder: bool = False,
+        ) -> System:
             home = SimulatedBuilding(SimulationSettings(building=building, cameras=cameras))
             home.prepare()
             variables = environment(
-                router=f"tcp/127.0.0.1:{free_port()}", building=building, seed=0, cameras=cameras, area_per_camera_m2=100,
-                perception=perception, surveillance=surveillance, robot_start=robot_start, state=folder / "state",
+                router=f"tcp/127.0.0.1:{free_port()}",
+                building=building,
+                seed=0,
+                cameras=cameras,
+                area_per_camera_m2=100,
+                perception=perception,
+                surveillance=surveillance,
+                robot_start=robot_start,
+                state=folder / "state",
                 recordings=folder / "recordings",
-            )  # fmt: skip
+            )
             names = [c.name for c in home.plan.cameras]
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
             stack = exits.enter_context(

@@ -22,13 +22,13 @@ from tests.waiting import until
 #: Every kind of service of `up`, and how its process is known: a module it runs, a word of its environment.
 SERVICES = {
     "router": ("surveilnav.bus.router", ""),
-    "perception": ("services.perception", ""),
-    "fusion": ("services.fusion", ""),
-    "planner": ("services.planner", ""),
-    "robot": ("services.robot_node", ""),
-    "camera-c0-1": ("services.camera_node", "SURVEILNAV_CAMERA__ID=c0-1"),
-    "gateway": ("services.gateway", ""),
-    "recorder": ("services.recorder", ""),
+    "perception": ("surveilnav.services.perception", ""),
+    "fusion": ("surveilnav.services.fusion", ""),
+    "planner": ("surveilnav.services.planner", ""),
+    "robot": ("surveilnav.services.robot_node", ""),
+    "camera-c0-1": ("surveilnav.services.camera_node", "SURVEILNAV_CAMERA__ID=c0-1"),
+    "gateway": ("surveilnav.services.gateway", ""),
+    "recorder": ("surveilnav.services.recorder", ""),
 }
 #: The services that /readyz asks for.
 _NEEDED = ("router", "perception", "fusion", "planner", "robot")
@@ -158,9 +158,23 @@ def up(folder: Path, building: str = "parametric_flat", perception: str = "oracl
     folder.mkdir(parents=True, exist_ok=True)
     port, console = free_port(), folder / "console.txt"
     command = [
-        sys.executable, "-m", "cli.main", "up", "--building", building, "--perception", perception, "--cameras", str(cameras),
-        "--port", str(port), "--router", f"tcp/127.0.0.1:{free_port()}", "--logs", str(folder / "logs"),
-    ]  # fmt: skip
+        sys.executable,
+        "-m",
+        "surveilnav.cli.main",
+        "up",
+        "--building",
+        building,
+        "--perception",
+        perception,
+        "--cameras",
+        str(cameras),
+        "--port",
+        str(port),
+        "--router",
+        f"tcp/127.0.0.1:{free_port()}",
+        "--logs",
+        str(folder / "logs"),
+    ]
     environment = os.environ | {"SURVEILNAV_SIM__LIGHTING": "flat", "COLUMNS": "200"}
     with console.open("wb") as out:
         process = subprocess.Popen(command, stdout=out, stderr=out, stdin=subprocess.DEVNULL, env=environment)

@@ -10,12 +10,12 @@ from typing import Any
 import httpx
 import pytest
 
-from simulator.meshes.export import export_glb
-from simulator.sources import open_building
-from simulator.world.goals import find_goals
 from surveilnav.bus.router import free_port
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.messages import FINISHED_STATES
+from surveilnav.simulator.meshes.export import export_glb
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.goals import find_goals
 from tests.waiting import until
 
 

@@ -20,17 +20,33 @@ ROOT = Path(__file__).parents[2]
 def surveilnav(*arguments: str, cache: Path, timeout_s: float = 200, **env: str) -> subprocess.CompletedProcess[str]:
     variables = {**os.environ, "SURVEILNAV_SIM__LIGHTING": "flat", "SURVEILNAV_CACHE_DIR": str(cache), **env}
     return subprocess.run(
-        [sys.executable, "-m", "cli.main", *arguments], cwd=ROOT, env=variables, capture_output=True, text=True,
-        timeout=timeout_s, check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", "surveilnav.cli.main", *arguments],
+        cwd=ROOT,
+        env=variables,
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+    )
 
 
 @pytest.mark.slow
 def test_demo_finds_its_target_and_says_so_as_json(tmp_path, home_cache):
     run = surveilnav(
-        "demo", "--building", "parametric_flat", "--target", "tv", "--perception", "oracle", "--cameras", "2", "--json",
-        "--runs", str(tmp_path / "runs"), cache=home_cache,
-    )  # fmt: skip
+        "demo",
+        "--building",
+        "parametric_flat",
+        "--target",
+        "tv",
+        "--perception",
+        "oracle",
+        "--cameras",
+        "2",
+        "--json",
+        "--runs",
+        str(tmp_path / "runs"),
+        cache=home_cache,
+    )
     assert run.returncode == 0, run.stderr
     outcome = json.loads(run.stdout)
     assert outcome["found"] is True
@@ -52,9 +68,22 @@ def test_demo_finds_its_target_and_says_so_as_json(tmp_path, home_cache):
 @pytest.mark.slow
 def test_demo_without_surveillance_uses_no_camera(tmp_path, home_cache):
     run = surveilnav(
-        "demo", "--building", "parametric_flat", "--target", "bed", "--perception", "oracle", "--surveillance", "off",
-        "--max-steps", "20", "--json", "--runs", str(tmp_path / "runs"), cache=home_cache,
-    )  # fmt: skip
+        "demo",
+        "--building",
+        "parametric_flat",
+        "--target",
+        "bed",
+        "--perception",
+        "oracle",
+        "--surveillance",
+        "off",
+        "--max-steps",
+        "20",
+        "--json",
+        "--runs",
+        str(tmp_path / "runs"),
+        cache=home_cache,
+    )
     outcome = json.loads(run.stdout)
     assert outcome["cameras"] == 0
     assert outcome["invoked_cameras"] == []
@@ -107,9 +136,17 @@ def test_a_taken_port_is_named(tmp_path):
     port = free_port()
     with open_router(f"tcp/127.0.0.1:{port}"):
         run = surveilnav(
-            "up", "--building", "parametric_flat", "--cameras", "0", "--router", f"tcp/127.0.0.1:{port}",
-            "--logs", str(tmp_path / "logs"), cache=tmp_path / "cache",
-        )  # fmt: skip
+            "up",
+            "--building",
+            "parametric_flat",
+            "--cameras",
+            "0",
+            "--router",
+            f"tcp/127.0.0.1:{port}",
+            "--logs",
+            str(tmp_path / "logs"),
+            cache=tmp_path / "cache",
+        )
     assert run.returncode == 1
     assert "Traceback" not in run.stderr
     assert re.search(rf"port {port} .*taken", " ".join(run.stderr.split())), run.stderr

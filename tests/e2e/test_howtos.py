@@ -32,7 +32,7 @@ def place(tmp_path, home_cache, flat, monkeypatch):
     """A folder to work in, with `surveilnav` and `python` on the path, and the running system as the gateway."""
     bin = tmp_path / "bin"
     bin.mkdir()
-    for name, arguments in (("surveilnav", "-m cli.main"), ("python", "")):
+    for name, arguments in (("surveilnav", "-m surveilnav.cli.main"), ("python", "")):
         (bin / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {arguments} "$@"\n')
         (bin / name).chmod(0o755)
     monkeypatch.setenv("PATH", f"{bin}{os.pathsep}{os.environ['PATH']}")

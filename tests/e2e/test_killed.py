@@ -9,7 +9,7 @@ from itertools import cycle
 import pytest
 from rich.console import Console
 
-from cli.status import everything, show_status
+from surveilnav.cli.status import everything, show_status
 from surveilnav.client import Client
 from tests.e2e.kills import SERVICES, Up, up
 from tests.waiting import until

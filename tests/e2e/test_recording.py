@@ -14,11 +14,11 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from cli.replay.check import check
-from services.recorder.recorded import Heard, told
 from surveilnav.bus.router import free_port
+from surveilnav.cli.replay.check import check
 from surveilnav.contract import RECORDINGS, VIEW_LOG
 from surveilnav.messages import FINISHED_STATES
+from surveilnav.services.recorder.recorded import Heard, told
 from tests.e2e.conftest import System, frame_bytes, starting
 from tests.waiting import until
 
@@ -70,15 +70,33 @@ def test_a_reader_of_mcap_has_all_channels(searched):
     assert all(counts.values())
     assert decoded == set(drawn)
     assert {
-        "/tf", "/robot/r1/picture", "/robot/r1/calibration", "/robot/r1/pose", "/camera/c0-1/view_0/picture", "/cameras",
-        "/objects/0", "/plan", "/decisions", "/map/0/occupancy", "/map/0/explored", "/map/0/frontier", "/map/0/value",
+        "/tf",
+        "/robot/r1/picture",
+        "/robot/r1/calibration",
+        "/robot/r1/pose",
+        "/camera/c0-1/view_0/picture",
+        "/cameras",
+        "/objects/0",
+        "/plan",
+        "/decisions",
+        "/map/0/occupancy",
+        "/map/0/explored",
+        "/map/0/frontier",
+        "/map/0/value",
         "/map/0/cloud",
-    } <= set(drawn)  # fmt: skip
+    } <= set(drawn)
     ours = {t.removeprefix("surveilnav/1/parametric_flat/") for t in counts if not t.startswith("/")}
     assert {
-        "view_log", "map_revision/0", "0/camera/c0-1/info", "robot/r1/status", "mission/whole/status", "mission/whole/plan",
-        "perception/perception-1/load", "perception/perception-1/text", "traffic/fusion-fusion",
-    } <= ours  # fmt: skip
+        "view_log",
+        "map_revision/0",
+        "0/camera/c0-1/info",
+        "robot/r1/status",
+        "mission/whole/status",
+        "mission/whole/plan",
+        "perception/perception-1/load",
+        "perception/perception-1/text",
+        "traffic/fusion-fusion",
+    } <= ours
 
 
 def test_its_maps_come_out_again_bit_for_bit(searched):
@@ -133,7 +151,17 @@ def _goes_back_and_forth(port: int, end: dict[str, bytes]) -> None:
 def test_it_is_shown_again_by_the_gateway_with_the_same_maps(recorded, searched):
     before = layers_of(recorded.gateway_port)
     port = free_port()
-    command = [sys.executable, "-m", "cli.main", "replay", str(searched), "--speed", "20", "--port", str(port)]
+    command = [
+        sys.executable,
+        "-m",
+        "surveilnav.cli.main",
+        "replay",
+        str(searched),
+        "--speed",
+        "20",
+        "--port",
+        str(port),
+    ]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": os.getcwd()})
     try:
         url = f"http://127.0.0.1:{port}/api/v1"

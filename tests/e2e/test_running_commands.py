@@ -31,9 +31,14 @@ class Screen:
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
         variables = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES", "NO_COLOR")}
         self.process = subprocess.Popen(
-            command, stdin=slave, stdout=slave, stderr=slave, cwd=ROOT, env=variables | {"TERM": "xterm-256color"},
+            command,
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            cwd=ROOT,
+            env=variables | {"TERM": "xterm-256color"},
             start_new_session=True,
-        )  # fmt: skip
+        )
         os.close(slave)
         self.written = b""
         self._reading = threading.Thread(target=self._read, daemon=True)
@@ -69,7 +74,7 @@ class Screen:
 @pytest.mark.slow
 def test_the_screen_outlives_the_gateway_and_ends_by_ctrl_c(flat):
     url = f"http://127.0.0.1:{flat.gateway_port}"
-    screen = Screen([sys.executable, "-m", "cli.main", "watch", "--url", url], rows=24, columns=80)
+    screen = Screen([sys.executable, "-m", "surveilnav.cli.main", "watch", "--url", url], rows=24, columns=80)
     try:
         until(lambda: screen.shows("c0-1"), screen.lines, 60.0)
         assert [line for line in screen.lines() if len(line) > 80] == []
@@ -88,7 +93,15 @@ def test_the_screen_outlives_the_gateway_and_ends_by_ctrl_c(flat):
 
 @pytest.mark.slow
 def test_in_a_pipe_it_is_a_line_an_event(running):
-    command = [sys.executable, "-m", "cli.main", "watch", "--url", f"http://127.0.0.1:{running.gateway_port}", "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "surveilnav.cli.main",
+        "watch",
+        "--url",
+        f"http://127.0.0.1:{running.gateway_port}",
+        "--json",
+    ]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:
         assert watching.stdout is not None
         assert watching.stderr is not None
@@ -105,7 +118,7 @@ def test_what_cant_be_is_refused_with_what_to_do(running):
         command = [
             sys.executable,
             "-m",
-            "cli.main",
+            "surveilnav.cli.main",
             *arguments,
             "--json",
             "--url",

@@ -46,10 +46,22 @@ def test_a_mission_survives_the_death_of_perception(system):
 def test_garbage_on_every_key_stops_nothing(running):
     s, mission = running, "garbage"
     ids = {
-        "building": s.node.building, "floor": "0", "camera": s.building.plan.cameras[0].name, "robot": "r1", "view": "0",
-        "worker": "perception-1", "mission": mission, "layer": "value", "node": "robot-r1", "slot": "0", "source": "robot-r1",
-        "supervisor": "up", "recorder": "recorder", "keeper": "fusion", "player": "replay",
-    }  # fmt: skip
+        "building": s.node.building,
+        "floor": "0",
+        "camera": s.building.plan.cameras[0].name,
+        "robot": "r1",
+        "view": "0",
+        "worker": "perception-1",
+        "mission": mission,
+        "layer": "value",
+        "node": "robot-r1",
+        "slot": "0",
+        "source": "robot-r1",
+        "supervisor": "up",
+        "recorder": "recorder",
+        "keeper": "fusion",
+        "player": "replay",
+    }
     keys = {stream: stream.key_for(**{f: ids[f] for f in stream.fields}) for stream in STREAMS}
     s.search("tv", mission=mission)
     s.wait(lambda m: m.step >= 1, 90, mission)
@@ -125,7 +137,7 @@ def test_find_and_status_through_the_gateway(running):
     url = f"http://127.0.0.1:{running.gateway_port}"
 
     def surveilnav(*arguments):
-        command = [sys.executable, "-m", "cli.main", *arguments, "--url", url, "--json"]
+        command = [sys.executable, "-m", "surveilnav.cli.main", *arguments, "--url", url, "--json"]
         return subprocess.run(command, capture_output=True, text=True, timeout=150, check=False)
 
     run = until(lambda: (done := surveilnav("status")).returncode == 0 and done, timeout_s=30.0)

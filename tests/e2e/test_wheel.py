@@ -29,7 +29,9 @@ def test_every_package_and_all_its_data_are_in_the_wheel(wheel: Path) -> None:
         "\n"
     )
     ours = {name for name in tracked if name.startswith(("shared/", "simulator/", "services/", "cli/", "benchmark/"))}
-    assert {name.removeprefix("shared/") for name in ours if (ROOT / name).exists()} <= inside
+    files = {name for name in ours if (ROOT / name).is_file()}
+    assert {f"surveilnav/{name.removeprefix('shared/surveilnav/')}" for name in files} <= inside
+    assert {name.partition("/")[0] for name in inside if ".dist-info/" not in name} == {"surveilnav"}
 
 
 @pytest.mark.slow
@@ -54,10 +56,10 @@ def test_installed_apart_from_the_checkout_it_plays_a_search(wheel: Path, tmp_pa
     script = [str(venv / "bin" / "surveilnav"), "models", "list", "--json"]
     listed = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True)
     assert "grounding-dino-tiny" in listed.stdout
-    play = [str(venv / "bin" / "python"), "-m", "benchmark.canary", "with cameras", "--workers", "1"]
+    play = [str(venv / "bin" / "python"), "-m", "surveilnav.benchmark.canary", "with cameras", "--workers", "1"]
     run = subprocess.run(play, cwd=tmp_path, capture_output=True, text=True, timeout=200)
     assert run.returncode == 0, run.stderr
     assert "the same" in run.stdout
-    code = "import surveilnav, simulator, services, cli, benchmark as b; print(b.__file__)"
+    code = "import surveilnav.benchmark as b; print(b.__file__)"
     where = subprocess.run([play[0], "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True)
     assert str(site) in where.stdout, "it must not run our checkout"

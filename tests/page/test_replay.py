@@ -31,7 +31,7 @@ def replay_url(browser: Any, tmp_path_factory: pytest.TempPathFactory, home_cach
         until(lambda: [r["state"] for r in httpx.get(url).json()["items"]] == ["complete"], "no recording", 60.0)
     (file,) = folder.glob("*.mcap")
     port = free_port()
-    command = [sys.executable, "-m", "cli.main", "replay", str(file), "--speed", "50", "--port", str(port)]
+    command = [sys.executable, "-m", "surveilnav.cli.main", "replay", str(file), "--speed", "50", "--port", str(port)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, env=os.environ | {"PYTHONPATH": os.getcwd()})
     url = f"http://127.0.0.1:{port}"
 

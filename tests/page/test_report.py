@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from cli.report import write_report
+from surveilnav.cli.report import write_report
 from tests.made_up_run import made_up_run
 
 PHONE, DESK = {"width": 390, "height": 844}, {"width": 1280, "height": 900}

@@ -13,10 +13,10 @@ import httpx
 import numpy as np
 import pytest
 
-from cli import client_resources
-from services.gateway.app import create_app
+from surveilnav.cli import client_resources
 from surveilnav.client import Client, events
 from surveilnav.errors import GatewayError
+from surveilnav.services.gateway.app import create_app
 
 ROOT = Path(__file__).parents[2]
 IDS = {
@@ -121,10 +121,10 @@ def test_a_stream_that_breaks_is_gone_on_with(at_once):
     """What was cut off in the middle of an event comes again, whole."""
     sent = [
         "retry: 1000\nid: e-5\nevent: reset\ndata: {}\n\nid: e-6\nevent: mission\nda",
-        ": a comment\nid: e-6\nevent: mission\ndata: {\"id\": \"m\"}\n\nid: e-7\n\n",
+        ': a comment\nid: e-6\nevent: mission\ndata: {"id": "m"}\n\nid: e-7\n\n',
         httpx.ReadError("cut"),
-        "id: e-8\nevent: robot\ndata: {\"id\": \"r\"}\n\n",
-    ]  # fmt: skip
+        'id: e-8\nevent: robot\ndata: {"id": "r"}\n\n',
+    ]
     asked = []
 
     def answer(request: httpx.Request) -> httpx.Response:

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulator.furniture.labels import KINDS, label_of
 from surveilnav.nouns import PART, language_of, thing_asked_for, thing_of, things, whole_of, words_of
 from surveilnav.perception.vocabulary import COCO
+from surveilnav.simulator.furniture.labels import KINDS, label_of
 
 SIZE = (1.2, 0.8, 0.75)
 TABLE = json.loads(resources.files("surveilnav").joinpath("data/words.json").read_text("utf-8"))
@@ -64,12 +64,18 @@ def test_any_text_is_a_name(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("DoubleBed_2", ("double", "bed")), ("TVStand", ("tv", "stand")), ("Captain's bed", ("captain", "bed")),
-        ("tv_55", ("tv",)), ("Fauteuil à l'ancienne", ("fauteuil", "a", "l", "ancienne")), ("双人床1", ("双", "人", "床")),
-        ("ÉtagèreHaute", ("etagere", "haute")), ("ＢＥＤ", ("bed",)),
-        ("ÉTAGÈRE HAUTE", ("etagere", "haute")), ("Ein SOFÁ", ("ein", "sofa")),
+        ("DoubleBed_2", ("double", "bed")),
+        ("TVStand", ("tv", "stand")),
+        ("Captain's bed", ("captain", "bed")),
+        ("tv_55", ("tv",)),
+        ("Fauteuil à l'ancienne", ("fauteuil", "a", "l", "ancienne")),
+        ("双人床1", ("双", "人", "床")),
+        ("ÉtagèreHaute", ("etagere", "haute")),
+        ("ＢＥＤ", ("bed",)),
+        ("ÉTAGÈRE HAUTE", ("etagere", "haute")),
+        ("Ein SOFÁ", ("ein", "sofa")),
     ],
-)  # fmt: skip
+)
 def test_names_are_cut_into_words(name: str, words: tuple[str, ...]) -> None:
     assert words_of(name) == words
 
@@ -93,10 +99,14 @@ def test_the_language_of_a_home_decides_where_words_are_shared() -> None:
 @pytest.mark.parametrize(
     ("name", "whole"),
     [
-        ("Bed_2", "bed"), ("BedLeg", "bed"), ("leg of a bed", "bed"), ("toilet seat", "toilet"), ("Bed sheet", "bed"),
+        ("Bed_2", "bed"),
+        ("BedLeg", "bed"),
+        ("leg of a bed", "bed"),
+        ("toilet seat", "toilet"),
+        ("Bed sheet", "bed"),
         ("pillow", ""),
     ],
-)  # fmt: skip
+)
 def test_parts_name_what_they_are_of(name: str, whole: str) -> None:
     assert whole_of(name) == whole
     assert not label_of(name, SIZE) or whole == label_of(name, SIZE)
@@ -105,14 +115,32 @@ def test_parts_name_what_they_are_of(name: str, whole: str) -> None:
 @pytest.mark.parametrize(
     ("phrase", "thing"),
     [
-        ("Sofa", "couch"), ("canapé d'angle", ""), ("canapé", "couch"), ("床", "bed"), ("bed with lamp", "bed"),
-        ("bed lamp", "lamp"), ("red sofa", ""), ("fire extinguisher", ""), ("bed sheet", ""), ("BedLeg", ""), ("wheelchair", ""),
-        ("42", ""), ("", ""),
-        ("Tür", "door"), ("Haustür", "door"), ("fenêtre", "window"), ("fenêtres", "window"), ("escalier", "stairs"),
-        ("lan can", "railing"), ("パソコン", "computer"), ("kitchen", ""), ("Küche", ""), ("kitchen cabinet", "cabinet"),
+        ("Sofa", "couch"),
+        ("canapé d'angle", ""),
+        ("canapé", "couch"),
+        ("床", "bed"),
+        ("bed with lamp", "bed"),
+        ("bed lamp", "lamp"),
+        ("red sofa", ""),
+        ("fire extinguisher", ""),
+        ("bed sheet", ""),
+        ("BedLeg", ""),
+        ("wheelchair", ""),
+        ("42", ""),
+        ("", ""),
+        ("Tür", "door"),
+        ("Haustür", "door"),
+        ("fenêtre", "window"),
+        ("fenêtres", "window"),
+        ("escalier", "stairs"),
+        ("lan can", "railing"),
+        ("パソコン", "computer"),
+        ("kitchen", ""),
+        ("Küche", ""),
+        ("kitchen cabinet", "cabinet"),
         ("sofa " * 80, ""),
     ],
-)  # fmt: skip
+)
 def test_a_person_s_phrase_names_a_thing_if_every_word_of_it_is_known(phrase: str, thing: str) -> None:
     assert thing_asked_for(phrase) == thing
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator.world.goals import find_goals
-from simulator.world.navigation import NavigationMap
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Floor, Instance, Material, Scene, Stair
 from surveilnav.errors import AssetError, TargetError
+from surveilnav.simulator.world.goals import find_goals
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Floor, Instance, Material, Scene, Stair
 
 Box = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
 _FACES = ((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3))  # fmt: skip  # noqa: E501
@@ -71,7 +71,7 @@ def room() -> Callable[..., list[Box]]:
 @pytest.fixture(scope="session")
 def assets() -> Path:
     """The Sweet Home 3D packages."""
-    from simulator.furniture.assets import ensure_assets
+    from surveilnav.simulator.furniture.assets import ensure_assets
 
     try:
         return ensure_assets()

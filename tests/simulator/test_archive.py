@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from simulator import archive
-from simulator.archive import Archive, decode_picture, picture_size
 from surveilnav.errors import BuildingError
+from surveilnav.simulator import archive
+from surveilnav.simulator.archive import Archive, decode_picture, picture_size
 
 
 def write(path: Path, members: dict[str, bytes]) -> Path:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from simulator import simulation
-from simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator import simulation
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 
 @pytest.fixture(autouse=True)

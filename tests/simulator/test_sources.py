@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator import sources
-from simulator.furniture.labels import TARGETS
-from simulator.sources import EXAMPLE_HOMES, list_buildings, open_building
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Scene
 from surveilnav.contract import CAMERA_INFO
 from surveilnav.errors import AssetError, BuildingError
 from surveilnav.perception.vocabulary import COCO
+from surveilnav.simulator import sources
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.sources import EXAMPLE_HOMES, list_buildings, open_building
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Scene
 
 PLAN = """<home version='7000' name='x' wallHeight='250'>
  <level id='down' name='Ground' elevation='0' floorThickness='12' height='250'/>
@@ -163,7 +163,7 @@ def test_hostile_files_are_refused(tmp_path: Path, members: dict[str, bytes], sa
 
 @pytest.mark.usefixtures("no_assets")
 def test_an_obj_bomb_becomes_a_stand_in_with_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from simulator.furniture import objfile
+    from surveilnav.simulator.furniture import objfile
 
     monkeypatch.setattr(objfile, "MAX_VERTICES", 3)
     scene = open_building(str(sh3d(tmp_path / "h.sh3d")), cache_dir=tmp_path)
@@ -173,7 +173,7 @@ def test_an_obj_bomb_becomes_a_stand_in_with_a_note(tmp_path: Path, monkeypatch:
 
 @pytest.mark.usefixtures("no_assets")
 def test_many_copies_of_a_model_stop_at_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from simulator.plans.assembly import SceneBuilder
+    from surveilnav.simulator.plans.assembly import SceneBuilder
 
     monkeypatch.setattr(SceneBuilder, "__init__", _limited(SceneBuilder.__init__))
     with pytest.raises(BuildingError, match="triangles"):

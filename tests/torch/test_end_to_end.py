@@ -9,19 +9,23 @@ import numpy as np
 import pytest
 from matplotlib.path import Path as MatplotlibPath
 
-from simulator.world.scene import Instance
 from surveilnav.contract import MAP_LAYER, OBJECTS, ROBOT_STATUS
 from surveilnav.messages import FINISHED_STATES
 from surveilnav.sensing.layers import unpack_layer
+from surveilnav.simulator.world.scene import Instance
 from tests.e2e.conftest import System, starting
 from tests.torch.conftest import ROOM_TEXTS, WORDS
 
 
 @pytest.fixture
 def search_with_paper(
-    tmp_path: Path, home_cache: Path, monkeypatch: pytest.MonkeyPatch, tiny_home_detector: Path, tiny_clip: Path,
+    tmp_path: Path,
+    home_cache: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    tiny_home_detector: Path,
+    tiny_clip: Path,
     folder_of: Callable[..., Path],
-) -> Iterator[System]:  # fmt: skip
+) -> Iterator[System]:
     models = {
         "DETECTOR": tiny_home_detector,
         "SEGMENTER": folder_of("mobile_sam_onnx"),

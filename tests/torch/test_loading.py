@@ -14,7 +14,6 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from simulator.truth.choose import choose_backend
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import parts
@@ -24,6 +23,7 @@ from surveilnav.perception.embedders.clip import Clip
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.torch_model import TorchModel, device_named
+from surveilnav.simulator.truth.choose import choose_backend
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.3)
 

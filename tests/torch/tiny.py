@@ -51,22 +51,40 @@ def _byte_signs() -> list[str]:
 
 def swin(image_size: int = 96) -> Any:
     return transformers.SwinConfig(
-        image_size=image_size, embed_dim=16, depths=[1, 1, 1, 1], num_heads=[1, 2, 2, 4], window_size=4,
-        out_features=["stage2", "stage3", "stage4"], drop_path_rate=0.0,
-    )  # fmt: skip
+        image_size=image_size,
+        embed_dim=16,
+        depths=[1, 1, 1, 1],
+        num_heads=[1, 2, 2, 4],
+        window_size=4,
+        out_features=["stage2", "stage3", "stage4"],
+        drop_path_rate=0.0,
+    )
 
 
 def grounding_dino_model(n_vocabulary: int, *, mm: bool = False, **more: Any) -> Any:
     """A Grounding DINO of half a million weights."""
     bert = transformers.BertConfig(
-        vocab_size=n_vocabulary, hidden_size=32, num_hidden_layers=1, num_attention_heads=2, intermediate_size=64,
-        hidden_dropout_prob=0.0, attention_probs_dropout_prob=0.0,
-    )  # fmt: skip
+        vocab_size=n_vocabulary,
+        hidden_size=32,
+        num_hidden_layers=1,
+        num_attention_heads=2,
+        intermediate_size=64,
+        hidden_dropout_prob=0.0,
+        attention_probs_dropout_prob=0.0,
+    )
     sizes = {
-        "d_model": 64, "encoder_layers": 1, "decoder_layers": 2, "encoder_attention_heads": 4,
-        "decoder_attention_heads": 4, "encoder_ffn_dim": 128, "decoder_ffn_dim": 128, "num_queries": 20,
-        "num_feature_levels": 3, "dropout": 0.0, "fusion_droppath": 0.0,
-    }  # fmt: skip
+        "d_model": 64,
+        "encoder_layers": 1,
+        "decoder_layers": 2,
+        "encoder_attention_heads": 4,
+        "decoder_attention_heads": 4,
+        "encoder_ffn_dim": 128,
+        "decoder_ffn_dim": 128,
+        "num_queries": 20,
+        "num_feature_levels": 3,
+        "dropout": 0.0,
+        "fusion_droppath": 0.0,
+    }
     config, model = (
         (transformers.MMGroundingDinoConfig, transformers.MMGroundingDinoForObjectDetection)
         if mm
@@ -94,16 +112,35 @@ def omdet_turbo(folder: Path) -> Path:
     torch.manual_seed(0)
     tokenizer = clip_tokenizer()
     text = transformers.CLIPTextConfig(
-        vocab_size=len(tokenizer), hidden_size=48, intermediate_size=64, num_hidden_layers=1, num_attention_heads=2,
-        projection_dim=48, bos_token_id=len(tokenizer) - 2, eos_token_id=len(tokenizer) - 1,
-    )  # fmt: skip
+        vocab_size=len(tokenizer),
+        hidden_size=48,
+        intermediate_size=64,
+        num_hidden_layers=1,
+        num_attention_heads=2,
+        projection_dim=48,
+        bos_token_id=len(tokenizer) - 2,
+        eos_token_id=len(tokenizer) - 1,
+    )
     config = transformers.OmDetTurboConfig(
-        backbone_config=swin(64), text_config=text, image_size=64, num_queries=20, encoder_hidden_dim=32,
-        decoder_hidden_dim=32, vision_features_channels=[32, 32, 32], encoder_in_channels=[32, 64, 128],
-        encoder_dim_feedforward=64, decoder_dim_feedforward=64, decoder_num_layers=2, encoder_attention_heads=4,
-        decoder_num_heads=4, text_projection_in_dim=48, text_projection_out_dim=48, class_embed_dim=48,
-        task_encoder_hidden_dim=64, apply_layernorm_after_vision_backbone=False,  # it is written for timm's order of axes
-    )  # fmt: skip
+        backbone_config=swin(64),
+        text_config=text,
+        image_size=64,
+        num_queries=20,
+        encoder_hidden_dim=32,
+        decoder_hidden_dim=32,
+        vision_features_channels=[32, 32, 32],
+        encoder_in_channels=[32, 64, 128],
+        encoder_dim_feedforward=64,
+        decoder_dim_feedforward=64,
+        decoder_num_layers=2,
+        encoder_attention_heads=4,
+        decoder_num_heads=4,
+        text_projection_in_dim=48,
+        text_projection_out_dim=48,
+        class_embed_dim=48,
+        task_encoder_hidden_dim=64,
+        apply_layernorm_after_vision_backbone=False,  # it is written for timm's order of axes
+    )
     images = DetrImageProcessorPil(size={"height": 64, "width": 64}, do_pad=False)
     return saved(_spread(transformers.OmDetTurboForObjectDetection(config), "bbox_head"), folder, tokenizer, images)
 
@@ -121,14 +158,22 @@ def owlv2(folder: Path) -> Path:
 def sam2(folder: Path) -> Path:
     torch.manual_seed(0)
     hiera = transformers.Sam2HieraDetConfig(
-        hidden_size=16, num_attention_heads=1, image_size=[128, 128], blocks_per_stage=[1, 1, 2, 1],
-        embed_dim_per_stage=[16, 32, 64, 128], num_attention_heads_per_stage=[1, 2, 4, 8], window_size_per_stage=[4, 4, 4, 4],
-        global_attention_blocks=[3], window_positional_embedding_background_size=[4, 4],
-    )  # fmt: skip
+        hidden_size=16,
+        num_attention_heads=1,
+        image_size=[128, 128],
+        blocks_per_stage=[1, 1, 2, 1],
+        embed_dim_per_stage=[16, 32, 64, 128],
+        num_attention_heads_per_stage=[1, 2, 4, 8],
+        window_size_per_stage=[4, 4, 4, 4],
+        global_attention_blocks=[3],
+        window_positional_embedding_background_size=[4, 4],
+    )
     vision = transformers.Sam2VisionConfig(
-        backbone_config=hiera, backbone_channel_list=[128, 64, 32, 16], fpn_hidden_size=32,
+        backbone_config=hiera,
+        backbone_channel_list=[128, 64, 32, 16],
+        fpn_hidden_size=32,
         backbone_feature_sizes=[[32, 32], [16, 16], [8, 8]],
-    )  # fmt: skip
+    )
     config = transformers.Sam2Config(
         vision_config=vision,
         prompt_encoder_config={"hidden_size": 32, "image_size": 128, "patch_size": 16},
@@ -180,9 +225,14 @@ class _SamDecoder(torch.nn.Module):
         self.sam, self.side = sam, sam.config.vision_config.image_size
 
     def forward(
-        self, image_embeddings: torch.Tensor, point_coords: torch.Tensor, point_labels: torch.Tensor,
-        mask_input: torch.Tensor, has_mask_input: torch.Tensor, orig_im_size: torch.Tensor,
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:  # fmt: skip
+        self,
+        image_embeddings: torch.Tensor,
+        point_coords: torch.Tensor,
+        point_labels: torch.Tensor,
+        mask_input: torch.Tensor,
+        has_mask_input: torch.Tensor,
+        orig_im_size: torch.Tensor,
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         unused = 0 * (point_labels.sum() + mask_input.sum() + has_mask_input.sum())  # they stay inputs of the file
         box = torch.cat([point_coords[:, 0], point_coords[:, 1]], dim=-1)[None] + unused
         out = self.sam(image_embeddings=image_embeddings, input_boxes=box, multimask_output=False)
@@ -211,17 +261,29 @@ def mobile_sam_onnx(folder: Path) -> Path:
     names = ["image_embeddings", "point_coords", "point_labels", "mask_input", "has_mask_input", "orig_im_size"]
     box = torch.tensor([[[10.0, 10.0], [60.0, 70.0]]])
     inputs = (
-        torch.randn(1, 32, 8, 8), box, torch.tensor([[2.0, 3.0]]), torch.zeros(1, 1, 32, 32), torch.zeros(1),
+        torch.randn(1, 32, 8, 8),
+        box,
+        torch.tensor([[2.0, 3.0]]),
+        torch.zeros(1, 1, 32, 32),
+        torch.zeros(1),
         torch.tensor([100.0, 120.0]),
-    )  # fmt: skip
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of tracing
         torch.onnx.export(
-            _SamEncoder(model), (torch.randn(1, 3, 128, 128),), folder / "encoder.onnx", input_names=["image"],
-            output_names=["image_embeddings"], dynamo=False,
-        )  # fmt: skip
+            _SamEncoder(model),
+            (torch.randn(1, 3, 128, 128),),
+            folder / "encoder.onnx",
+            input_names=["image"],
+            output_names=["image_embeddings"],
+            dynamo=False,
+        )
         torch.onnx.export(
-            _SamDecoder(model), inputs, folder / "decoder.onnx", input_names=names,
-            output_names=["masks", "iou_predictions", "low_res_masks"], dynamo=False,
-        )  # fmt: skip
+            _SamDecoder(model),
+            inputs,
+            folder / "decoder.onnx",
+            input_names=names,
+            output_names=["masks", "iou_predictions", "low_res_masks"],
+            dynamo=False,
+        )
     return folder

@@ -15,11 +15,11 @@ from transformers.loss.loss_grounding_dino import GroundingDinoHungarianMatcher,
 from transformers.models.grounding_dino.image_processing_pil_grounding_dino import GroundingDinoImageProcessorPil
 from transformers.models.grounding_dino.modeling_grounding_dino import build_label_maps, build_text_mask
 
-from simulator.render.renderer import Renderer
-from simulator.world.navigation import NavigationMap
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.perception.detectors.spans import Marks, prompts
 from surveilnav.robot_body import CAMERA_HEIGHT_M
+from surveilnav.simulator.render.renderer import Renderer
+from surveilnav.simulator.world.navigation import NavigationMap
 from tests.torch import tiny
 
 _LEAST_SHARE = 0.01  # of a picture: what is smaller isn't learnt
@@ -36,9 +36,15 @@ class Example:
 
 
 def examples(
-    renderer: Renderer, navigation: NavigationMap, camera: Pinhole, words: Sequence[str], n: int, *,
-    empty: int = 0, seed: int = 0,
-) -> list[Example]:  # fmt: skip
+    renderer: Renderer,
+    navigation: NavigationMap,
+    camera: Pinhole,
+    words: Sequence[str],
+    n: int,
+    *,
+    empty: int = 0,
+    seed: int = 0,
+) -> list[Example]:
     """``n`` views from random places of a robot, each of which shows one of the words at least, all words by turns; then
     ``empty`` ones that show none."""
     rng, out = np.random.default_rng(seed), []
@@ -97,9 +103,11 @@ def _proposal_loss(model: Any, out: Any, labels: list[dict[str, Any]], ids: torc
     logits = out.enc_outputs_class
     many = ids.repeat(len(labels), 1)
     said = {
-        "logits": logits, "pred_boxes": out.enc_outputs_coord_logits.sigmoid(),
-        "label_maps": build_label_maps(logits, many), "text_mask": build_text_mask(logits, torch.ones_like(many)),
-    }  # fmt: skip
+        "logits": logits,
+        "pred_boxes": out.enc_outputs_coord_logits.sigmoid(),
+        "label_maps": build_label_maps(logits, many),
+        "text_mask": build_text_mask(logits, torch.ones_like(many)),
+    }
     losses = criterion(said, labels)
     return 2 * losses["loss_ce"] + 5 * losses["loss_bbox"] + 2 * losses["loss_giou"]
 

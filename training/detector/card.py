@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from simulator.furniture.labels import TARGETS
 from surveilnav.perception import models
 from surveilnav.perception.models.card import Card, Measured
+from surveilnav.simulator.furniture.labels import TARGETS
 from training.detector import classes
 
 _KINDS = {"robot": "robot views", "camera": "camera views"}
@@ -73,9 +73,13 @@ def page(card: Card | None) -> str:
     """The page, in Markdown; without a card it says that there are no weights yet."""
     names = classes.load()
     return _PAGE.format(
-        n_classes=len(names.names), classes=", ".join(names.names), n_rooms=len(names.rooms), rooms=", ".join(names.rooms),
-        weights=_weights(card), measured="\n".join(_measured(card)),
-    )  # fmt: skip
+        n_classes=len(names.names),
+        classes=", ".join(names.names),
+        n_rooms=len(names.rooms),
+        rooms=", ".join(names.rooms),
+        weights=_weights(card),
+        measured="\n".join(_measured(card)),
+    )
 
 
 def _weights(card: Card | None) -> str:

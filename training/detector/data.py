@@ -188,9 +188,12 @@ def _warped(view: TrainingView, canvas: tuple[int, int], move: NDArray[np.float6
     was = Pinhole.from_hfov(width, height, view.hfov_rad)
     zoom = float(move[1, 1])
     lens = Pinhole(
-        *canvas, was.fx_px * zoom, was.fy_px * zoom, float(move[0, 0]) * was.cx_px + float(move[0, 2]),
+        *canvas,
+        was.fx_px * zoom,
+        was.fy_px * zoom,
+        float(move[0, 0]) * was.cx_px + float(move[0, 2]),
         zoom * was.cy_px + float(move[1, 2]),
-    )  # fmt: skip
+    )
     return _Shot(moved.astype(np.uint8), ids.astype(np.uint8), depth.astype(np.float32), lens)
 
 
@@ -276,8 +279,10 @@ def collate(examples: Sequence[Example]) -> Batch:
     depth = torch.from_numpy(np.stack([e.depth for e in examples])).permute(0, 3, 1, 2)
     ids = np.stack([e.ids[2::4, 2::4] for e in examples])
     return Batch(
-        pictures, depth, torch.from_numpy(ids),
+        pictures,
+        depth,
+        torch.from_numpy(ids),
         Targets(torch.from_numpy(boxes), torch.from_numpy(labels), torch.from_numpy(real)),
         torch.from_numpy(np.stack([e.near for e in examples]).astype(np.float32)),
         torch.tensor([e.room for e in examples]),
-    )  # fmt: skip
+    )

@@ -44,9 +44,14 @@ class _OnePicture(nn.Module):
     def forward(self, picture: Tensor, depth: Tensor) -> tuple[Tensor, ...]:
         said = self.network(picture.permute(0, 3, 1, 2).float() / 255.0, depth.permute(0, 3, 1, 2))
         return (
-            said.logits[0].sigmoid(), said.ltrb[0], said.coefficients[0], said.embeddings[0], said.prototypes[0],
-            said.image[0], said.near[0].sigmoid(),
-        )  # fmt: skip
+            said.logits[0].sigmoid(),
+            said.ltrb[0],
+            said.coefficients[0],
+            said.embeddings[0],
+            said.prototypes[0],
+            said.image[0],
+            said.near[0].sigmoid(),
+        )
 
 
 def export(network: Compact, path: Path) -> int:
@@ -55,17 +60,25 @@ def export(network: Compact, path: Path) -> int:
     example = torch.zeros((1, 256, 320, 3), dtype=torch.uint8), torch.zeros((1, 128, 160, N_CHANNELS))
     sides, half = {1: "height", 2: "width"}, {1: "half_height", 2: "half_width"}
     torch.onnx.export(
-        wrapped, example, buffer, input_names=["picture", "depth"],
-        output_names=list(OUTPUTS), opset_version=_OPSET, dynamo=False,
+        wrapped,
+        example,
+        buffer,
+        input_names=["picture", "depth"],
+        output_names=list(OUTPUTS),
+        opset_version=_OPSET,
+        dynamo=False,
         dynamic_axes={"picture": sides, "depth": half, "prototypes": {1: "rows", 2: "columns"}}
         | {name: {0: "places"} for name in OUTPUTS[:4]},
-    )  # fmt: skip
+    )
     model = onnx.load_model_from_string(buffer.getvalue())
     names = classes.load()
     for key, value in {
-        "classes": list(names.names), "rooms": list(names.rooms), "meanings": names.meanings,
-        "class_vectors": _rounded(network.classes.vectors), "near_vectors": _rounded(network.surroundings.vectors),
-    }.items():  # fmt: skip
+        "classes": list(names.names),
+        "rooms": list(names.rooms),
+        "meanings": names.meanings,
+        "class_vectors": _rounded(network.classes.vectors),
+        "near_vectors": _rounded(network.surroundings.vectors),
+    }.items():
         entry = model.metadata_props.add()
         entry.key, entry.value = key, json.dumps(value)
     with replacing(path) as file:

@@ -49,9 +49,12 @@ def losses(said: Said, points: Tensor, batch: Batch) -> dict[str, Tensor]:
     box = ((1 - giou(boxes[at], wanted[at])) * assigned.quality[at]).sum() / total
     near, room = surroundings_loss(said.near, batch)
     return {
-        "score": score_loss(said.logits, assigned, batch.targets) / total, "box": box,
-        "mask": mask_loss(said, assigned, batch), "near": near, "room": room,
-    }  # fmt: skip
+        "score": score_loss(said.logits, assigned, batch.targets) / total,
+        "box": box,
+        "mask": mask_loss(said, assigned, batch),
+        "near": near,
+        "room": room,
+    }
 
 
 def score_loss(logits: Tensor, assigned: Assigned, targets: Targets) -> Tensor:

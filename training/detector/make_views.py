@@ -12,11 +12,11 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
-from benchmark.dataset.splits import SPLITS, SceneSpec
-from simulator.render.picture import Lighting
-from simulator.sources import open_building
-from simulator.world.navigation import NavigationMap
+from surveilnav.benchmark.dataset.splits import SPLITS, SceneSpec
 from surveilnav.config import cache_dir
+from surveilnav.simulator.render.picture import Lighting
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.navigation import NavigationMap
 from training.detector import classes
 from training.detector.pack import SUFFIX, write_pack
 from training.detector.poses import Kind
@@ -27,9 +27,15 @@ LIGHTS: tuple[Lighting, ...] = ("baked", "shadowed", "flat")
 
 
 def make_pack(
-    spec: SceneSpec, light: Lighting, counts: dict[Kind, int], out: Path, quality: int, *, as_sensed: bool = False,
+    spec: SceneSpec,
+    light: Lighting,
+    counts: dict[Kind, int],
+    out: Path,
+    quality: int,
+    *,
+    as_sensed: bool = False,
     vary: int = 0,
-) -> str:  # fmt: skip
+) -> str:
     """One building's file; returns what was made and what it cost, for people. ``vary``: seed of other furniture, 0: none."""
     names, timed = classes.load(), _Timed()
     scene = open_building(spec.building, seed=spec.seed, models=spec.models)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.world.scene import Material
+from surveilnav.simulator.world.scene import Material
 
 Pattern = Literal["any", "wood", "scene"]
 Color = tuple[float, float, float]

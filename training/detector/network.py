@@ -215,9 +215,14 @@ class Compact(nn.Module):
         image = nn.functional.normalize(self.picture(features[-1].mean(dim=(2, 3))).float(), dim=-1)
         prototypes = self.mask_high(nn.functional.interpolate(self.mask_low(levels[0]), scale_factor=2.0)).float()
         return Said(
-            self.classes(unit).float(), torch.cat(ltrb, 1), torch.cat(coefficients, 1), unit, prototypes, image,
+            self.classes(unit).float(),
+            torch.cat(ltrb, 1),
+            torch.cat(coefficients, 1),
+            unit,
+            prototypes,
+            image,
             self.surroundings(image).float(),
-        )  # fmt: skip
+        )
 
 
 def _rows(x: Tensor) -> Tensor:

@@ -70,9 +70,15 @@ def write_pack(
 def _row(view: TrainingView) -> PackedView:
     boxes = [(b[0], b[1], b[2], b[3]) for b in view.boxes.tolist()]
     return PackedView(
-        view.kind, view.light, view.hfov_rad, boxes, view.labels.tolist(), view.areas.tolist(),
-        np.flatnonzero(view.near).tolist(), view.room,
-    )  # fmt: skip
+        view.kind,
+        view.light,
+        view.hfov_rad,
+        boxes,
+        view.labels.tolist(),
+        view.areas.tolist(),
+        np.flatnonzero(view.near).tolist(),
+        view.room,
+    )
 
 
 def encoded(picture: NDArray[np.uint8], quality: int = _LOSSLESS) -> bytes:
@@ -106,9 +112,18 @@ class Pack:
         labels, areas = np.array(row.labels, np.int64), np.array(row.areas, np.int64)
         depth_m = decode_depth(self.depths[i], rgb.shape[1], rgb.shape[0], DEPTH_RANGE_M[row.kind])
         return TrainingView(
-            row.kind, row.light, row.hfov_rad, np.ascontiguousarray(rgb[..., ::-1]).astype(np.uint8), depth_m,
-            ids.astype(np.uint8), boxes, labels, areas, near, row.room,
-        )  # fmt: skip
+            row.kind,
+            row.light,
+            row.hfov_rad,
+            np.ascontiguousarray(rgb[..., ::-1]).astype(np.uint8),
+            depth_m,
+            ids.astype(np.uint8),
+            boxes,
+            labels,
+            areas,
+            near,
+            row.room,
+        )
 
 
 def read_pack(path: Path) -> Pack | None:

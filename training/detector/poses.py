@@ -15,12 +15,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.furniture.labels import TARGETS
-from simulator.world.cameras import CAMERA, MOUNTING_M, TILT_RAD
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Instance, Scene
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.robot_body import CAMERA_HEIGHT_M, LOOK_RAD
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.world.cameras import CAMERA, MOUNTING_M, TILT_RAD
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Instance, Scene
 
 Kind = Literal["robot", "camera"]
 
@@ -111,9 +111,16 @@ class PoseSource:
         return cells[near[rng.integers(len(near))]] if len(near) else None
 
     def _pose(
-        self, kind: Kind, floor: str, place: NDArray[np.float64], height_m: float, yaw: float, pitch: float,
-        hfov: float, aimed_at: int,
-    ) -> ViewPose:  # fmt: skip
+        self,
+        kind: Kind,
+        floor: str,
+        place: NDArray[np.float64],
+        height_m: float,
+        yaw: float,
+        pitch: float,
+        hfov: float,
+        aimed_at: int,
+    ) -> ViewPose:
         storey = self._floors[floor]
         z = storey.z_m + min(height_m, storey.height_m - _BELOW_CEILING_M)
         T = camera_pose((float(place[0]), float(place[1]), z), yaw, pitch)

@@ -74,9 +74,14 @@ class Training:
     """A run in progress. ``network`` learns, ``mean`` is the mean of its weights, which is what is used."""
 
     def __init__(
-        self, plan: Plan, views: Views, out: Path, shape: Shape | None = None, device: str = "cpu",
+        self,
+        plan: Plan,
+        views: Views,
+        out: Path,
+        shape: Shape | None = None,
+        device: str = "cpu",
         start: Path | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """``start``: a checkpoint of another run, whose mean of weights this one begins with, if it hasn't begun yet."""
         torch.manual_seed(plan.seed)
         names = classes.load()

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.furniture.labels import PARTS
-from simulator.plans.assembly import Mesh, SceneBuilder
-from simulator.world.scene import Instance, Material, Scene
+from surveilnav.simulator.furniture.labels import PARTS
+from surveilnav.simulator.plans.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.world.scene import Instance, Material, Scene
 from training.detector.furniture import DRAWN, drawn_piece
 from training.detector.materials import colour, painted, patterned
 
@@ -66,9 +66,12 @@ def _mesh_of(scene: Scene, triangles: NDArray[np.intp]) -> Mesh:
     used, corners = np.unique(scene.triangles[triangles], return_inverse=True)
     kinds, material = np.unique(scene.material_of_triangle[triangles], return_inverse=True)
     return Mesh(
-        scene.vertices[used], corners.reshape(-1, 3).astype(np.int32), scene.uvs[triangles],
-        material.reshape(-1).astype(np.int32), tuple(scene.materials[k] for k in kinds),
-    )  # fmt: skip
+        scene.vertices[used],
+        corners.reshape(-1, 3).astype(np.int32),
+        scene.uvs[triangles],
+        material.reshape(-1).astype(np.int32),
+        tuple(scene.materials[k] for k in kinds),
+    )
 
 
 def _repainted(material: Material, paints: dict[int, Material], rng: np.random.Generator) -> Material:

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from simulator.furniture.labels import word_for
-from simulator.render.depth_noise import DepthNoise
-from simulator.render.picture import Lighting, Rendered
-from simulator.render.renderer import Renderer
-from simulator.simulation import CAMERA_DEPTH_RANGE_M
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Instance, Room, Scene
 from surveilnav import robot_body
 from surveilnav.config import cache_dir
+from surveilnav.simulator.furniture.labels import word_for
+from surveilnav.simulator.render.depth_noise import DepthNoise
+from surveilnav.simulator.render.picture import Lighting, Rendered
+from surveilnav.simulator.render.renderer import Renderer
+from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Instance, Room, Scene
 from training.detector.classes import Classes
 from training.detector.poses import SENSOR_SIZES, TRAINING_SIZES, Kind, PoseSource, ViewPose
 
@@ -114,9 +114,12 @@ class ViewSource:
     def view(self, pose: ViewPose, seed: int = 0) -> TrainingView:
         """The picture from a pose, with everything that a network should say of it. ``seed``: of the depth's noise."""
         rendered = self._renderer.render(
-            pose.T_world_camera, pose.camera(self._sizes[pose.kind], self._scale),
-            depth_range_m=DEPTH_RANGE_M[pose.kind], noise=_NOISE[pose.kind], seed=seed,
-        )  # fmt: skip
+            pose.T_world_camera,
+            pose.camera(self._sizes[pose.kind], self._scale),
+            depth_range_m=DEPTH_RANGE_M[pose.kind],
+            noise=_NOISE[pose.kind],
+            seed=seed,
+        )
         rgb, ids, depth_m = reduced(rendered, round(self._scale))
         small, boxes, labels, areas = objects_in(ids, self._number)
         room, near = self._rooms.looked_into(pose, depth_m)

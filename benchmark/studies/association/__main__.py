@@ -1,7 +1,7 @@
-"""``python -m benchmark.studies.association``."""
+"""``python -m surveilnav.benchmark.studies.association``."""
 
 import sys
 
-from benchmark.studies.association.run import main
+from surveilnav.benchmark.studies.association.run import main
 
 sys.exit(main())

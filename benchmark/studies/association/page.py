@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.canary import digest
-from benchmark.studies.association.replays import (
+from surveilnav.benchmark.canary import digest
+from surveilnav.benchmark.studies.association.replays import (
     CHANGES,
     GEOMETRIES,
     RULES,
@@ -19,10 +19,10 @@ from benchmark.studies.association.replays import (
     SEEN_DETECTIONS,
     TAUS,
     variants,
-)  # fmt: skip
-from benchmark.studies.recordings import TOURS
-from simulator.furniture.labels import TARGETS
+)
+from surveilnav.benchmark.studies.recordings import TOURS
 from surveilnav.perception.vocabulary import COCO
+from surveilnav.simulator.furniture.labels import TARGETS
 
 
 class Results:

@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.studies.recordings import TOURS, Recording, SeenView, Thing
-from services.fusion.core import FusionConfig, ObjectConfig, in_order
-from services.fusion.core.config import (
+from surveilnav.benchmark.studies.recordings import TOURS, Recording, SeenView, Thing
+from surveilnav.messages.maps import ObjectRecord
+from surveilnav.perception.vocabulary import COCO
+from surveilnav.services.fusion.core import FusionConfig, ObjectConfig, in_order
+from surveilnav.services.fusion.core.config import (
     AssociationConfig,
     FalsePositiveConfig,
     PointsConfig,
 )
-from services.fusion.core.objects import ObjectMap
-from services.fusion.core.sightings import Sighting, locate_all
-from surveilnav.messages.maps import ObjectRecord
-from surveilnav.perception.vocabulary import COCO
+from surveilnav.services.fusion.core.objects import ObjectMap
+from surveilnav.services.fusion.core.sightings import Sighting, locate_all
 
 SEED = 3  # of the furniture: neither that of the table of searches (0, 1) nor of the detectors' thresholds (7, 8)
 VOXEL_M = 0.025
@@ -171,12 +171,21 @@ def score(
             rows[first].cross += not alike
     return {
         "things": [
-            [things[i].label, good[i], r.kept, r.all, r.confirmed, r.same, r.cross, int(r.held),
-             round(r.best[1], 3) if r.all else None]
+            [
+                things[i].label,
+                good[i],
+                r.kept,
+                r.all,
+                r.confirmed,
+                r.same,
+                r.cross,
+                int(r.held),
+                round(r.best[1], 3) if r.all else None,
+            ]
             for i, r in sorted(rows.items())
         ],
         "served": dict(sorted(served.items())),
-    }  # fmt: skip
+    }
 
 
 def _nearest(record: ObjectRecord, label: str, things: dict[int, Thing]) -> int | None:

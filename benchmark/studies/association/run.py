@@ -1,11 +1,11 @@
 """How well detections become objects: every way to associate them, on the same recorded views.
 
-    python -m benchmark.studies.association --out docs/results/association
+    python -m surveilnav.benchmark.studies.association --out docs/results/association
 
 Records six homes once (a robot's tour and all camera views, a real detector asked once), then replays the same
 detections through the object map in many configurations. Both are resumable and kept in ``--recordings``: a recording
 is a file, a replay a line of ``replays.jsonl``; lines of other configurations, recordings or
-programs (``benchmark.canary.digest``) are done again.
+programs (``surveilnav.benchmark.canary.digest``) are done again.
 ``--table`` writes the page from what there is.
 """
 
@@ -22,15 +22,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.canary import digest
-from benchmark.play.workers import in_workers
-from benchmark.studies.association.page import Results, page, plot
-from benchmark.studies.association.replays import SEED, Player, good_detections, score, variants
-from benchmark.studies.recordings import TOURS, Recording, load, record, save
-from benchmark.studies.rows import Rows
-from services.fusion.core import ObjectConfig
-from simulator.sources import TRAIN_HOMES
+from surveilnav.benchmark.canary import digest
+from surveilnav.benchmark.play.workers import in_workers
+from surveilnav.benchmark.studies.association.page import Results, page, plot
+from surveilnav.benchmark.studies.association.replays import SEED, Player, good_detections, score, variants
+from surveilnav.benchmark.studies.recordings import TOURS, Recording, load, record, save
+from surveilnav.benchmark.studies.rows import Rows
 from surveilnav.errors import SurveilNavError
+from surveilnav.services.fusion.core import ObjectConfig
+from surveilnav.simulator.sources import TRAIN_HOMES
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +54,8 @@ def _say(text: str) -> None:
 
 def recording_of(job: Job) -> Recording:
     """The kept recording of a home, made first if there is none."""
-    from simulator.simulation import SimulatedBuilding, SimulationSettings
-    from simulator.truth.choose import choose_backend
+    from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+    from surveilnav.simulator.truth.choose import choose_backend
 
     kept = load(job.path)
     if kept is not None:
@@ -98,9 +98,11 @@ def replay_all(job: Job) -> int:
         cost = {
             "cpu_ms": [round(float(f(result.cpu_ms)), 3) for f in (np.median, np.mean, _p99)],
             "first_last_ms": [round(float(np.median(part)), 3) for part in _ends(result.cpu_ms)],
-            "locate_ms": round(player.locate_ms, 3), "objects": len(result.objects), "shape_bytes": result.shape_bytes,
+            "locate_ms": round(player.locate_ms, 3),
+            "objects": len(result.objects),
+            "shape_bytes": result.shape_bytes,
             "views": len(result.cpu_ms),
-        }  # fmt: skip
+        }
         rows.append(facts | cost | score(recording.things, good, result.objects))
         if i % 20 == 19:
             left_s = (time.monotonic() - began_s) / (i + 1) * (len(missing) - i - 1)
@@ -148,12 +150,12 @@ def _command(options: argparse.Namespace) -> str:
     """What makes this page."""
     given = [(name, getattr(options, name), default) for name, default in _DEFAULTS.items()]
     more = [f"--{n} {' '.join(v) if isinstance(v, list) else v}" for n, v, default in given if v != default]
-    return " ".join(["python -m benchmark.studies.association", *more])
+    return " ".join(["python -m surveilnav.benchmark.studies.association", *more])
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m benchmark.studies.association", description=__doc__.splitlines()[0]
+        prog="python -m surveilnav.benchmark.studies.association", description=__doc__.splitlines()[0]
     )
     parser.add_argument("--out", type=Path, default=Path("docs/results/association"), help="where the page goes")
     parser.add_argument("--recordings", type=Path, default=Path("runs/association"), help="views and replays, kept")

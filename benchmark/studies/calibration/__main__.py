@@ -1,7 +1,7 @@
-"""``python -m benchmark.studies.calibration``."""
+"""``python -m surveilnav.benchmark.studies.calibration``."""
 
 import sys
 
-from benchmark.studies.calibration.run import main
+from surveilnav.benchmark.studies.calibration.run import main
 
 sys.exit(main())

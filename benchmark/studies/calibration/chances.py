@@ -1,8 +1,9 @@
 """Fits how likely a detection is what it is called, and says how well that holds in buildings that were left out.
 
-    python -m benchmark.studies.calibration.chances [--backend compact] [--views 100]
+    python -m surveilnav.benchmark.studies.calibration.chances [--backend compact] [--views 100]
 
-The views are those of ``benchmark.studies.calibration``: what a backend finds in rendered views of train buildings, and what
+The views are those of ``surveilnav.benchmark.studies.calibration``: what a backend finds in rendered views of train buildings,
+and what
 they truly show. ``compact`` learnt from those: for it they are of buildings that it never saw. A detection is right if the thing
 whose box it fits, or which most of its mask shows, is of its class. A thing counts once for every name that it is given,
 however many views show it: the next detection may be of any thing. The table goes to the library's
@@ -25,23 +26,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from benchmark.dataset.splits import SceneSpec
-from benchmark.studies.calibration.run import OUT, UNSEEN, measured
-from benchmark.studies.calibration.views import MIN_SIZE_RAD, Found, Look, Looks, owners_of
-from simulator.furniture.labels import TARGETS
-from simulator.truth.choose import choose_backend
-from simulator.truth.visible import VisibleThing, candidates, world_points
+from surveilnav.benchmark.dataset.splits import SceneSpec
+from surveilnav.benchmark.studies.calibration.run import OUT, UNSEEN, measured
+from surveilnav.benchmark.studies.calibration.views import MIN_SIZE_RAD, Found, Look, Looks, owners_of
 from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.chances import ChanceTable, ClassTerms, Floats, features, size_rad
 from surveilnav.perception.vocabulary import DATA
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.truth.choose import choose_backend
+from surveilnav.simulator.truth.visible import VisibleThing, candidates, world_points
 
 DEFAULT = "onnx-coco"
 #: Train buildings: homes with ``train`` furniture, flats and offices.
 BUILDINGS = (
-    "2_bedroom", "2_bedroom_basement", "3_bedroom", "3_bedroom_mezzanine", "flats_1000", "office_1000", "office_1002",
-    "office_1004", "office_1006", "office_1008", "office_1010",
-)  # fmt: skip
+    "2_bedroom",
+    "2_bedroom_basement",
+    "3_bedroom",
+    "3_bedroom_mezzanine",
+    "flats_1000",
+    "office_1000",
+    "office_1002",
+    "office_1004",
+    "office_1006",
+    "office_1008",
+    "office_1010",
+)
 #: Of a backend that learnt from views of those: others, which it never saw. Among what it knows it would be too sure.
 BUILDINGS_OF = {"compact": UNSEEN}
 #: A class with fewer detections has no terms of its own.
@@ -159,20 +169,26 @@ def page(rows: Judged, chance: Floats, table: ChanceTable, backend: str = DEFAUL
     n_buildings = len(set(rows.building.tolist()))
     raw, table_s = (expected_error(values, rows.right, rows.weight) for values in (rows.score, chance))
     lines = [
-        "# How likely a detection is right", "",
+        "# How likely a detection is right",
+        "",
         f"Of what the table calls likely by p, about p is right. Each of {n_buildings} buildings was judged by a table of "
         f"others. The expected calibration error is {table_s:.3f}; of raw scores it is {raw:.3f}. A thing counts once, however "
-        "many views show it.", "",
-        f"Source: {table.source}. Fitted by `python -m benchmark.studies.calibration.chances"
-        f"{'' if backend == DEFAULT else f' --backend {backend}'}`.", "",
+        "many views show it.",
+        "",
+        f"Source: {table.source}. Fitted by `python -m surveilnav.benchmark.studies.calibration.chances"
+        f"{'' if backend == DEFAULT else f' --backend {backend}'}`.",
+        "",
         "| what | things | mean score | mean chance | right | Brier score: of scores | of chances |",
         "|---|---|---|---|---|---|---|",
-    ]  # fmt: skip
+    ]
     camera = rows.x[:, 4] > 0
     groups = {
-        "all": np.ones(len(rows.right), bool), "the six targets": targets, "targets, robot views": targets & ~camera,
-        "targets, camera views": targets & camera, **{label: rows.label == label for label in TARGETS},
-    }  # fmt: skip
+        "all": np.ones(len(rows.right), bool),
+        "the six targets": targets,
+        "targets, robot views": targets & ~camera,
+        "targets, camera views": targets & camera,
+        **{label: rows.label == label for label in TARGETS},
+    }
     for name, of in groups.items():
         if of.any():
             s, c, r, w = rows.score[of], chance[of], rows.right[of], rows.weight[of]
@@ -198,7 +214,7 @@ def _mean(values: NDArray, weight: Floats) -> float:
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures what isn't measured yet, fits, and writes table and page."""
     parser = argparse.ArgumentParser(
-        prog="benchmark.studies.calibration.chances", description=__doc__.partition("\n")[0]
+        prog="surveilnav.benchmark.studies.calibration.chances", description=__doc__.partition("\n")[0]
     )
     parser.add_argument("--backend", default=DEFAULT, help="what looks at the pictures; it has a vocabulary")
     parser.add_argument("--views", type=int, default=100, help="of the robot, about, in every building")

@@ -12,9 +12,9 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr, ndtri
 from scipy.stats import rankdata
 
-from benchmark.studies.calibration.views import MIN_SIZE_RAD, Rows
-from simulator.truth.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, showing
+from surveilnav.benchmark.studies.calibration.views import MIN_SIZE_RAD, Rows
 from surveilnav.perception.vocabulary import COCO
+from surveilnav.simulator.truth.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, showing
 
 MIN_SCORE = 0.25
 #: Standard deviations of the priors of all weights, and of a class's own part of them.
@@ -162,13 +162,19 @@ def fit_kind(rows: Rows, presence: NDArray[np.float32], seed: int = 0) -> Kind:
     is_own = np.tile(p_own, _DRAWS) > rng.random(len(ease))
     certain = {"right": found.right, "wrong": ~found.right}
     return Kind(
-        weights, luck, names, _name_kept(wrong, names, rng),
-        {of: _score_knots(ease[is_own == (of == "right")], found.score[m], _missed(rows, presence, of == "right"))
-         for of, m in certain.items()},
+        weights,
+        luck,
+        names,
+        _name_kept(wrong, names, rng),
+        {
+            of: _score_knots(ease[is_own == (of == "right")], found.score[m], _missed(rows, presence, of == "right"))
+            for of, m in certain.items()
+        },
         {of: _rounded(np.quantile(found.certainty[m], _QUANTILES)) if m.any() else [1.0] for of, m in certain.items()},
         {of: _boxes(found.box[m]) for of, m in certain.items()} | _boxes_by_name(wrong),
-        own, own_luck,
-    )  # fmt: skip
+        own,
+        own_luck,
+    )
 
 
 def _names(wrong: Rows) -> dict[str, dict[str, _Shares]]:
@@ -287,7 +293,7 @@ def _rounded(values: Iterable[float]) -> list[float]:
 
 def fit(rows: dict[str, Rows], presence: NDArray[np.float32], source: str) -> ErrorModel:
     """The whole model. ``rows`` by kind; ``source`` says where they come from."""
-    what = "Error model of the backend 'simulated' (simulator.truth.error_model): how a real detector errs."
+    what = "Error model of the backend 'simulated' (surveilnav.simulator.truth.error_model): how a real detector errs."
     said = {
         pair for r in rows.values() for pair in zip(r.view[r.found].tolist(), r.name[r.found].tolist(), strict=True)
     }

@@ -1,8 +1,9 @@
 """How well the joint map's chances of objects hold, without searches.
 
-    python -m benchmark.studies.calibration.objects [--backend compact] [--views 100]
+    python -m surveilnav.benchmark.studies.calibration.objects [--backend compact] [--views 100]
 
-The views of ``benchmark.studies.calibration.chances``, with what a backend found in their pixels, go through fusion's object
+The views of ``surveilnav.benchmark.studies.calibration.chances``, with what a backend found in their pixels, go through fusion's
+object
 map as in a search: all cameras first, then the robot's tour. Every so many views the map's objects are looked at: what they are
 believed to be, and what they truly are. Chances of detections come from a table of other buildings. The settings of
 ``PosteriorConfig`` are also fitted anew, each building left out in turn.
@@ -23,22 +24,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from benchmark.studies.calibration.chances import DEFAULT, fit, judged, looks_for, true_owners
-from benchmark.studies.calibration.run import OUT
-from benchmark.studies.calibration.views import Found, Look, Looks
-from services.fusion.core import ObjectConfig
-from services.fusion.core.config import PosteriorConfig
-from services.fusion.core.evidence import Evidence
-from services.fusion.core.objects import ObjectMap
-from services.fusion.core.posterior_confirmation import PosteriorConfirmation
-from simulator.furniture.labels import TARGETS
-from simulator.simulation import CAMERA_DEPTH_RANGE_M
+from surveilnav.benchmark.studies.calibration.chances import DEFAULT, fit, judged, looks_for, true_owners
+from surveilnav.benchmark.studies.calibration.run import OUT
+from surveilnav.benchmark.studies.calibration.views import Found, Look, Looks
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception.chances import ChanceTable, Floats, with_chances
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.services.fusion.core import ObjectConfig
+from surveilnav.services.fusion.core.config import PosteriorConfig
+from surveilnav.services.fusion.core.evidence import Evidence
+from surveilnav.services.fusion.core.objects import ObjectMap
+from surveilnav.services.fusion.core.posterior_confirmation import PosteriorConfirmation
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M
 
 EVERY = 25  # views of the robot from one look at the map to the next
 _STOREY_M = 1.0  # floors are at least so far apart
@@ -145,9 +146,18 @@ def _view(look: Look, z_m: float, building: Looks) -> PosedView:
     T = look.T_world_camera.matrix()
     range_m = _RANGES_M["camera" if look.is_camera else "robot"]
     return PosedView(
-        look.source, look.view, look.seq, look.seq, f"{z_m:g}", T, look.camera, float(T[2, 3]) - z_m, _NO_PICTURE, depth_m,
+        look.source,
+        look.view,
+        look.seq,
+        look.seq,
+        f"{z_m:g}",
+        T,
+        look.camera,
+        float(T[2, 3]) - z_m,
+        _NO_PICTURE,
+        depth_m,
         range_m,
-    )  # fmt: skip
+    )
 
 
 def _names(building: Looks) -> list[str]:
@@ -192,10 +202,14 @@ def chances_of(claims: Sequence[Claim], config: PosteriorConfig, misfit_factor: 
 def scores_of(claims: Sequence[Claim]) -> Floats:
     """(N,) the paper's confidence: the mean score of robots or of cameras, whichever is higher."""
     means = [
-        max(score / n for kind in ("robot", "surveillance") if c.label in c.evidence[kind]
-            for n, score in [c.evidence[kind][c.label]])
+        max(
+            score / n
+            for kind in ("robot", "surveillance")
+            if c.label in c.evidence[kind]
+            for n, score in [c.evidence[kind][c.label]]
+        )
         for c in claims
-    ]  # fmt: skip
+    ]
     return np.array(means)
 
 
@@ -274,31 +288,40 @@ def left_out(claims: Sequence[Claim], misfit_factor: float) -> Floats:
 
 
 def page(
-    claims: Sequence[Claim], config: ObjectConfig, refitted: PosteriorConfig, others: Floats, source: str,
+    claims: Sequence[Claim],
+    config: ObjectConfig,
+    refitted: PosteriorConfig,
+    others: Floats,
+    source: str,
     backend: str = DEFAULT,
-) -> str:  # fmt: skip
+) -> str:
     """What it says, in Markdown."""
     rule, factor = config.confirmation.posterior, config.false_positives.misfit_factor
     chance, score = chances_of(claims, rule, factor), scores_of(claims)
     ours = figures(chance, claims)
     lines = [
-        "# How likely an object is what the map calls it", "",
+        "# How likely an object is what the map calls it",
+        "",
         f"Of what the map calls a target with chance p, about p is one: the expected calibration error is {ours.error:.3f}. "
         f"Of two objects, the right one has the higher chance {ours.auc:.0%} of the time. One rule and one threshold hold for "
-        "all words.", "",
-        f"Source: {source}. Made by `python -m benchmark.studies.calibration.objects"
+        "all words.",
+        "",
+        f"Source: {source}. Made by `python -m surveilnav.benchmark.studies.calibration.objects"
         f"{'' if backend == DEFAULT else f' --backend {backend}'}`. An object counts once, however often "
-        "the map was looked at. Chances of detections come from tables that never saw the building.", "",
-        "| | log loss | AUC | calibration error |", "|---|---|---|---|",
+        "the map was looked at. Chances of detections come from tables that never saw the building.",
+        "",
+        "| | log loss | AUC | calibration error |",
+        "|---|---|---|---|",
         _row("mean score, as the paper's rule has it", figures(score, claims)),
         _row(f"ours: again {rule.again:g}, missed {rule.missed:g}, alike {rule.alike:g}", ours),
         _row("ours, settings fitted to the other buildings", figures(others, claims)),
         "",
         f"Settings fitted to all buildings: again {refitted.again:.2f}, missed {refitted.missed:.2f}, alike "
         f"{refitted.alike:.2f}.",
-        "", f"| | objects called so | right | AUC | mean chance | precision, recall at {rule.min_chance:g} |",
+        "",
+        f"| | objects called so | right | AUC | mean chance | precision, recall at {rule.min_chance:g} |",
         "|---|---|---|---|---|---|",
-    ]  # fmt: skip
+    ]
     for label in ("all", *TARGETS):
         of = [i for i, c in enumerate(claims) if label in ("all", c.label)]
         if of:
@@ -330,7 +353,7 @@ def _class_row(label: str, chance: Floats, claims: Sequence[Claim], threshold: f
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures what isn't measured yet, and writes the page."""
     parser = argparse.ArgumentParser(
-        prog="benchmark.studies.calibration.objects", description=__doc__.partition("\n")[0]
+        prog="surveilnav.benchmark.studies.calibration.objects", description=__doc__.partition("\n")[0]
     )
     parser.add_argument("--backend", default=DEFAULT, help="what looks at the pictures; it has a vocabulary")
     parser.add_argument("--views", type=int, default=100, help="of the robot, about, in every building")

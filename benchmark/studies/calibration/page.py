@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from benchmark.studies.calibration.fit import apart, fit_probit, pairs_of
-from benchmark.studies.calibration.views import Looks, Rows, rows_of, simulated
-from simulator.furniture.labels import TARGETS
-from simulator.truth.error_model import FEATURES, ErrorModel, Floats, Kind, Luck, visible_rad
+from surveilnav.benchmark.studies.calibration.fit import apart, fit_probit, pairs_of
+from surveilnav.benchmark.studies.calibration.views import Looks, Rows, rows_of, simulated
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.prompts import value_prompt
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.truth.error_model import FEATURES, ErrorModel, Floats, Kind, Luck, visible_rad
 
 _NEAR_CHORD, _NEAR_M = 0.52, 1.0  # 30 degrees
 CHORDS = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0)
@@ -34,15 +34,17 @@ class Band(NamedTuple):
 BANDS = (
     Band("distance [m]", (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 13.0), lambda r: r.range_m),
     Band(
-        "visible size [mrad]", (20, 50, 100, 150, 220, 320, 500, 2000),
+        "visible size [mrad]",
+        (20, 50, 100, 150, 220, 320, 500, 2000),
         lambda r: 1000 * visible_rad(r.x),
     ),
     Band("share of outline hidden", (0.0, 0.1, 0.25, 0.4, 0.6, 0.8, 1.01), lambda r: r.x[:, FEATURES.index("hidden")]),
     Band(
-        "seen from above by [degrees]", (-90, 0, 10, 20, 35, 50, 90),
+        "seen from above by [degrees]",
+        (-90, 0, 10, 20, 35, 50, 90),
         lambda r: np.degrees(np.arcsin(np.clip(r.x[:, FEATURES.index("elevation")], -1, 1))),
     ),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,42 +162,66 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
 
     things = real.rows["thing"]
     target, by_camera = np.isin(things.labels, TARGETS), real.is_camera[things.view]
-    return "\n".join([
-        "# The simulated detector against the real one", "",
-        f"Source of the model: {model.source}.", "",
-        f"{about} Compared: {int((~real.is_camera).sum())} robot views and {int(real.is_camera.sum())} camera views. Real: "
-        f"`compact` on pixels, in COCO's words. Simulated: mean of {len(sims)} seeds (least–most).", "",
-        "![found under its name, by distance, size, occlusion and angle of sight](reliability.png)", "",
-        "![luck, scores, false alarms, value](behaviour.png)", "",
-        "## Found, and called by its own name", "",
-        "| class | visible | real | simulated |", "|---|---|---|---|",
-        *(named(label, things.labels == label) for label in TARGETS),
-        named("targets, robot views", target & ~by_camera),
-        named("targets, camera views", target & by_camera), "",
-        "## False targets, persistence, value", "",
-        "| measure | pairs | real | simulated |", "|---|---|---|---|",
-        row("false targets a robot view", lambda side: side.false_rate(~real.is_camera)),
-        row("false targets a camera view", lambda side: side.false_rate(real.is_camera)),
-        row("a second view within 1 m and 30° repeats a false target", lambda s: s.repeated()[0], real.repeated()[1]),
-        *_persistence(row),
-        row("mean score of right names", lambda side: float(side.right_scores().mean())),
-        row("mean score of false targets", lambda side: float(side.false_scores().mean())),
-        row("value (cosine of view and target): 10 % quantile", lambda s: float(np.quantile(s.values(), 0.1))),
-        row("value: median", lambda s: float(np.median(s.values()))),
-        row("value: 90 % quantile", lambda s: float(np.quantile(s.values(), 0.9))),
-        row("value: correlation with the real one's", lambda s: _correlation(s.values(), real.values())), "",
-        "## What is called what", "",
-        "Of everything that views truly show, how much [%] is called so: real / simulated.", "",
-        *_confusion(real, sims), "",
-        "## By distance, size, occlusion and angle of sight", "",
-        "Targets that are called by their own name, and all else (things and places) that is called a target, each as a share "
-        "of what views show.", "",
-        *_by_band(real, sims),
-        "## By building", "",
-        "False targets a view, and the share of visible targets that are called by their name.", "",
-        "| building | views | false, real | simulated | named | real | simulated |", "|---|---|---|---|---|---|---|",
-        *(_building(name, real, sims) for name in dict.fromkeys(real.building.tolist())), "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "# The simulated detector against the real one",
+            "",
+            f"Source of the model: {model.source}.",
+            "",
+            f"{about} Compared: {int((~real.is_camera).sum())} robot views and {int(real.is_camera.sum())} camera views. Real: "
+            f"`compact` on pixels, in COCO's words. Simulated: mean of {len(sims)} seeds (least–most).",
+            "",
+            "![found under its name, by distance, size, occlusion and angle of sight](reliability.png)",
+            "",
+            "![luck, scores, false alarms, value](behaviour.png)",
+            "",
+            "## Found, and called by its own name",
+            "",
+            "| class | visible | real | simulated |",
+            "|---|---|---|---|",
+            *(named(label, things.labels == label) for label in TARGETS),
+            named("targets, robot views", target & ~by_camera),
+            named("targets, camera views", target & by_camera),
+            "",
+            "## False targets, persistence, value",
+            "",
+            "| measure | pairs | real | simulated |",
+            "|---|---|---|---|",
+            row("false targets a robot view", lambda side: side.false_rate(~real.is_camera)),
+            row("false targets a camera view", lambda side: side.false_rate(real.is_camera)),
+            row(
+                "a second view within 1 m and 30° repeats a false target", lambda s: s.repeated()[0], real.repeated()[1]
+            ),
+            *_persistence(row),
+            row("mean score of right names", lambda side: float(side.right_scores().mean())),
+            row("mean score of false targets", lambda side: float(side.false_scores().mean())),
+            row("value (cosine of view and target): 10 % quantile", lambda s: float(np.quantile(s.values(), 0.1))),
+            row("value: median", lambda s: float(np.median(s.values()))),
+            row("value: 90 % quantile", lambda s: float(np.quantile(s.values(), 0.9))),
+            row("value: correlation with the real one's", lambda s: _correlation(s.values(), real.values())),
+            "",
+            "## What is called what",
+            "",
+            "Of everything that views truly show, how much [%] is called so: real / simulated.",
+            "",
+            *_confusion(real, sims),
+            "",
+            "## By distance, size, occlusion and angle of sight",
+            "",
+            "Targets that are called by their own name, and all else (things and places) that is called a target, "
+            "each as a share of what views show.",
+            "",
+            *_by_band(real, sims),
+            "## By building",
+            "",
+            "False targets a view, and the share of visible targets that are called by their name.",
+            "",
+            "| building | views | false, real | simulated | named | real | simulated |",
+            "|---|---|---|---|---|---|---|",
+            *(_building(name, real, sims) for name in dict.fromkeys(real.building.tolist())),
+            "",
+        ]
+    )
 
 
 def _confusion(real: Side, sims: Sequence[Side]) -> list[str]:

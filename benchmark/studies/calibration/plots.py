@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.studies.calibration.fit import MIN_SCORE
-from benchmark.studies.calibration.page import BANDS, CHORDS, Side, correlations
-from benchmark.studies.calibration.views import Rows
-from simulator.furniture.labels import TARGETS
-from simulator.truth.error_model import Floats
+from surveilnav.benchmark.studies.calibration.fit import MIN_SCORE
+from surveilnav.benchmark.studies.calibration.page import BANDS, CHORDS, Side, correlations
+from surveilnav.benchmark.studies.calibration.views import Rows
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.truth.error_model import Floats
 
 
 def plots(real: Side, sims: Sequence[Side], out: Path) -> None:

@@ -1,7 +1,7 @@
 """Measures a real detector on rendered views of buildings with ``train``'s furniture and fits the backend ``simulated`` to it.
 
-    python -m benchmark.studies.calibration [--buildings flats_1100 ...] [--views 240] [--models train] [--seed 0]
-    python -m benchmark.studies.calibration --split val_mini [--views 120]
+    python -m surveilnav.benchmark.studies.calibration [--buildings flats_1100 ...] [--views 240] [--models train] [--seed 0]
+    python -m surveilnav.benchmark.studies.calibration --split val_mini [--views 120]
 
 Every building is seen by its cameras and by a robot on a tour, pixels with baked light; what ``compact`` finds, in COCO's
 words, of what each view truly shows goes to runs/calibration, building by building, and isn't measured again. Then the error
@@ -25,20 +25,20 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from benchmark.dataset.splits import SPLITS, SceneSpec
-from benchmark.studies.calibration import views
-from benchmark.studies.calibration.fit import fit, matched
-from benchmark.studies.calibration.in_coco_words import InCocoWords
-from benchmark.studies.calibration.page import Side, compare
-from benchmark.studies.calibration.plots import plots
-from benchmark.studies.recordings import Tour, record
-from simulator.simulation import SimulatedBuilding, SimulationSettings
-from simulator.truth import error_model
-from simulator.truth.choose import choose_backend
-from simulator.truth.error_model import ErrorModel
+from surveilnav.benchmark.dataset.splits import SPLITS, SceneSpec
+from surveilnav.benchmark.studies.calibration import views
+from surveilnav.benchmark.studies.calibration.fit import fit, matched
+from surveilnav.benchmark.studies.calibration.in_coco_words import InCocoWords
+from surveilnav.benchmark.studies.calibration.page import Side, compare
+from surveilnav.benchmark.studies.calibration.plots import plots
+from surveilnav.benchmark.studies.recordings import Tour, record
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.vocabulary import COCO
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.truth import error_model
+from surveilnav.simulator.truth.choose import choose_backend
+from surveilnav.simulator.truth.error_model import ErrorModel
 
 #: ``compact`` learnt from views of all buildings of ``train``; these it never saw, only their furniture models.
 UNSEEN = tuple(f"{kind}_{n}" for n in range(1100, 1104) for kind in ("flats", "office"))
@@ -84,7 +84,7 @@ def fitted(buildings: Sequence[views.Looks], args: argparse.Namespace, detector:
     names = ", ".join(building.name for building in buildings)
     counts = ", ".join(f"{len(r.ids)} {kind}s, {int(r.found.sum())} found" for kind, r in rows.items())
     source = (
-        f"python -m benchmark.studies.calibration --seed {args.seed} --models {args.models} --views {args.views}: "
+        f"python -m surveilnav.benchmark.studies.calibration --seed {args.seed} --models {args.models} --views {args.views}: "
         f"{detector} on {n - n_camera} robot views and {n_camera} camera views of {names}; {counts}"
     )
     model = fit(rows, presence_of(buildings), source)
@@ -137,8 +137,8 @@ def _in_use(buildings: Sequence[views.Looks], args: argparse.Namespace) -> _Comp
     """The model in use, that of each building, and a word for the page."""
     model = error_model.error_model()
     about = (
-        f"Made by `python -m benchmark.studies.calibration --split {args.split} --views {args.views}`. The model in use, "
-        f"fitted to the buildings of the source, is compared with the detector on the scenes of `{args.split}`."
+        f"Made by `python -m surveilnav.benchmark.studies.calibration --split {args.split} --views {args.views}`. "
+        f"The model in use, fitted to the buildings of the source, is compared with the detector on the scenes of `{args.split}`."
     )
     return model, dict.fromkeys((building.name for building in buildings), model), about
 
@@ -155,7 +155,7 @@ def _left_out(buildings: Sequence[views.Looks], args: argparse.Namespace, detect
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="benchmark.studies.calibration.run", description=(__doc__ or "").partition("\n")[0]
+        prog="surveilnav.benchmark.studies.calibration.run", description=(__doc__ or "").partition("\n")[0]
     )
     parser.add_argument("--buildings", nargs="+", default=list(UNSEEN))
     parser.add_argument("--views", type=int, default=240, help="of the robot, about, in every building")

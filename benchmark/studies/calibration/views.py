@@ -11,17 +11,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.studies.recordings import Recording, SeenView
-from simulator.simulation import SimulatedBuilding
-from simulator.truth.backends import Simulated
-from simulator.truth.error_model import ErrorModel, Floats, sights
-from simulator.truth.visible import Candidates, Place, VisibleThing, candidates, measured, world_points
+from surveilnav.benchmark.studies.recordings import Recording, SeenView
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.vocabulary import COCO, Vocabulary
 from surveilnav.sensing.views import Detected, TrueInstances, box_cells
+from surveilnav.simulator.simulation import SimulatedBuilding
+from surveilnav.simulator.truth.backends import Simulated
+from surveilnav.simulator.truth.error_model import ErrorModel, Floats, sights
+from surveilnav.simulator.truth.visible import Candidates, Place, VisibleThing, candidates, measured, world_points
 from surveilnav.stored import read_parts, write_parts
 
 MIN_SIZE_RAD = 0.02
@@ -114,11 +114,16 @@ def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
     large = shown.instance_ids.repeat(_SCALE, axis=0).repeat(_SCALE, axis=1)
     found = [_found(d, view.depth_m, large, _SCALE, is_of_classes) for d in seen.perception.detections]
     return Look(
-        view.source, view.view, view.seq, Pose.from_matrix(view.T_world_camera), small,
+        view.source,
+        view.view,
+        view.seq,
+        Pose.from_matrix(view.T_world_camera),
+        small,
         zlib.compress(shown.instance_ids.tobytes(), 1),
         zlib.compress((depth_m * 1000).round().astype(np.uint16).tobytes(), 1),
-        found, [round(float(p), 4) for p in class_space.presence(image)] if is_of_classes else [],
-    )  # fmt: skip
+        found,
+        [round(float(p), 4) for p in class_space.presence(image)] if is_of_classes else [],
+    )
 
 
 def _found(
@@ -132,9 +137,14 @@ def _found(
     under = under[under > 0]
     box = tuple(float(v) / scale for v in d.box_px)
     return Found(
-        d.label, d.score, box, id_, float(counts[id_] / max(1, under_ids.size)), float(np.median(under)) if under.size else 0.0,  # type: ignore[arg-type]
+        d.label,
+        d.score,
+        box,  # type: ignore[arg-type]
+        id_,
+        float(counts[id_] / max(1, under_ids.size)),
+        float(np.median(under)) if under.size else 0.0,
         *(_shares(d.embedding) if is_of_classes else (1.0, "")),
-    )  # fmt: skip
+    )
 
 
 def _shares(embedding: NDArray[np.float32]) -> tuple[float, str]:
@@ -231,10 +241,21 @@ def rows_of(buildings: Sequence[Looks], found: Sequence[Sequence[Sequence[Found]
             for c, outcomes in zip(shown, _assigned(shown, said, look), strict=True):
                 n = len(c.ids)
                 names, scores, certainties, boxes = zip(*outcomes, strict=True)
-                parts.setdefault(c.kind, []).append((
-                    c.labels, c.ids, c.x, c.direction, c.range_m, np.full(n, number), np.full(n, h), names, scores,
-                    certainties, boxes,
-                ))  # fmt: skip
+                parts.setdefault(c.kind, []).append(
+                    (
+                        c.labels,
+                        c.ids,
+                        c.x,
+                        c.direction,
+                        c.range_m,
+                        np.full(n, number),
+                        np.full(n, h),
+                        names,
+                        scores,
+                        certainties,
+                        boxes,
+                    )
+                )
             number += 1
     return {kind: Rows(kind, *(np.concatenate(column) for column in zip(*p, strict=True))) for kind, p in parts.items()}
 

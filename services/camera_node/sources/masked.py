@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from services.camera_node.config import CameraSettings
-from services.camera_node.sources.source import Picture, Source
-from services.camera_node.zones import Zones, masked_pixels, read_zones
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.sources.source import Picture, Source
+from surveilnav.services.camera_node.zones import Zones, masked_pixels, read_zones
 
 
 def masked(source: Source, settings: CameraSettings) -> Source:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from services.camera_node.sources.source import Picture, Place
-from simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
 from surveilnav.camera_plan import PlannedCamera
 from surveilnav.geometry import Pose
 from surveilnav.sensing.views import TrueInstances
+from surveilnav.services.camera_node.sources.source import Picture, Place
+from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
 
 
 class SimulatedSource:

@@ -12,10 +12,17 @@ config                every number, and the preset ``paper``
 warm_up               inner loops compiled before a robot waits for them
 """
 
-from services.fusion.core.config import FusionConfig, MapConfig, ObjectConfig, ValueConfig
-from services.fusion.core.invocation import active_cameras
-from services.fusion.core.joint_map import Integrated, JointMap, in_order
+from surveilnav.services.fusion.core.config import FusionConfig, MapConfig, ObjectConfig, ValueConfig
+from surveilnav.services.fusion.core.invocation import active_cameras
+from surveilnav.services.fusion.core.joint_map import Integrated, JointMap, in_order
 
 __all__ = [
-    "FusionConfig", "Integrated", "JointMap", "MapConfig", "ObjectConfig", "ValueConfig", "active_cameras", "in_order",
-]  # fmt: skip
+    "FusionConfig",
+    "Integrated",
+    "JointMap",
+    "MapConfig",
+    "ObjectConfig",
+    "ValueConfig",
+    "active_cameras",
+    "in_order",
+]

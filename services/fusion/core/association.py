@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.fusion.core.config import AssociationConfig
-from services.fusion.core.shape import Keys, Shape, found_in
+from surveilnav.services.fusion.core.config import AssociationConfig
+from surveilnav.services.fusion.core.shape import Keys, Shape, found_in
 
 
 class Similarity(NamedTuple):
@@ -25,9 +25,14 @@ class Similarity(NamedTuple):
 
 
 def similarity(
-    shape: Shape, embedding: NDArray[np.float32], other: Shape, other_embedding: NDArray[np.float32],
-    config: AssociationConfig, *, comparable: bool = True,
-) -> Similarity:  # fmt: skip
+    shape: Shape,
+    embedding: NDArray[np.float32],
+    other: Shape,
+    other_embedding: NDArray[np.float32],
+    config: AssociationConfig,
+    *,
+    comparable: bool = True,
+) -> Similarity:
     """Eq. 3: ``s = w_1 S_vis + w_2 S_geo``, of the cosine of embeddings (D,) and what ``config.geometry`` says of shapes.
 
     ``comparable``: both embeddings come from one model; else geometry has the weight of both.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core.shape import Shape
+from surveilnav.services.fusion.core.shape import Shape
 
 
 class BoxTable:

@@ -15,10 +15,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.fusion.core.config import MapConfig
-from services.fusion.core.voxels import FAR_CELLS
 from surveilnav.geometry import inverse
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core.config import MapConfig
+from surveilnav.services.fusion.core.voxels import FAR_CELLS
 
 _COLS = 80  # cells across a picture
 _Camera = NDArray[np.float64]
@@ -62,8 +62,14 @@ class Clearance:
         camera = np.zeros(20)
         camera[:12] = inverse(view.T_world_camera)[:3].ravel()
         camera[12:19] = (
-            pinhole.fx_px, pinhole.fy_px, pinhole.cx_px, pinhole.cy_px, cell_px, near_m, limit_m.max(initial=0.0)
-        )  # fmt: skip
+            pinhole.fx_px,
+            pinhole.fy_px,
+            pinhole.cx_px,
+            pinhole.cy_px,
+            cell_px,
+            near_m,
+            limit_m.max(initial=0.0),
+        )
         return cls((stamp_of(view), view.source, view.view, view.seq), camera, limit_m, _coarse(limit_m))
 
     def state(self) -> dict[str, Any]:

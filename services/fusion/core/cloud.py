@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core import voxels
-from services.fusion.core.carving import Clearance
-from services.fusion.core.config import MapConfig
-from services.fusion.core.provenance import MAX_SETS, SourceSets
-from services.fusion.core.voxels import BITS, HALF, MASK, NEVER, VOXEL
+from surveilnav.services.fusion.core import voxels
+from surveilnav.services.fusion.core.carving import Clearance
+from surveilnav.services.fusion.core.config import MapConfig
+from surveilnav.services.fusion.core.provenance import MAX_SETS, SourceSets
+from surveilnav.services.fusion.core.voxels import BITS, HALF, MASK, NEVER, VOXEL
 
 
 class VoxelCloud:
@@ -52,9 +52,13 @@ class VoxelCloud:
         return self._n - self.n_gone
 
     def add(
-        self, p_world: NDArray[np.float32], colours: NDArray[np.uint8], p_camera: NDArray[np.float64],
-        source: str, stamp_ns: int,
-    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
+        self,
+        p_world: NDArray[np.float32],
+        colours: NDArray[np.uint8],
+        p_camera: NDArray[np.float64],
+        source: str,
+        stamp_ns: int,
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Adds points (N, 3) [m, world] with colours (N, 3) uint8, seen by ``source`` from ``p_camera`` (3,).
 
         Returns the numbers of new voxels, and of those that were gone and are back.
@@ -69,11 +73,20 @@ class VoxelCloud:
         per_m = 1.0 / c.voxel_m
         self._n = voxels.find(
             self._voxels, self._index, self._n, c.max_voxels, self._max_blocks, p_world, stamp_ns, per_m, hits
-        )  # fmt: skip
+        )
         n_hits, n_back = voxels.add(
-            self._voxels, hits, p_world, colours, p_camera, stamp_ns, per_m, c.depth_noise_m**2,
-            c.depth_noise_per_m**2, c.carve_views, back,
-        )  # fmt: skip
+            self._voxels,
+            hits,
+            p_world,
+            colours,
+            p_camera,
+            stamp_ns,
+            per_m,
+            c.depth_noise_m**2,
+            c.depth_noise_per_m**2,
+            c.carve_views,
+            back,
+        )
         self.refused += n - n_hits
         self.n_gone -= n_back
         self._note_source(hits, source)
@@ -84,9 +97,16 @@ class VoxelCloud:
         gone = np.empty(self._n, np.int32)  # pages that nobody writes to cost nothing
         c = self._config
         n = voxels.carve(
-            self._voxels, self._index, view.camera, view.limit_m, view.far_m, view.stamp_ns, c.voxel_m,
-            c.carve_views, gone,
-        )  # fmt: skip
+            self._voxels,
+            self._index,
+            view.camera,
+            view.limit_m,
+            view.far_m,
+            view.stamp_ns,
+            c.voxel_m,
+            c.carve_views,
+            gone,
+        )
         self.n_gone += n
         return gone[:n].copy()
 
@@ -97,7 +117,7 @@ class VoxelCloud:
             gone = np.empty(len(new), np.int32)
             n = voxels.recheck(
                 self._voxels, new, view.camera, view.limit_m, view.stamp_ns, c.voxel_m, c.carve_views, gone
-            )  # fmt: skip
+            )
             found.append(gone[:n])
         gone = np.concatenate(found)
         self.n_gone += len(gone)

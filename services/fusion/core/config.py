@@ -254,13 +254,19 @@ class FusionConfig(_Part):
             objects=ObjectConfig(
                 points=PointsConfig(max_points=10_000, dbscan_eps_pixels=0.0, min_points=20),
                 association=AssociationConfig(
-                    geometry="box_iou", tau=1.35, tau_mutual=None, once_per_view=False,
-                    merge_every=20, merge_overlap=0.7, merge_visual=0.7, merge_box=None,
+                    geometry="box_iou",
+                    tau=1.35,
+                    tau_mutual=None,
+                    once_per_view=False,
+                    merge_every=20,
+                    merge_overlap=0.7,
+                    merge_visual=0.7,
+                    merge_box=None,
                 ),
                 confirmation=ConfirmationConfig(rule="paper"),
                 false_positives=FalsePositiveConfig(size_prior=False),
             ),
-        )  # fmt: skip
+        )
 
     def changed(self, changes: Mapping[str, Any]) -> FusionConfig:
         """With the settings of ``changes``, nested as the parts are. ValidationError: a name or a value that can't be."""

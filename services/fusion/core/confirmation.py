@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from services.fusion.core.assessment import Assessment, Status
-from services.fusion.core.confidences import Confidences
-from services.fusion.core.config import ObjectConfig
-from services.fusion.core.evidence import Evidence
-from services.fusion.core.paper_confirmation import PaperConfirmation
-from services.fusion.core.posterior_confirmation import PosteriorConfirmation
+from surveilnav.services.fusion.core.assessment import Assessment, Status
+from surveilnav.services.fusion.core.confidences import Confidences
+from surveilnav.services.fusion.core.config import ObjectConfig
+from surveilnav.services.fusion.core.evidence import Evidence
+from surveilnav.services.fusion.core.paper_confirmation import PaperConfirmation
+from surveilnav.services.fusion.core.posterior_confirmation import PosteriorConfirmation
 
 
 class Confirmation(Protocol):

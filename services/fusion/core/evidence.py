@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from services.fusion.core.looks import Direction, Looks
+from surveilnav.services.fusion.core.looks import Direction, Looks
 
 
 @dataclass(slots=True)

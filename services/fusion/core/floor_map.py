@@ -9,22 +9,29 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.fusion.core.carving import Clearance, FreeSpace, stamp_of
-from services.fusion.core.cloud import VoxelCloud
-from services.fusion.core.config import MapConfig
-from services.fusion.core.frontier import frontiers
-from services.fusion.core.projection import azimuth_bins, camera_position, reach, world_points
 from surveilnav.geometry import Grid
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core.carving import Clearance, FreeSpace, stamp_of
+from surveilnav.services.fusion.core.cloud import VoxelCloud
+from surveilnav.services.fusion.core.config import MapConfig
+from surveilnav.services.fusion.core.frontier import frontiers
+from surveilnav.services.fusion.core.projection import azimuth_bins, camera_position, reach, world_points
 
 #: Rows and columns counted from the world's origin: (row0, col0, rows, cols).
 Window = tuple[int, int, int, int]
 
 _MOST = 2**32 - 1  # counts stop here
 _LAYERS = (
-    "_obstacle_points", "_obstacle_views", "_bare_views", "_explored_views", "_visited",
-    "_voxels_there", "_voxels_gone", "_drop_points", "_drop_views",
-)  # fmt: skip
+    "_obstacle_points",
+    "_obstacle_views",
+    "_bare_views",
+    "_explored_views",
+    "_visited",
+    "_voxels_there",
+    "_voxels_gone",
+    "_drop_points",
+    "_drop_views",
+)
 _BARE_FLOOR_M = 0.08  # nearer than this to the floor's altitude a point is floor
 
 
@@ -132,10 +139,15 @@ class FloorMap:
     def state(self) -> dict[str, Any]:
         """All of it, as plain arrays and numbers, for ``of_state``."""
         return {
-            "floor": self.floor, "z_m": self.z_m, "revision": self.revision, "row0": self._row0, "col0": self._col0,
-            "layers": {name.lstrip("_"): getattr(self, name) for name in _LAYERS}, "cloud": self.cloud.state(),
+            "floor": self.floor,
+            "z_m": self.z_m,
+            "revision": self.revision,
+            "row0": self._row0,
+            "col0": self._col0,
+            "layers": {name.lstrip("_"): getattr(self, name) for name in _LAYERS},
+            "cloud": self.cloud.state(),
             "free_space": self._free_space.state(),
-        }  # fmt: skip
+        }
 
     @classmethod
     def of_state(cls, state: dict[str, Any], config: MapConfig) -> FloorMap:
@@ -164,9 +176,17 @@ class FloorMap:
             return
         c = self._config
         _tally_voxels(
-            self.cloud.centres(voxels), self._row0, self._col0, c.resolution_m, self.z_m + c.obstacle_min_m,
-            self.z_m + c.obstacle_max_m, there, gone, self._voxels_there, self._voxels_gone,
-        )  # fmt: skip
+            self.cloud.centres(voxels),
+            self._row0,
+            self._col0,
+            c.resolution_m,
+            self.z_m + c.obstacle_min_m,
+            self.z_m + c.obstacle_max_m,
+            there,
+            gone,
+            self._voxels_there,
+            self._voxels_gone,
+        )
 
     def _count(
         self,
@@ -179,15 +199,37 @@ class FloorMap:
         c = self._config
         row0, col0, rows, cols = window
         seen = azimuth_bins(
-            np.minimum(reach_m, np.float32(farthest_m)), p_camera[0], p_camera[1], c.resolution_m, row0, col0, rows, cols
-        )  # fmt: skip
+            np.minimum(reach_m, np.float32(farthest_m)),
+            p_camera[0],
+            p_camera[1],
+            c.resolution_m,
+            row0,
+            col0,
+            rows,
+            cols,
+        )
         part = np.s_[row0 - self._row0 : row0 - self._row0 + rows, col0 - self._col0 : col0 - self._col0 + cols]
         _count_points(
-            p_world, p_camera, self.z_m, c.resolution_m, row0, col0, seen, farthest_m**2,
-            c.obstacle_min_m, c.obstacle_max_m, c.drop_min_m, c.obstacle_noise_per_m, c.explored_max_m,
-            self._obstacle_points[part], self._obstacle_views[part], self._drop_points[part], self._drop_views[part],
-            self._bare_views[part], self._explored_views[part],
-        )  # fmt: skip
+            p_world,
+            p_camera,
+            self.z_m,
+            c.resolution_m,
+            row0,
+            col0,
+            seen,
+            farthest_m**2,
+            c.obstacle_min_m,
+            c.obstacle_max_m,
+            c.drop_min_m,
+            c.obstacle_noise_per_m,
+            c.explored_max_m,
+            self._obstacle_points[part],
+            self._obstacle_views[part],
+            self._drop_points[part],
+            self._drop_views[part],
+            self._bare_views[part],
+            self._explored_views[part],
+        )
 
     def _stand(self, p_camera: NDArray[np.float64]) -> None:
         r, radius_m = self._config.resolution_m, self._config.robot_radius_m
@@ -238,7 +280,7 @@ def window_of(
 @njit(cache=True, nogil=True)
 def _tally_voxels(  # type: ignore[no-untyped-def]
     centres, row0, col0, resolution_m, low, high, there, gone, n_there, n_gone
-):  # fmt: skip
+):
     for i in range(len(centres)):
         if low <= centres[i, 2] <= high:
             row = int(np.floor(centres[i, 1] / resolution_m)) - row0
@@ -262,9 +304,26 @@ def _bounds(points):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _count_points(  # type: ignore[no-untyped-def]
-    points, p_camera, z, resolution_m, row0, col0, seen, farthest_squared, low, high, drop, noise, explored_max,
-    obstacle_points, obstacle_views, drop_points, drop_views, bare_views, explored_views,
-):  # fmt: skip
+    points,
+    p_camera,
+    z,
+    resolution_m,
+    row0,
+    col0,
+    seen,
+    farthest_squared,
+    low,
+    high,
+    drop,
+    noise,
+    explored_max,
+    obstacle_points,
+    obstacle_views,
+    drop_points,
+    drop_views,
+    bare_views,
+    explored_views,
+):
     rows, cols = seen.shape
     blocks = np.zeros((rows, cols), np.uint16)
     falls = np.zeros((rows, cols), np.uint16)

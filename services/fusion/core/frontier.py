@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.fusion.core.config import MapConfig
+from surveilnav.services.fusion.core.config import MapConfig
 
 
 def frontiers(occupied: NDArray[np.uint8], explored: NDArray[np.uint8], config: MapConfig) -> NDArray[np.uint8]:

@@ -31,15 +31,25 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.fusion.core.config import GuardConfig
 from surveilnav.geometry import Pinhole
 from surveilnav.sensing.views import PosedView, ViewPerception, box_cells
+from surveilnav.services.fusion.core.config import GuardConfig
 
 ViewFault = Literal[
-    "bad_pose", "wrong_size", "bad_intrinsics", "bad_depth", "bad_detection", "bad_mask", "bad_embedding",
-    "no_depth", "pose_jump", "time_backwards", "intrinsics_changed", "out_of_map",
+    "bad_pose",
+    "wrong_size",
+    "bad_intrinsics",
+    "bad_depth",
+    "bad_detection",
+    "bad_mask",
+    "bad_embedding",
+    "no_depth",
+    "pose_jump",
+    "time_backwards",
+    "intrinsics_changed",
+    "out_of_map",
     "too_many_floors",
-]  # fmt: skip
+]
 _MOST_MISSED = 2**53  # what every reader of a snapshot can hold
 _RIGID = 1e-3  # of a rotation's R^T R - 1 and determinant; quaternions on the wire are normalised
 

@@ -42,9 +42,15 @@ class Invocation:
 
 
 def invoke(
-    state: Invocation, floors_z_m: Iterable[float], cameras: Iterable[CameraInfo], now_s: float, *,
-    tau_z_m: float, release_z_m: float, linger_s: float,
-) -> Invocation:  # fmt: skip
+    state: Invocation,
+    floors_z_m: Iterable[float],
+    cameras: Iterable[CameraInfo],
+    now_s: float,
+    *,
+    tau_z_m: float,
+    release_z_m: float,
+    linger_s: float,
+) -> Invocation:
     """Eq. 1 with hysteresis: a camera becomes active within ``tau_z_m`` of a robot's floor, and stays so until every
     robot was farther than ``release_z_m`` for longer than ``linger_s``.
 

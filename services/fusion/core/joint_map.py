@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core.config import FusionConfig
-from services.fusion.core.floor_map import FloorMap
-from services.fusion.core.guard import Guard, ViewError, check
-from services.fusion.core.invocation import same_floor
-from services.fusion.core.map_object import ObjectChange
-from services.fusion.core.objects import ObjectMap
-from services.fusion.core.value import PendingLayer, ValueMap
-from services.fusion.core.walk import Walk
 from surveilnav.geometry import Grid
 from surveilnav.messages.maps import DEFAULT_LAYERS, ObjectRecord
 from surveilnav.sensing.views import PosedView, ViewPerception
+from surveilnav.services.fusion.core.config import FusionConfig
+from surveilnav.services.fusion.core.floor_map import FloorMap
+from surveilnav.services.fusion.core.guard import Guard, ViewError, check
+from surveilnav.services.fusion.core.invocation import same_floor
+from surveilnav.services.fusion.core.map_object import ObjectChange
+from surveilnav.services.fusion.core.objects import ObjectMap
+from surveilnav.services.fusion.core.value import PendingLayer, ValueMap
+from surveilnav.services.fusion.core.walk import Walk
 
 _MAX_NAMES = 256  # of floors: a robot may say what it likes
 
@@ -272,13 +272,19 @@ class JointMap:
         Keys are those that snapshots have had from the start: "storeys" are floors.
         """
         return {
-            "revision": self.revision, "guard": self.guard.state(), "name_of": dict(self._name_of),
+            "revision": self.revision,
+            "guard": self.guard.state(),
+            "name_of": dict(self._name_of),
             "walks": {robot: walk.state() for robot, walk in self._walks.items()},
             "storeys": [
-                {"geometry": _with_own_layers(s.geometry.state()), "value": s.value.state(), "objects": s.objects.state()}
+                {
+                    "geometry": _with_own_layers(s.geometry.state()),
+                    "value": s.value.state(),
+                    "objects": s.objects.state(),
+                }
                 for s in self._floors.values()
             ],
-        }  # fmt: skip
+        }
 
     @classmethod
     def of_state(cls, state: dict[str, Any], config: FusionConfig) -> JointMap:
@@ -290,9 +296,10 @@ class JointMap:
         for maps in state["storeys"]:
             geometry = FloorMap.of_state(maps["geometry"], config.map)
             joint._floors[geometry.floor] = _FloorMaps(
-                geometry, ValueMap.of_state(maps["value"], config.value),
+                geometry,
+                ValueMap.of_state(maps["value"], config.value),
                 ObjectMap.of_state(maps["objects"], geometry.floor, geometry.z_m, config.map.voxel_m, config.objects),
-            )  # fmt: skip
+            )
         return joint
 
 

@@ -11,21 +11,31 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core.assessment import Status
-from services.fusion.core.association import cosine
-from services.fusion.core.config import ObjectConfig
-from services.fusion.core.evidence import Evidence
-from services.fusion.core.looks import Direction
-from services.fusion.core.shape import Shape
-from services.fusion.core.sightings import Sighting
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core.assessment import Status
+from surveilnav.services.fusion.core.association import cosine
+from surveilnav.services.fusion.core.config import ObjectConfig
+from surveilnav.services.fusion.core.evidence import Evidence
+from surveilnav.services.fusion.core.looks import Direction
+from surveilnav.services.fusion.core.shape import Shape
+from surveilnav.services.fusion.core.sightings import Sighting
 
 Change = Literal["created", "matched", "merged", "confirmed", "rejected", "flipped", "not_seen"]
 _STATE = (
-    "id", "embedding_sum", "seen_from_sum", "first_seen_ns", "last_seen_ns", "label", "confidence", "status", "reason",
-    "n_detections", "changed", "embedding_model",
-)  # fmt: skip
+    "id",
+    "embedding_sum",
+    "seen_from_sum",
+    "first_seen_ns",
+    "last_seen_ns",
+    "label",
+    "confidence",
+    "status",
+    "reason",
+    "n_detections",
+    "changed",
+    "embedding_model",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +82,16 @@ class MapObject:
         """A new object, before its first sighting is fused into it."""
         detected = sighting.detected
         return cls(
-            id=id_, shape=sighting.shape, label=detected.label, embedding_sum=np.zeros_like(detected.embedding),
-            seen_from_sum=np.zeros(2), first_seen_ns=view.stamp_ns, last_seen_ns=view.stamp_ns,
-            history=deque(maxlen=max_history), embedding_model=sighting.embedding_model,
-        )  # fmt: skip
+            id=id_,
+            shape=sighting.shape,
+            label=detected.label,
+            embedding_sum=np.zeros_like(detected.embedding),
+            seen_from_sum=np.zeros(2),
+            first_seen_ns=view.stamp_ns,
+            last_seen_ns=view.stamp_ns,
+            history=deque(maxlen=max_history),
+            embedding_model=sighting.embedding_model,
+        )
 
     def fuse(self, view: PosedView, sighting: Sighting, max_voxels: int) -> None:
         """Adds a detection: its points, its embedding, its evidence (the paper's joint object fusion)."""
@@ -121,9 +137,12 @@ class MapObject:
     def state(self) -> dict[str, Any]:
         """All of it, as plain arrays and values, for ``of_state``."""
         return {
-            "keys": self.shape.keys, "evidence": self.evidence.state(), "sources": sorted(self.sources),
-            "history": list(self.history), **{name: getattr(self, name) for name in _STATE},
-        }  # fmt: skip
+            "keys": self.shape.keys,
+            "evidence": self.evidence.state(),
+            "sources": sorted(self.sources),
+            "history": list(self.history),
+            **{name: getattr(self, name) for name in _STATE},
+        }
 
     @classmethod
     def of_state(cls, state: dict[str, Any], voxel_m: float, config: ObjectConfig) -> MapObject:
@@ -131,9 +150,11 @@ class MapObject:
         history = deque(msgspec.convert(state["history"], list[ObjectEvent]), maxlen=config.max_history)
         return cls(
             shape=Shape(state["keys"], voxel_m, config.association.overlap_voxel_m),
-            evidence=Evidence.of_state(state["evidence"]), sources=set(state["sources"]), history=history,
+            evidence=Evidence.of_state(state["evidence"]),
+            sources=set(state["sources"]),
+            history=history,
             **{name: state[name] for name in _STATE if name in state},  # older states name no model
-        )  # fmt: skip
+        )
 
 
 def _direction(view: PosedView, shape: Shape) -> Direction:

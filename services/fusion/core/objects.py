@@ -13,17 +13,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core.association import Similarity, box_overlap, cosine, overlaps, same_place, similarity
-from services.fusion.core.box_table import BoxTable
-from services.fusion.core.config import AssociationConfig, ObjectConfig
-from services.fusion.core.confirmation import confirmation_of
-from services.fusion.core.map_object import Change, MapObject, ObjectChange
-from services.fusion.core.shape import Shape, evenly
-from services.fusion.core.sightings import Sighting, locate_all
-from services.fusion.core.sizes import misfit, outgrown
-from services.fusion.core.visibility import in_plain_view
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
 from surveilnav.sensing.views import Detected, PosedView
+from surveilnav.services.fusion.core.association import (
+    Similarity,
+    box_overlap,
+    cosine,
+    overlaps,
+    same_place,
+    similarity,
+)
+from surveilnav.services.fusion.core.box_table import BoxTable
+from surveilnav.services.fusion.core.config import AssociationConfig, ObjectConfig
+from surveilnav.services.fusion.core.confirmation import confirmation_of
+from surveilnav.services.fusion.core.map_object import Change, MapObject, ObjectChange
+from surveilnav.services.fusion.core.shape import Shape, evenly
+from surveilnav.services.fusion.core.sightings import Sighting, locate_all
+from surveilnav.services.fusion.core.sizes import misfit, outgrown
+from surveilnav.services.fusion.core.visibility import in_plain_view
 
 _RECORD_POINTS = 256
 
@@ -273,9 +280,16 @@ class ObjectMap:
     # --- what others see ------------------------------------------------------------------------------------------
 
     def _log(
-        self, obj: MapObject, view: PosedView, label: str, score: float, what: Change, note: str,
-        box_px: tuple[float, float, float, float] | None = None, absorbed: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        obj: MapObject,
+        view: PosedView,
+        label: str,
+        score: float,
+        what: Change,
+        note: str,
+        box_px: tuple[float, float, float, float] | None = None,
+        absorbed: int = 0,
+    ) -> None:
         event = ObjectEvent(
             view.stamp_ns, view.source, view.view, view.seq, label, round(float(score), 4), what, note, box_px
         )
@@ -297,15 +311,28 @@ class ObjectMap:
         (label_robot, by_robot), (label_cameras, by_cameras) = confidences.best_robot, confidences.best_surveillance
         factor = self._config.false_positives.misfit_factor
         return ObjectRecord(
-            id=o.id, floor=self._floor, label=o.label, status=o.status, confidence=o.confidence,
-            confidence_robot=by_robot, confidence_surveillance=by_cameras, label_robot=label_robot,
-            label_surveillance=label_cameras, n_detections=o.n_detections, n_points=len(points),
-            center_m=_triple((o.shape.p_min + o.shape.p_max) / 2), size_m=_triple(o.shape.p_max - o.shape.p_min),
-            first_seen_ns=o.first_seen_ns, last_seen_ns=o.last_seen_ns, sources=sorted(o.sources), reason=o.reason,
-            points=points[evenly(len(points), _RECORD_POINTS)].astype(np.float32).tobytes(), history=list(o.history),
+            id=o.id,
+            floor=self._floor,
+            label=o.label,
+            status=o.status,
+            confidence=o.confidence,
+            confidence_robot=by_robot,
+            confidence_surveillance=by_cameras,
+            label_robot=label_robot,
+            label_surveillance=label_cameras,
+            n_detections=o.n_detections,
+            n_points=len(points),
+            center_m=_triple((o.shape.p_min + o.shape.p_max) / 2),
+            size_m=_triple(o.shape.p_max - o.shape.p_min),
+            first_seen_ns=o.first_seen_ns,
+            last_seen_ns=o.last_seen_ns,
+            sources=sorted(o.sources),
+            reason=o.reason,
+            points=points[evenly(len(points), _RECORD_POINTS)].astype(np.float32).tobytes(),
+            history=list(o.history),
             label_scores={k: v * (factor if self._unfit(o, k) else 1.0) for k, v in confidences.by_class().items()},
             seen_from=(float(o.seen_from_sum[0]) / o.n_detections, float(o.seen_from_sum[1]) / o.n_detections),
-        )  # fmt: skip
+        )
 
 
 def _rank(found: Similarity, config: AssociationConfig) -> float:

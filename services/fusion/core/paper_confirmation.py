@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from services.fusion.core.assessment import Assessment, Status
-from services.fusion.core.confidences import Confidences
-from services.fusion.core.config import PaperConfirmationConfig
-from services.fusion.core.evidence import Evidence, Support
+from surveilnav.services.fusion.core.assessment import Assessment, Status
+from surveilnav.services.fusion.core.confidences import Confidences
+from surveilnav.services.fusion.core.config import PaperConfirmationConfig
+from surveilnav.services.fusion.core.evidence import Evidence, Support
 
 
 class PaperConfirmation:

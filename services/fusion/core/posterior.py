@@ -16,8 +16,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 
-from services.fusion.core.config import PosteriorConfig
-from services.fusion.core.looks import Direction, Look
+from surveilnav.services.fusion.core.config import PosteriorConfig
+from surveilnav.services.fusion.core.looks import Direction, Look
 
 _BEYOND = 30.0  # log-odds past which nothing changes
 

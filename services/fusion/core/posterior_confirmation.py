@@ -10,12 +10,12 @@ What differs from the paper (section "Joint Object Confirmation"):
 
 from __future__ import annotations
 
-from services.fusion.core.assessment import Assessment, Status
-from services.fusion.core.confidences import Confidences
-from services.fusion.core.config import PosteriorConfig
-from services.fusion.core.evidence import Evidence
-from services.fusion.core.looks import of_kinds
-from services.fusion.core.posterior import posterior
+from surveilnav.services.fusion.core.assessment import Assessment, Status
+from surveilnav.services.fusion.core.confidences import Confidences
+from surveilnav.services.fusion.core.config import PosteriorConfig
+from surveilnav.services.fusion.core.evidence import Evidence
+from surveilnav.services.fusion.core.looks import of_kinds
+from surveilnav.services.fusion.core.posterior import posterior
 
 
 class PosteriorConfirmation:

@@ -33,9 +33,18 @@ def world_points(
     T = np.ascontiguousarray(view.T_world_camera, dtype=np.float64)
     near_m, far_m = view.depth_range_m
     return _world_points(  # type: ignore[no-any-return]
-        np.ascontiguousarray(view.depth_m, dtype=np.float32), np.ascontiguousarray(view.rgb), T,
-        camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, stride, near_m, min(far_m, max_range_m), edge,
-    )  # fmt: skip
+        np.ascontiguousarray(view.depth_m, dtype=np.float32),
+        np.ascontiguousarray(view.rgb),
+        T,
+        camera.fx_px,
+        camera.fy_px,
+        camera.cx_px,
+        camera.cy_px,
+        stride,
+        near_m,
+        min(far_m, max_range_m),
+        edge,
+    )
 
 
 @njit(cache=True, nogil=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core.cloud import sorted_unique, voxel_centres, voxel_keys
+from surveilnav.services.fusion.core.cloud import sorted_unique, voxel_centres, voxel_keys
 
 Keys = NDArray[np.int64]
 _SAMPLES = 64

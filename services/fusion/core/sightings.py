@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.fusion.core.clustering import largest_cluster
-from services.fusion.core.config import ObjectConfig
-from services.fusion.core.shape import Shape
 from surveilnav.geometry import transform_points
 from surveilnav.sensing.views import Detected, PosedView, box_cells
+from surveilnav.services.fusion.core.clustering import largest_cluster
+from surveilnav.services.fusion.core.config import ObjectConfig
+from surveilnav.services.fusion.core.shape import Shape
 
 
 @dataclass(frozen=True, slots=True, eq=False)

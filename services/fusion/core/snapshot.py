@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 import zstandard
 
-from services.fusion.core.config import FusionConfig
-from services.fusion.core.joint_map import JointMap
+from surveilnav.services.fusion.core.config import FusionConfig
+from surveilnav.services.fusion.core.joint_map import JointMap
 
 #: Of what a snapshot holds: one of another version isn't read.
 VERSION = 4

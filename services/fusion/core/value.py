@@ -21,10 +21,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.fusion.core.config import ValueConfig
-from services.fusion.core.projection import AZIMUTHS, azimuth_bins, camera_position, extent
 from surveilnav.geometry import Grid
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core.config import ValueConfig
+from surveilnav.services.fusion.core.projection import AZIMUTHS, azimuth_bins, camera_position, extent
 
 _STEEP = math.radians(60)  # a camera that looks down more steeply has no azimuth worth a cone
 _RESCALE = 32  # half-lives that a layer's weights may rise before they are scaled back
@@ -47,17 +47,28 @@ class SeenView:
 
     @classmethod
     def of(
-        cls, view: PosedView, reach_m: NDArray[np.float32], embedding: NDArray[np.float32], stamp_ns: int,
+        cls,
+        view: PosedView,
+        reach_m: NDArray[np.float32],
+        embedding: NDArray[np.float32],
+        stamp_ns: int,
         embedding_model: str = "",
-    ) -> SeenView:  # fmt: skip
+    ) -> SeenView:
         """``reach_m`` (360, 2) from ``projection.reach``; ``embedding`` (D,) unit length."""
         x, y, _ = camera_position(view.T_world_camera)
         forward = view.T_world_camera[:3, 2]
         steep = abs(math.asin(max(-1.0, min(1.0, float(forward[2]))))) > _STEEP
         return cls(
-            view.is_robot, stamp_ns, float(x), float(y), reach_m.astype(np.float16), math.atan2(forward[1], forward[0]),
-            0.0 if steep else view.camera.hfov_rad / 2, embedding.astype(np.float16), embedding_model,
-        )  # fmt: skip
+            view.is_robot,
+            stamp_ns,
+            float(x),
+            float(y),
+            reach_m.astype(np.float16),
+            math.atan2(forward[1], forward[0]),
+            0.0 if steep else view.camera.hfov_rad / 2,
+            embedding.astype(np.float16),
+            embedding_model,
+        )
 
 
 class ValueMap:
@@ -217,9 +228,13 @@ class _Layer:
         rule = ("average", "confidence", "latest").index(self._config.fusion)
         # only eq. 2 keeps robot and surveillance apart
         _fuse(
-            part[0 if view.is_robot or rule else 1], azimuths, score, rule,
-            cone(view.axis_rad, view.half_fov_rad, self._config.min_confidence), self._gain(view.stamp_ns),
-        )  # fmt: skip
+            part[0 if view.is_robot or rule else 1],
+            azimuths,
+            score,
+            rule,
+            cone(view.axis_rad, view.half_fov_rad, self._config.min_confidence),
+            self._gain(view.stamp_ns),
+        )
 
     def _gain(self, stamp_ns: int) -> float:
         """Weight of a view of that time: 2 for each half-life after ``_since_ns``. May scale all others back."""

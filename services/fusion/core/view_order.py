@@ -19,10 +19,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.fusion.core.config import ViewOrderConfig
-from services.fusion.core.invocation import same_floor
-from services.fusion.core.joint_map import JointMap
 from surveilnav.geometry import Grid, Matrix4, Pinhole
+from surveilnav.services.fusion.core.config import ViewOrderConfig
+from surveilnav.services.fusion.core.invocation import same_floor
+from surveilnav.services.fusion.core.joint_map import JointMap
 
 _AZIMUTH_STEP_RAD = math.radians(3.0)
 #: Steeper than this a view looks all around its own foot.
@@ -87,9 +87,17 @@ def worths_m2(
     grid = floor.grid if floor else Grid(0.0, 0.0, config.step_m, 1, 1)
     layers = (floor.occupied, floor.explored, floor.frontier) if floor else (nothing, nothing, nothing)
     return _worths(  # type: ignore[no-any-return]
-        rows.reshape(-1, 6), robots, *layers, grid.origin_x_m, grid.origin_y_m, grid.resolution_m, config.step_m,
-        config.near_m, config.frontier, config.known,
-    )  # fmt: skip
+        rows.reshape(-1, 6),
+        robots,
+        *layers,
+        grid.origin_x_m,
+        grid.origin_y_m,
+        grid.resolution_m,
+        config.step_m,
+        config.near_m,
+        config.frontier,
+        config.known,
+    )
 
 
 def worths_in(
@@ -129,7 +137,7 @@ def _known_floor(joint: JointMap, floor: str) -> KnownFloor | None:
 @njit(cache=True, nogil=True)
 def _worths(  # type: ignore[no-untyped-def]
     wedges, robots, occupied, explored, frontier, x0, y0, resolution, step, near, at_frontier, at_known
-):  # fmt: skip
+):
     rows, cols = explored.shape
     out = np.zeros(len(wedges))
     for k in range(len(wedges)):

@@ -28,9 +28,17 @@ def in_plain_view(
     ends = np.cumsum([len(p) for p in p_world])
     c = view.camera
     return _in_plain_view(  # type: ignore[no-any-return]
-        np.concatenate(p_world), ends, inverse(view.T_world_camera)[:3], c.fx_px, c.fy_px, c.cx_px, c.cy_px, view.depth_m,
-        near_m, far_m,
-    )  # fmt: skip
+        np.concatenate(p_world),
+        ends,
+        inverse(view.T_world_camera)[:3],
+        c.fx_px,
+        c.fy_px,
+        c.cx_px,
+        c.cy_px,
+        view.depth_m,
+        near_m,
+        far_m,
+    )
 
 
 @njit(cache=True, nogil=True)

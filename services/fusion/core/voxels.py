@@ -19,11 +19,23 @@ NEVER = -(1 << 63)
 #: A voxel: sums over its points of weights, weighted offsets in its cube (0-255) and weighted colours, all integers,
 #: so that the order of views doesn't matter; the set of its sources; its first and last point; and the two newest
 #: views, newer than its last point, that see through it (``NEVER``: none).
-VOXEL = np.dtype([
-    ("key", np.int64), ("weight", np.uint32), ("x", np.uint32), ("y", np.uint32), ("z", np.uint32),
-    ("red", np.uint32), ("green", np.uint32), ("blue", np.uint32), ("sources", np.uint32),
-    ("first_ns", np.int64), ("last_ns", np.int64), ("through_ns", np.int64), ("through_before_ns", np.int64),
-])  # fmt: skip
+VOXEL = np.dtype(
+    [
+        ("key", np.int64),
+        ("weight", np.uint32),
+        ("x", np.uint32),
+        ("y", np.uint32),
+        ("z", np.uint32),
+        ("red", np.uint32),
+        ("green", np.uint32),
+        ("blue", np.uint32),
+        ("sources", np.uint32),
+        ("first_ns", np.int64),
+        ("last_ns", np.int64),
+        ("through_ns", np.int64),
+        ("through_before_ns", np.int64),
+    ]
+)
 _MAX_WEIGHT = 64  # of one point
 _FULL = 16_800_000  # weight at which a voxel's mean stands: 255 times this fits 32 bits
 FAR_CELLS = 2  # cells across one of the coarse picture (carving.Clearance)
@@ -46,10 +58,15 @@ def new_index(n_blocks: int) -> Index:
     """An empty index with room for so many blocks."""
     slots = 1 << (2 * n_blocks - 1).bit_length()
     return Index(
-        np.zeros(2, np.int64), np.zeros(n_blocks, np.int64), np.zeros((n_blocks, 64), np.int32),
-        np.zeros(n_blocks, np.int32), np.zeros(slots, np.int32), np.zeros(n_blocks, np.int64),
-        np.zeros(n_blocks, np.int32), np.zeros(slots, np.int32),
-    )  # fmt: skip
+        np.zeros(2, np.int64),
+        np.zeros(n_blocks, np.int64),
+        np.zeros((n_blocks, 64), np.int32),
+        np.zeros(n_blocks, np.int32),
+        np.zeros(slots, np.int32),
+        np.zeros(n_blocks, np.int64),
+        np.zeros(n_blocks, np.int32),
+        np.zeros(slots, np.int32),
+    )
 
 
 def grown(index: Index, n_blocks: int) -> Index:
@@ -159,7 +176,7 @@ def find(voxels, index, n, max_voxels, max_blocks, points, stamp, per_m, hits): 
 @njit(cache=True, nogil=True)
 def add(  # type: ignore[no-untyped-def]
     voxels, hits, points, colours, camera, stamp, per_m, near_var, far_var, carve_views, back
-):  # fmt: skip
+):
     """Adds points to their voxels; returns the number of points added and of voxels that are ``back``."""
     n_hits, n_back = 0, 0
     for i in range(points.shape[0]):
@@ -257,14 +274,14 @@ def carve(voxels, index, camera, limit_m, far_m, stamp, voxel_m, carve_views, go
                 if region >= 0:
                     n = _carve_region(
                         voxels, index, region, camera, limit_m, far_m, stamp, voxel_m, carve_views, gone, n
-                    )  # fmt: skip
+                    )
     return n
 
 
 @njit(cache=True, nogil=True)
 def _carve_region(  # type: ignore[no-untyped-def]
     voxels, index, region, camera, limit_m, far_m, stamp, voxel_m, carve_views, gone, n
-):  # fmt: skip
+):
     key = index.region_keys[region]
     rx, ry, rz = key & 0xFFFF, (key >> 16) & 0xFFFF, key >> 32
     x, y, z = _middle(rx, 32 * voxel_m, 5), _middle(ry, 32 * voxel_m, 5), _middle(rz, 32 * voxel_m, 5)

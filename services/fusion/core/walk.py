@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from services.fusion.core.config import MapConfig
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core.config import MapConfig
 
 _LEVEL_M = 0.1  # of altitude: within this a robot stays on one level
 

@@ -11,11 +11,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.core.config import FusionConfig
-from services.fusion.core.joint_map import JointMap
-from services.fusion.core.view_order import FloorWedge, most_worth_first
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.services.fusion.core.config import FusionConfig
+from surveilnav.services.fusion.core.joint_map import JointMap
+from surveilnav.services.fusion.core.view_order import FloorWedge, most_worth_first
 
 _CAMERA = Pinhole.from_hfov(640, 480, math.radians(79.0))  # coarser, a thing has too few points for a cluster
 _RANGE_M = (0.2, 8.0)
@@ -48,9 +48,18 @@ def _view(source: str, seq: int, p_world: tuple[float, float, float], yaw_rad: f
     """What a camera sees of the empty room, looking along ``yaw_rad`` and down a little."""
     T_world_camera = camera_pose(p_world, yaw_rad, -_DOWN_RAD)
     return PosedView(
-        source, 0, seq, seq, _FLOOR, T_world_camera, _CAMERA, p_world[2],
-        np.zeros((_CAMERA.height_px, _CAMERA.width_px, 3), np.uint8), _depth_m(T_world_camera), _RANGE_M,
-    )  # fmt: skip
+        source,
+        0,
+        seq,
+        seq,
+        _FLOOR,
+        T_world_camera,
+        _CAMERA,
+        p_world[2],
+        np.zeros((_CAMERA.height_px, _CAMERA.width_px, 3), np.uint8),
+        _depth_m(T_world_camera),
+        _RANGE_M,
+    )
 
 
 def _depth_m(T_world_camera: Matrix4) -> NDArray[np.float32]:

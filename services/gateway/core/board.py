@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Collection
 from itertools import takewhile
 
-from services.gateway.core.event_log import Event, Position, number_in
+from surveilnav.services.gateway.core.event_log import Event, Position, number_in
 
 #: Rows of things that are gone, kept for readers that still show them.
 _MOST_GONE = 1000

@@ -9,8 +9,8 @@ from collections import OrderedDict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from services.gateway.core.traffic import Traffic
 from surveilnav.messages import FINISHED_STATES, MissionStatus
+from surveilnav.services.gateway.core.traffic import Traffic
 
 _MOST_MISSIONS = 1000
 #: Of so many of the newest steps the forecast takes the mean: the first, when cameras are invoked, cost much more.
@@ -37,8 +37,10 @@ class Sums:
     def since(self, before: Sums) -> Sums:
         """What came after ``before``; who was started anew counts from 0, which isn't less than nothing."""
         return Sums(
-            max(0, self.offered - before.offered), max(0, self.delivered - before.delivered), max(0, self.wire - before.wire)
-        )  # fmt: skip
+            max(0, self.offered - before.offered),
+            max(0, self.delivered - before.delivered),
+            max(0, self.wire - before.wire),
+        )
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(self.offered + other.offered, self.delivered + other.delivered, self.wire + other.wire)

@@ -7,8 +7,8 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from services.gateway.core.problems import Problem
 from surveilnav.contract import ID
+from surveilnav.services.gateway.core.problems import Problem
 
 T = TypeVar("T")
 #: A list's order: the newest first, then by id.

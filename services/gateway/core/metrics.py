@@ -16,10 +16,10 @@ from typing import Any, TypeVar, get_args
 from prometheus_client import Metric
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 
-from services.gateway.core.resources import Camera, Floor, Mission, Recorder, Robot, Service, Traffic
 from surveilnav.histogram import EDGES_MS
 from surveilnav.messages import WorkerLoad
 from surveilnav.messages.mission import MissionState
+from surveilnav.services.gateway.core.resources import Camera, Floor, Mission, Recorder, Robot, Service, Traffic
 
 T = TypeVar("T")
 #: The most things of a kind that have metrics.
@@ -57,9 +57,13 @@ class Heard:
 
 
 def _filled(
-    family: Any, name: str, what: str, things: Iterable[T], labels: Callable[[T], dict[str, str]],
+    family: Any,
+    name: str,
+    what: str,
+    things: Iterable[T],
+    labels: Callable[[T], dict[str, str]],
     value: Callable[[T], float | None],
-) -> Metric:  # fmt: skip
+) -> Metric:
     """A family with a sample for each thing that has a value."""
     rows = [(labels(t), v) for t in things if (v := value(t)) is not None]
     made = family(f"surveilnav_{name}", what, labels=list(rows[0][0]) if rows else [])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.problems import Problem
 
 _RANGE = re.compile(r"bytes=(\d{0,18})-(\d{0,18})")
 

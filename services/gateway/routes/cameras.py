@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
-from services.gateway.cameras import Cameras
-from services.gateway.core.resources import ROOT, Camera, CameraCone, CameraLook, Items
-from services.gateway.looks import Looks
-from services.gateway.routes.conditional import NOT_CHANGED, IfNoneMatch, answer
-from services.gateway.routes.paging import Id, Limit, Offset, page_of
+from surveilnav.services.gateway.cameras import Cameras
+from surveilnav.services.gateway.core.resources import ROOT, Camera, CameraCone, CameraLook, Items
+from surveilnav.services.gateway.looks import Looks
+from surveilnav.services.gateway.routes.conditional import NOT_CHANGED, IfNoneMatch, answer
+from surveilnav.services.gateway.routes.paging import Id, Limit, Offset, page_of
 
 _JPEG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/jpeg": {}}, "description": "the picture"}}
 

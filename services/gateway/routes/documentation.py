@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request, Response
 from fastapi.openapi.docs import get_swagger_ui_html
 
-from services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.problems import Problem
 
 #: Swagger UI as the package fastapi-offline carries it.
 _STATIC = files("fastapi_offline") / "static"

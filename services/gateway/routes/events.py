@@ -6,9 +6,9 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Response
 
-from services.gateway.core.resources import ROOT
-from services.gateway.event_stream import EventStream
-from services.gateway.events import Events
+from surveilnav.services.gateway.core.resources import ROOT
+from surveilnav.services.gateway.event_stream import EventStream
+from surveilnav.services.gateway.events import Events
 
 _EXAMPLE = 'id: 3f2a90bd-17\nevent: mission\ndata: {"id":"m-1","what":"active","time":"2026-01-31T10:00:00Z","target":"tv"}\n\n'
 _STREAM: dict[int | str, dict[str, Any]] = {

@@ -8,13 +8,13 @@ from fastapi import APIRouter, Header, Query, Response
 from starlette.requests import HTTPConnection
 from starlette.types import Message, Receive, Scope, Send
 
-from services.gateway import tiles as shown
-from services.gateway.core.resources import ROOT
-from services.gateway.event_stream import EventStream
-from services.gateway.live import Live
-from services.gateway.looks import Looks
-from services.gateway.tiles import Tiles
 from surveilnav.contract import ID
+from surveilnav.services.gateway import tiles as shown
+from surveilnav.services.gateway.core.resources import ROOT
+from surveilnav.services.gateway.event_stream import EventStream
+from surveilnav.services.gateway.live import Live
+from surveilnav.services.gateway.looks import Looks
+from surveilnav.services.gateway.tiles import Tiles
 
 _STATE = 'id: 3f2a90bd-17\nevent: robot\ndata: {"id":"r1","state":{"id":"r1","floor":"0","state":"moving", ...}}\n\n'
 _TILE = (

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Response
 
-from services.gateway.core.layers import Drawn
-from services.gateway.core.resources import ROOT, Floor, Items, Layer
-from services.gateway.maps import Maps
-from services.gateway.routes.conditional import NOT_CHANGED, IfNoneMatch, answer
-from services.gateway.routes.paging import Id, Limit, Offset, page_of
+from surveilnav.services.gateway.core.layers import Drawn
+from surveilnav.services.gateway.core.resources import ROOT, Floor, Items, Layer
+from surveilnav.services.gateway.maps import Maps
+from surveilnav.services.gateway.routes.conditional import NOT_CHANGED, IfNoneMatch, answer
+from surveilnav.services.gateway.routes.paging import Id, Limit, Offset, page_of
 
 _PNG: dict[int | str, dict[str, Any]] = {
     200: {"content": {"image/png": {}}, "description": "the picture"},

@@ -6,10 +6,17 @@ from typing import Annotated
 
 from fastapi import APIRouter, Body, Header, Query, Response
 
-from services.gateway.core.resources import ROOT, GrowingItems, Mission, MissionPlan, MissionTraffic, NewMission
-from services.gateway.costs import MissionCosts
-from services.gateway.missions import Missions
-from services.gateway.routes.paging import Id, Limit, Offset
+from surveilnav.services.gateway.core.resources import (
+    ROOT,
+    GrowingItems,
+    Mission,
+    MissionPlan,
+    MissionTraffic,
+    NewMission,
+)
+from surveilnav.services.gateway.costs import MissionCosts
+from surveilnav.services.gateway.missions import Missions
+from surveilnav.services.gateway.routes.paging import Id, Limit, Offset
 
 
 def router(found: Missions, costs: MissionCosts) -> APIRouter:

@@ -6,12 +6,12 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
-from services.gateway.core.object_filter import ObjectFilter
-from services.gateway.core.resources import ROOT, Items, Object
-from services.gateway.looks import Looks
-from services.gateway.objects import Objects
-from services.gateway.routes.paging import Id, Limit, Offset
 from surveilnav.contract import ID_PATTERN
+from surveilnav.services.gateway.core.object_filter import ObjectFilter
+from surveilnav.services.gateway.core.resources import ROOT, Items, Object
+from surveilnav.services.gateway.looks import Looks
+from surveilnav.services.gateway.objects import Objects
+from surveilnav.services.gateway.routes.paging import Id, Limit, Offset
 
 _Number = Annotated[int, Path(ge=0, le=2**31 - 1)]
 _JPEG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/jpeg": {}}, "description": "the picture"}}

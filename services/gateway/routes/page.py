@@ -11,8 +11,8 @@ from typing import Annotated
 from fastapi import APIRouter, Response
 from fastapi import Path as InPath
 
-from services.gateway.core.problems import Problem
-from services.gateway.routes.conditional import IfNoneMatch, answer
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.routes.conditional import IfNoneMatch, answer
 
 _FOLDER = Path(__file__).parents[1] / "static"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}

@@ -6,8 +6,8 @@ from typing import Annotated, TypeVar
 
 from fastapi import Path, Query
 
-from services.gateway.core.resources import Items
 from surveilnav.contract import ID_PATTERN
+from surveilnav.services.gateway.core.resources import Items
 
 T = TypeVar("T")
 Id = Annotated[str, Path(pattern=ID_PATTERN)]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from services.gateway.core.resources import ROOT, Items, PictureKeeper
-from services.gateway.pictures import Pictures
-from services.gateway.routes.paging import page_of
+from surveilnav.services.gateway.core.resources import ROOT, Items, PictureKeeper
+from surveilnav.services.gateway.pictures import Pictures
+from surveilnav.services.gateway.routes.paging import page_of
 
 
 def router(pictures: Pictures) -> APIRouter:

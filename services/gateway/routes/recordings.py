@@ -8,11 +8,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
-from services.gateway.core.ranges import part_of
-from services.gateway.core.resources import ROOT, GrowingItems, Items, Recorder, Recording
-from services.gateway.looks import ALL_VIEWS, Looks
-from services.gateway.recordings import Recordings
-from services.gateway.routes.paging import Limit, Offset, page_of
+from surveilnav.services.gateway.core.ranges import part_of
+from surveilnav.services.gateway.core.resources import ROOT, GrowingItems, Items, Recorder, Recording
+from surveilnav.services.gateway.looks import ALL_VIEWS, Looks
+from surveilnav.services.gateway.recordings import Recordings
+from surveilnav.services.gateway.routes.paging import Limit, Offset, page_of
 
 RecordingId = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
 _FILE = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
@@ -59,9 +59,11 @@ def router(found: Recordings, looks: Looks) -> APIRouter:
         part = part_of(range, total) if range and if_range in ("", tag) else None
         first, after = part or (0, total)
         headers = {
-            "Accept-Ranges": "bytes", "ETag": tag, "Content-Length": str(after - first),
+            "Accept-Ranges": "bytes",
+            "ETag": tag,
+            "Content-Length": str(after - first),
             "Content-Disposition": f'attachment; filename="{id}.mcap"',
-        }  # fmt: skip
+        }
         if part:
             headers["Content-Range"] = f"bytes {first}-{after - 1}/{total}"
         parts = found.parts(asked, first, after)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from services.gateway.core.resources import ROOT, Replay, ReplayChange
-from services.gateway.replays import Replays
+from surveilnav.services.gateway.core.resources import ROOT, Replay, ReplayChange
+from surveilnav.services.gateway.replays import Replays
 
 
 def router(found: Replays) -> APIRouter:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from services.gateway.core.resources import ROOT, Items, Robot, RobotHalt, Target, Worker
-from services.gateway.routes.paging import Limit, Offset, page_of
-from services.gateway.sources import Sources
+from surveilnav.services.gateway.core.resources import ROOT, Items, Robot, RobotHalt, Target, Worker
+from surveilnav.services.gateway.routes.paging import Limit, Offset, page_of
+from surveilnav.services.gateway.sources import Sources
 
 
 def router(found: Sources) -> APIRouter:

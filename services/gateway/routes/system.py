@@ -7,10 +7,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
-from services.gateway.core.problems import Problem
-from services.gateway.core.resources import ROOT, Building, Items, Readiness, RobotHalt, Service, Traffic
-from services.gateway.routes.paging import Limit, Offset, page_of
-from services.gateway.service import Gateway
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import ROOT, Building, Items, Readiness, RobotHalt, Service, Traffic
+from surveilnav.services.gateway.routes.paging import Limit, Offset, page_of
+from surveilnav.services.gateway.service import Gateway
 
 _METRICS: dict[int | str, dict[str, Any]] = {
     200: {"description": "the text format of Prometheus", "content": {"text/plain": {"schema": {"type": "string"}}}}

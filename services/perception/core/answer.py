@@ -34,11 +34,19 @@ def reply_to(
     """The reply to a request: what was seen, and how relevant the view is to each prompt, by the prompts' ``vectors``."""
     detections, image_embedding = perception_to_wire(seen)
     return InferReply(
-        stamp_ns=stamp_ns, worker=worker, backend=seen.backend, source=request.source, view=request.view, seq=request.seq,
-        detections=detections if request.detects else [], image_embedding=image_embedding, latency_ms=latency_ms,
-        relevance=relevance(seen.image_embedding, request.prompts, vectors), models=models,
+        stamp_ns=stamp_ns,
+        worker=worker,
+        backend=seen.backend,
+        source=request.source,
+        view=request.view,
+        seq=request.seq,
+        detections=detections if request.detects else [],
+        image_embedding=image_embedding,
+        latency_ms=latency_ms,
+        relevance=relevance(seen.image_embedding, request.prompts, vectors),
+        models=models,
         words=list(seen.words) if request.detects else [],
-    )  # fmt: skip
+    )
 
 
 class Known(msgspec.Struct, frozen=True):
@@ -52,9 +60,15 @@ class Known(msgspec.Struct, frozen=True):
     ) -> InferReply:
         """The same answer to another request, with prompts of its own."""
         return msgspec.structs.replace(
-            self.reply, stamp_ns=stamp_ns, worker=worker, source=request.source, view=request.view, seq=request.seq,
-            latency_ms=0.0, relevance=relevance(np.frombuffer(self.image, np.float32), request.prompts, vectors),
-        )  # fmt: skip
+            self.reply,
+            stamp_ns=stamp_ns,
+            worker=worker,
+            source=request.source,
+            view=request.view,
+            seq=request.seq,
+            latency_ms=0.0,
+            relevance=relevance(np.frombuffer(self.image, np.float32), request.prompts, vectors),
+        )
 
 
 def to_bytes(answer: Known) -> bytes:

@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from services.perception.core.answer import Known, of_bytes
 from surveilnav.messages import InferRequest, ModelIds
+from surveilnav.services.perception.core.answer import Known, of_bytes
 
 V = TypeVar("V")
 
@@ -70,9 +70,15 @@ def content_key(request: InferRequest, payload: bytes, models: ModelIds, program
     """
     digest = hashlib.blake2b(digest_size=16)
     asked = (
-        request.camera, request.image, request.depth, request.depth_range_m, request.prompts, request.detects, models,
+        request.camera,
+        request.image,
+        request.depth,
+        request.depth_range_m,
+        request.prompts,
+        request.detects,
+        models,
         program,
-    )  # fmt: skip
+    )
     digest.update(msgspec.msgpack.encode(asked))
     digest.update(payload)
     return digest.digest()

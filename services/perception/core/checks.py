@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from services.perception.core.refusal import Refusal
 from surveilnav.errors import TargetError, WireError
 from surveilnav.messages import InferRequest
 from surveilnav.sensing.packing import check_rgbd
+from surveilnav.services.perception.core.refusal import Refusal
 from surveilnav.words import MAX_WORDS, checked_word
 
 MAX_TEXTS, MAX_TEXT_CHARS = 256, 500

@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from services.perception.core.refusal import Refusal
+from surveilnav.services.perception.core.refusal import Refusal
 
 T = TypeVar("T")
 

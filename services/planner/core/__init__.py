@@ -9,8 +9,8 @@ config    every number
 warm_up   inner loops compiled before a robot waits for them
 """
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.state import Decision, FloorMemory, MapView, MissionState, RobotView
-from services.planner.core.step import step
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.state import Decision, FloorMemory, MapView, MissionState, RobotView
+from surveilnav.services.planner.core.step import step
 
 __all__ = ["Decision", "FloorMemory", "MapView", "MissionState", "PlannerConfig", "RobotView", "step"]

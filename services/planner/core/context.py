@@ -10,13 +10,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.goals import objects
-from services.planner.core.goals.frontiers import Frontier, find_frontiers
-from services.planner.core.motion.drive import LocalPlanner, Route
-from services.planner.core.motion.terrain import Terrain, build_terrain, coarse_travel_time_m
-from services.planner.core.state import Decision, MapView, MissionState, Phase, RobotView
 from surveilnav.messages import Candidate
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers
+from surveilnav.services.planner.core.motion.drive import LocalPlanner, Route
+from surveilnav.services.planner.core.motion.terrain import Terrain, build_terrain, coarse_travel_time_m
+from surveilnav.services.planner.core.state import Decision, MapView, MissionState, Phase, RobotView
 
 _SHOWN = 12
 
@@ -64,9 +64,15 @@ class StepContext:
 
     @classmethod
     def of(
-        cls, state: MissionState, maps: MapView, robot: RobotView, config: PlannerConfig, planner: LocalPlanner,
-        summaries: Mapping[str, Mapping[str, float]], rule: FrontierRule,
-    ) -> StepContext:  # fmt: skip
+        cls,
+        state: MissionState,
+        maps: MapView,
+        robot: RobotView,
+        config: PlannerConfig,
+        planner: LocalPlanner,
+        summaries: Mapping[str, Mapping[str, float]],
+        rule: FrontierRule,
+    ) -> StepContext:
         """The terrain around everything known and everything that may be gone to, and the robot's travel time over it."""
         goals = objects.candidates(maps.objects, state, config) + objects.last_resorts(maps.objects, state, config)
         places = [o.center_m[:2] for o in goals] + _stair_ends(state, robot, config)
@@ -88,18 +94,30 @@ class StepContext:
         return coarse_travel_time_m(roomy, self.robot.x_m, self.robot.y_m)
 
     def decide(
-        self, action: str, phase: Phase, message: str, choice: Choice | None = None, route: Route | None = None,
+        self,
+        action: str,
+        phase: Phase,
+        message: str,
+        choice: Choice | None = None,
+        route: Route | None = None,
         to_floor: str | None = None,
-    ) -> Decision:  # fmt: skip
+    ) -> Decision:
         """A decision for the waypoint chosen."""
         here = self.robot.x_m, self.robot.y_m
         path = (here, *route.path[1:]) if route else (here,)
         length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if route else None
         chosen, compared = (choice.chosen, choice.compared[:_SHOWN]) if choice else (None, ())
         return Decision(
-            action, phase, message, to_floor, waypoint=chosen, path=path, distance_m=length_m, candidates=compared,
+            action,
+            phase,
+            message,
+            to_floor,
+            waypoint=chosen,
+            path=path,
+            distance_m=length_m,
+            candidates=compared,
             object_id=chosen.object_id if chosen else None,
-        )  # fmt: skip
+        )
 
 
 def _stair_ends(state: MissionState, robot: RobotView, config: PlannerConfig) -> list[tuple[float, float]]:

@@ -9,8 +9,9 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.state import (
+from surveilnav.messages import Candidate, ObjectRecord
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.state import (
     BlacklistEntry,
     CurrentWaypoint,
     Decision,
@@ -20,7 +21,6 @@ from services.planner.core.state import (
     MissionState,
     RobotView,
 )
-from surveilnav.messages import Candidate, ObjectRecord
 
 #: A place given up this often stays so; one where a confirmed target is gets more tries.
 FOR_GOOD = 2

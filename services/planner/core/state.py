@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate, ObjectRecord, RobotStatus, Stair
 
-Phase = Literal[
-    "scanning", "exploring", "approaching", "confirming", "changing floor", "second look", "finished"
-]  # fmt: skip
+Phase = Literal["scanning", "exploring", "approaching", "confirming", "changing floor", "second look", "finished"]
 WaypointKind = Literal["target", "candidate", "frontier", "stairs", "second_look"]
 
 
@@ -70,10 +68,17 @@ class RobotView:
         x_m, y_m, _ = status.T_world_base.translation_m
         T_world_base, ours = status.T_world_base.matrix(), status.mission == mission
         return cls(
-            status.seq, x_m, y_m, math.atan2(T_world_base[1, 0], T_world_base[0, 0]), status.pitch_rad, status.floor,
-            collided=ours and status.collided, last_action=status.last_action if ours else None,
-            path_m=status.path_m if ours else 0.0, stairs=stairs,
-        )  # fmt: skip
+            status.seq,
+            x_m,
+            y_m,
+            math.atan2(T_world_base[1, 0], T_world_base[0, 0]),
+            status.pitch_rad,
+            status.floor,
+            collided=ours and status.collided,
+            last_action=status.last_action if ours else None,
+            path_m=status.path_m if ours else 0.0,
+            stairs=stairs,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,11 +168,19 @@ class FloorMemory:
     def copy(self) -> FloorMemory:
         """A copy whose containers are its own."""
         return replace(
-            self, visited=list(self.visited), collisions=list(self.collisions), bumps=list(self.bumps),
-            blacklist=list(self.blacklist), put_off=list(self.put_off), dropped=dict(self.dropped),
-            inspected=dict(self.inspected), looks=dict(self.looks), wavered=dict(self.wavered), scans=list(self.scans),
+            self,
+            visited=list(self.visited),
+            collisions=list(self.collisions),
+            bumps=list(self.bumps),
+            blacklist=list(self.blacklist),
+            put_off=list(self.put_off),
+            dropped=dict(self.dropped),
+            inspected=dict(self.inspected),
+            looks=dict(self.looks),
+            wavered=dict(self.wavered),
+            scans=list(self.scans),
             stairs_failed=dict(self.stairs_failed),
-        )  # fmt: skip
+        )
 
 
 @dataclass(slots=True)

@@ -11,27 +11,32 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from services.planner.core import memory
-from services.planner.core.config import PlannerConfig
-from services.planner.core.context import FrontierRule, StepContext
-from services.planner.core.goals.floors import seen_elsewhere, what_was_barred
-from services.planner.core.goals.frontier_choice import best_frontier
-from services.planner.core.goals.passed_over import passed_over
-from services.planner.core.motion.drive import FmmPlanner, LocalPlanner
-from services.planner.core.stages.confirmed_target import let_go_of_lost_object
-from services.planner.core.stages.last_resort import accept_when_steps_run_out
-from services.planner.core.stages.look_around import look_around
-from services.planner.core.stages.rounds import first_decision
-from services.planner.core.state import Decision, MapView, MissionState, RobotView
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.context import FrontierRule, StepContext
+from surveilnav.services.planner.core.goals.floors import seen_elsewhere, what_was_barred
+from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
+from surveilnav.services.planner.core.goals.passed_over import passed_over
+from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
+from surveilnav.services.planner.core.stages.confirmed_target import let_go_of_lost_object
+from surveilnav.services.planner.core.stages.last_resort import accept_when_steps_run_out
+from surveilnav.services.planner.core.stages.look_around import look_around
+from surveilnav.services.planner.core.stages.rounds import first_decision
+from surveilnav.services.planner.core.state import Decision, MapView, MissionState, RobotView
 
 _FMM = FmmPlanner()
 _NO_SUMMARIES: Mapping[str, Mapping[str, float]] = {}
 
 
 def step(
-    state: MissionState, maps: MapView, robot: RobotView, config: PlannerConfig, planner: LocalPlanner = _FMM,
-    summaries: Mapping[str, Mapping[str, float]] = _NO_SUMMARIES, rule: FrontierRule = best_frontier,
-) -> tuple[MissionState, Decision]:  # fmt: skip
+    state: MissionState,
+    maps: MapView,
+    robot: RobotView,
+    config: PlannerConfig,
+    planner: LocalPlanner = _FMM,
+    summaries: Mapping[str, Mapping[str, float]] = _NO_SUMMARIES,
+    rule: FrontierRule = best_frontier,
+) -> tuple[MissionState, Decision]:
     """The next action of a mission on what the maps hold now.
 
     A stair that was refused needs no report: called again with the robot still on the old floor, the mission gets

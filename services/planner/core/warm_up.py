@@ -4,17 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.state import MapView, MissionState, RobotView
-from services.planner.core.step import step
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.state import MapView, MissionState, RobotView
+from surveilnav.services.planner.core.step import step
 
 _CHAIR = ObjectRecord(
-    id=1, floor="0", label="chair", status="confirmed", confidence=0.9, confidence_robot=0.9, confidence_surveillance=0.0,
-    label_robot="chair", label_surveillance="", n_detections=1, n_points=100, center_m=(-4.0, 0.0, 0.4),
-    size_m=(0.5, 0.5, 0.8), first_seen_ns=0, last_seen_ns=0, sources=["robot/warm-up"], reason="",
-)  # fmt: skip
+    id=1,
+    floor="0",
+    label="chair",
+    status="confirmed",
+    confidence=0.9,
+    confidence_robot=0.9,
+    confidence_surveillance=0.0,
+    label_robot="chair",
+    label_surveillance="",
+    n_detections=1,
+    n_points=100,
+    center_m=(-4.0, 0.0, 0.4),
+    size_m=(0.5, 0.5, 0.8),
+    first_seen_ns=0,
+    last_seen_ns=0,
+    sources=["robot/warm-up"],
+    reason="",
+)
 
 
 def warm_up(config: PlannerConfig) -> None:

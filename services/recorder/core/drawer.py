@@ -8,11 +8,6 @@ from typing import Any
 import msgspec
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from services.recorder.core.layers import layer_line
-from services.recorder.core.line import Line, bus_line, drawn_line
-from services.recorder.core.pictures import view_lines
-from services.recorder.core.scene import cameras_line, objects_line, plan_line
-from services.recorder.core.shapes import time_of
 from surveilnav.contract import MAP_LAYER, OBJECTS, Stream
 from surveilnav.errors import WireError
 from surveilnav.messages import (
@@ -25,6 +20,11 @@ from surveilnav.messages import (
     Revision,
 )
 from surveilnav.messages.base import Message
+from surveilnav.services.recorder.core.layers import layer_line
+from surveilnav.services.recorder.core.line import Line, bus_line, drawn_line
+from surveilnav.services.recorder.core.pictures import view_lines
+from surveilnav.services.recorder.core.scene import cameras_line, objects_line, plan_line
+from surveilnav.services.recorder.core.shapes import time_of
 
 #: Drawn only: fusion makes them anew from the views whenever it is asked.
 _DRAWN_ONLY = (MAP_LAYER, OBJECTS)

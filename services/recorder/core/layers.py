@@ -8,12 +8,12 @@ from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.Vector2_pb2 import Vector2
 
-from services.recorder.core.line import Line, drawn_line
-from services.recorder.core.shapes import WORLD, at, time_of
 from surveilnav.errors import WireError
 from surveilnav.messages import LayerHeader
 from surveilnav.sensing.layers import unpack_layer
 from surveilnav.sensing.packing import unpack_array
+from surveilnav.services.recorder.core.line import Line, drawn_line
+from surveilnav.services.recorder.core.shapes import WORLD, at, time_of
 
 _TYPES = {"uint8": PackedElementField.UINT8, "float32": PackedElementField.FLOAT32}
 #: Of a cloud that is drawn: all of a flat's would be most of its recording. The views that made them are in it.
@@ -36,10 +36,16 @@ def _grid(header: LayerHeader, payload: bytes, floor_z_m: float) -> DrawnGrid:
     field = PackedElementField(name=header.layer, offset=0, type=_TYPES[header.dtype])
     grid = header.grid
     return DrawnGrid(
-        timestamp=time_of(header.stamp_ns), frame_id=WORLD, pose=at(grid.origin_x_m, grid.origin_y_m, floor_z_m),
-        column_count=grid.cols, cell_size=Vector2(x=grid.resolution_m, y=grid.resolution_m),
-        row_stride=grid.cols * size, cell_stride=size, fields=[field], data=np.ascontiguousarray(cells).tobytes(),
-    )  # fmt: skip
+        timestamp=time_of(header.stamp_ns),
+        frame_id=WORLD,
+        pose=at(grid.origin_x_m, grid.origin_y_m, floor_z_m),
+        column_count=grid.cols,
+        cell_size=Vector2(x=grid.resolution_m, y=grid.resolution_m),
+        row_stride=grid.cols * size,
+        cell_stride=size,
+        fields=[field],
+        data=np.ascontiguousarray(cells).tobytes(),
+    )
 
 
 def _cloud(header: LayerHeader, payload: bytes) -> PointCloud:
@@ -59,6 +65,10 @@ def _cloud(header: LayerHeader, payload: bytes) -> PointCloud:
         for name, kind, offset in offsets
     ]
     return PointCloud(
-        timestamp=time_of(header.stamp_ns), frame_id=WORLD, pose=at(0.0, 0.0, 0.0), point_stride=_POINT.itemsize,
-        fields=fields, data=packed.tobytes(),
-    )  # fmt: skip
+        timestamp=time_of(header.stamp_ns),
+        frame_id=WORLD,
+        pose=at(0.0, 0.0, 0.0),
+        point_stride=_POINT.itemsize,
+        fields=fields,
+        data=packed.tobytes(),
+    )

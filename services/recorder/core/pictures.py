@@ -8,9 +8,9 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
-from services.recorder.core.line import Line, drawn_line
-from services.recorder.core.shapes import WORLD, pose_of, time_of
 from surveilnav.messages import FrameHeader, LoggedView, Observation
+from surveilnav.services.recorder.core.line import Line, drawn_line
+from surveilnav.services.recorder.core.shapes import WORLD, pose_of, time_of
 
 _HEADER = msgspec.msgpack.Decoder(FrameHeader)
 _OBSERVATION = msgspec.msgpack.Decoder(Observation)
@@ -31,8 +31,12 @@ def view_lines(view: LoggedView, payload: bytes, log_ns: int) -> list[Line]:
     pose = pose_of(header.T_world_camera)
     picture = CompressedImage(timestamp=stamp, frame_id=frame, data=payload[: header.image.n_bytes], format="jpeg")
     placed = FrameTransform(
-        timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame, translation=pose.position, rotation=pose.orientation
-    )  # fmt: skip
+        timestamp=stamp,
+        parent_frame_id=WORLD,
+        child_frame_id=frame,
+        translation=pose.position,
+        rotation=pose.orientation,
+    )
     drawn = [("/tf", placed), (f"{topic}/calibration", _calibration(header, frame)), (f"{topic}/picture", picture)]
     lines = [drawn_line(name, message, log_ns, header.stamp_ns) for name, message in drawn]
     if isinstance(header, Observation):
@@ -46,6 +50,11 @@ def _calibration(header: FrameHeader, frame: str) -> CameraCalibration:
     k = [c.fx_px, 0.0, c.cx_px, 0.0, c.fy_px, c.cy_px, 0.0, 0.0, 1.0]
     projection = [c.fx_px, 0.0, c.cx_px, 0.0, 0.0, c.fy_px, c.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0]
     return CameraCalibration(
-        timestamp=time_of(header.stamp_ns), frame_id=frame, width=c.width_px, height=c.height_px, K=k, P=projection,
+        timestamp=time_of(header.stamp_ns),
+        frame_id=frame,
+        width=c.width_px,
+        height=c.height_px,
+        K=k,
+        P=projection,
         R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-    )  # fmt: skip
+    )

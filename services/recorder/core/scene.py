@@ -12,9 +12,9 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
-from services.recorder.core.line import Line, drawn_line
-from services.recorder.core.shapes import WORLD, at, colour, label, points, pose_of, time_of
 from surveilnav.messages import CameraInfo, Candidate, ObjectList, ObjectRecord, Plan
+from surveilnav.services.recorder.core.line import Line, drawn_line
+from surveilnav.services.recorder.core.shapes import WORLD, at, colour, label, points, pose_of, time_of
 
 _STATUS_RGB = {"candidate": 0xE8A33D, "confirmed": 0x2E9E5B, "rejected": 0x9AA0A6}
 _INVOKED_RGB, _IDLE_RGB, _PAUSED_RGB = 0x2F80ED, 0x9AA0A6, 0xC0392B
@@ -38,9 +38,12 @@ def plan_line(plan: Plan, floor_z_m: float, log_ns: int) -> Line:
     z_m = floor_z_m + _PATH_HEIGHT_M
     entity = _entity("plan", plan.stamp_ns)
     path = LinePrimitive(
-        type=LinePrimitive.LINE_STRIP, pose=at(0, 0, 0), thickness=0.04, color=colour(_PATH_RGB),
+        type=LinePrimitive.LINE_STRIP,
+        pose=at(0, 0, 0),
+        thickness=0.04,
+        color=colour(_PATH_RGB),
         points=points((x, y, z_m) for x, y in plan.path_m),
-    )  # fmt: skip
+    )
     entity.lines.append(path)
     weighed = [*plan.candidates, *([plan.waypoint] if plan.waypoint else [])]
     for candidate in weighed:
@@ -67,9 +70,12 @@ def _camera(info: CameraInfo, invoked: bool, stamp_ns: int) -> SceneEntity:
     entity.texts.append(label(info.camera, at(*info.position_m[:2], info.position_m[2] + 0.2), rgb))
     for view in info.views:
         ahead = LinePrimitive(
-            type=LinePrimitive.LINE_LIST, pose=pose_of(view.T_world_camera), thickness=0.02, color=colour(rgb, 0.6),
+            type=LinePrimitive.LINE_LIST,
+            pose=pose_of(view.T_world_camera),
+            thickness=0.02,
+            color=colour(rgb, 0.6),
             points=points([(0.0, 0.0, 0.0), (0.0, 0.0, _CONE_M)]),
-        )  # fmt: skip
+        )
         entity.lines.append(ahead)
     return entity
 

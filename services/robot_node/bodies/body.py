@@ -9,10 +9,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from services.robot_node.core import RobotState
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.messages import Stair
 from surveilnav.sensing.views import TrueInstances
+from surveilnav.services.robot_node.core import RobotState
 
 
 @dataclass(frozen=True, slots=True, eq=False)

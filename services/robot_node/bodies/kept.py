@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import structlog
 
-from services.robot_node.core import RobotState
+from surveilnav.services.robot_node.core import RobotState
 from surveilnav.stored import read_parts, write_parts
 
 _FORMAT = b"surveilnav robot 1"

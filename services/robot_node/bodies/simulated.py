@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from services.robot_node import core
-from services.robot_node.bodies.body import Look
-from services.robot_node.bodies.kept import KeptState
-from services.robot_node.config import RobotSettings
-from simulator.simulation import SimulatedBuilding
-from simulator.world.goals import find_goals, judge, sample_start
 from surveilnav.errors import ConfigError, TargetError
 from surveilnav.messages import Stair
 from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.sensing.views import TrueInstances
+from surveilnav.services.robot_node import core
+from surveilnav.services.robot_node.bodies.body import Look
+from surveilnav.services.robot_node.bodies.kept import KeptState
+from surveilnav.services.robot_node.config import RobotSettings
+from surveilnav.simulator.simulation import SimulatedBuilding
+from surveilnav.simulator.world.goals import find_goals, judge, sample_start
 
 #: Of a building's notes so many are told to whoever asks for the robot.
 _MOST_NOTES = 8

@@ -124,9 +124,14 @@ class Node:
         """What this process offered, received, dropped and sent over the wire so far."""
         wire = wire_bytes(self.settings.router_port)
         return TrafficReport(
-            stamp_ns=clock_ns(), node=self.id, kind=self.kind, rows=self.traffic.rows(), rejected=self.traffic.rejected(),
-            wire_sent_bytes=wire and wire[0], wire_received_bytes=wire and wire[1],
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            node=self.id,
+            kind=self.kind,
+            rows=self.traffic.rows(),
+            rejected=self.traffic.rejected(),
+            wire_sent_bytes=wire and wire[0],
+            wire_received_bytes=wire and wire[1],
+        )
 
     # --- puts -----------------------------------------------------------------------------------------------------
 
@@ -157,9 +162,15 @@ class Node:
     # --- queries --------------------------------------------------------------------------------------------------
 
     def serve(
-        self, stream: Stream, handler: Handler, *, workers: int = 1, capacity: int = 16,
-        retry_after_ms: RetryAfterMs = None, **ids: object,
-    ) -> None:  # fmt: skip
+        self,
+        stream: Stream,
+        handler: Handler,
+        *,
+        workers: int = 1,
+        capacity: int = 16,
+        retry_after_ms: RetryAfterMs = None,
+        **ids: object,
+    ) -> None:
         """Answers queries to a key (wildcards allowed) with ``handler``, on ``workers`` threads of their own.
 
         A handler raises ``Refused`` (or any SurveilNavError) to answer with an error. When ``capacity`` queries
@@ -167,14 +178,25 @@ class Node:
         return a future, to answer later. If the key has wildcards, answers must name their ids.
         """
         Server(
-            self._connection, stream, self.key(stream, **ids), handler, workers=workers, capacity=capacity,
+            self._connection,
+            stream,
+            self.key(stream, **ids),
+            handler,
+            workers=workers,
+            capacity=capacity,
             retry_after_ms=retry_after_ms,
-        )  # fmt: skip
+        )
 
     def ask(
-        self, stream: Stream, request: Message | None = None, *, payload: bytes = b"", timeout_s: float | None = None,
-        parameters: dict[str, str] | None = None, **ids: object,
-    ) -> Received[Any]:  # fmt: skip
+        self,
+        stream: Stream,
+        request: Message | None = None,
+        *,
+        payload: bytes = b"",
+        timeout_s: float | None = None,
+        parameters: dict[str, str] | None = None,
+        **ids: object,
+    ) -> Received[Any]:
         """The one answer to a query, within ``timeout_s`` or the time that the contract gives.
 
         Raises:
@@ -183,14 +205,24 @@ class Node:
         """
         timeout_s = timeout_s if timeout_s is not None else stream.max_age_ms / 1000
         return queries.ask(
-            self._connection, stream, self.key(stream, **ids), request, payload=payload, timeout_s=timeout_s,
+            self._connection,
+            stream,
+            self.key(stream, **ids),
+            request,
+            payload=payload,
+            timeout_s=timeout_s,
             parameters=parameters,
-        )  # fmt: skip
+        )
 
     def ask_all(
-        self, stream: Stream, request: Message | None = None, *, timeout_s: float = 2.0,
-        parameters: dict[str, str] | None = None, **ids: object,
-    ) -> list[Received[Any]]:  # fmt: skip
+        self,
+        stream: Stream,
+        request: Message | None = None,
+        *,
+        timeout_s: float = 2.0,
+        parameters: dict[str, str] | None = None,
+        **ids: object,
+    ) -> list[Received[Any]]:
         """All answers that come within ``timeout_s``; errors are left out."""
         key = self.key(stream, **ids)
         return queries.ask_all(self._connection, stream, key, request, timeout_s=timeout_s, parameters=parameters)

@@ -93,9 +93,13 @@ class Table(Generic[M]):
     """
 
     def __init__(
-        self, connection: Connection, stream: Stream, key: str, capacity: int = 20_000,
+        self,
+        connection: Connection,
+        stream: Stream,
+        key: str,
+        capacity: int = 20_000,
         on_message: Callable[[Received[M]], None] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._connection, self._stream, self._capacity = connection, stream, capacity
         self._on_message = on_message
         self._rows: dict[str, Received[M]] = {}

@@ -72,9 +72,16 @@ class Server:
     """
 
     def __init__(
-        self, connection: Connection, stream: Stream, key: str, handler: Handler, *, workers: int, capacity: int,
+        self,
+        connection: Connection,
+        stream: Stream,
+        key: str,
+        handler: Handler,
+        *,
+        workers: int,
+        capacity: int,
         retry_after_ms: RetryAfterMs = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._connection, self._stream, self._key, self._handler = connection, stream, key, handler
         self._retry_after_ms = retry_after_ms
         self._waiting: queue.Queue[Any] = queue.Queue(maxsize=capacity)
@@ -195,9 +202,15 @@ class Server:
 
 
 def ask(
-    connection: Connection, stream: Stream, key: str, request: Message | None = None, *, payload: bytes = b"",
-    timeout_s: float, parameters: dict[str, str] | None = None,
-) -> Received[Any]:  # fmt: skip
+    connection: Connection,
+    stream: Stream,
+    key: str,
+    request: Message | None = None,
+    *,
+    payload: bytes = b"",
+    timeout_s: float,
+    parameters: dict[str, str] | None = None,
+) -> Received[Any]:
     """The one answer to a query. Where answers may be left out, it is asked for until one comes.
 
     Raises:
@@ -232,9 +245,14 @@ def _turn(connection: Connection, stream: Stream, key: str, timeout_s: float) ->
 
 
 def _asked_once(
-    connection: Connection, stream: Stream, key: str, request: Message | None, payload: bytes, timeout_s: float,
+    connection: Connection,
+    stream: Stream,
+    key: str,
+    request: Message | None,
+    payload: bytes,
+    timeout_s: float,
     parameters: dict[str, str] | None,
-) -> Received[Any] | None:  # fmt: skip
+) -> Received[Any] | None:
     """The answer; None where nothing came, and nobody will answer any more."""
     refused: Refused | None = None
     timed_out = unreadable = False
@@ -268,9 +286,14 @@ def _is_served(connection: Connection, key: str) -> bool:
 
 
 def ask_all(
-    connection: Connection, stream: Stream, key: str, request: Message | None = None, *, timeout_s: float,
+    connection: Connection,
+    stream: Stream,
+    key: str,
+    request: Message | None = None,
+    *,
+    timeout_s: float,
     parameters: dict[str, str] | None = None,
-) -> list[Received[Any]]:  # fmt: skip
+) -> list[Received[Any]]:
     """All answers that come within ``timeout_s``; errors are left out."""
     replies = _replies(connection, stream, key, request, b"", timeout_s, parameters)
     answers = [connection.received(stream, reply.ok) for reply in replies if reply.ok is not None]
@@ -278,9 +301,14 @@ def ask_all(
 
 
 def _replies(
-    connection: Connection, stream: Stream, key: str, request: Message | None, payload: bytes, timeout_s: float,
+    connection: Connection,
+    stream: Stream,
+    key: str,
+    request: Message | None,
+    payload: bytes,
+    timeout_s: float,
     parameters: dict[str, str] | None,
-) -> Iterator[Any]:  # fmt: skip
+) -> Iterator[Any]:
     options: dict[str, Any] = {}
     header = b""
     if request is not None:
@@ -294,9 +322,13 @@ def _replies(
     connection.traffic.count(key, "offered", len(header) + len(payload) + len(key))
     with bus_errors(key):
         replies = connection.session.get(
-            selector, timeout=timeout_s, consolidation=zenoh.ConsolidationMode.NONE,
-            priority=PRIORITY[stream.priority], congestion_control=CONGESTION[stream.when_full], **options,
-        )  # fmt: skip
+            selector,
+            timeout=timeout_s,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            priority=PRIORITY[stream.priority],
+            congestion_control=CONGESTION[stream.when_full],
+            **options,
+        )
     yield from replies
 
 

@@ -54,9 +54,14 @@ class Client:
     # --- missions ---------------------------------------------------------------------------------------------------
 
     def submit(
-        self, target: str, robot: str | None = None, max_steps: int = 500, *, queue: bool = False,
+        self,
+        target: str,
+        robot: str | None = None,
+        max_steps: int = 500,
+        *,
+        queue: bool = False,
         idempotency_key: str | None = None,
-    ) -> r.Mission:  # fmt: skip
+    ) -> r.Mission:
         """Sends a robot (else any free one) to find something. ``queue``: waits for it if none is free. With the same
         ``idempotency_key`` it is the same mission, however often this is called."""
         goal = {"target": target, "robot": robot, "max_steps": max_steps, "queue": queue}

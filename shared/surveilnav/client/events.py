@@ -40,9 +40,12 @@ def blocks(lines: Iterator[str]) -> Iterator[dict[str, str]]:
 
 
 def follow(
-    http: httpx.Client, path: str, last_id: str, refusal: Callable[[httpx.Response], Exception],
+    http: httpx.Client,
+    path: str,
+    last_id: str,
+    refusal: Callable[[httpx.Response], Exception],
     unreachable: Callable[[Exception], Exception],
-) -> Iterator[Told]:  # fmt: skip
+) -> Iterator[Told]:
     """Events after ``last_id``, over as many connections as it takes. Raises what ``refusal`` makes of an error, and what
     ``unreachable`` does if not even the first connection can be had."""
     connected = False

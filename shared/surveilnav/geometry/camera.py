@@ -47,9 +47,13 @@ class Pinhole:
         """The same camera at another resolution (pixel centres stay centred)."""
         sx, sy = width_px / self.width_px, height_px / self.height_px
         return Pinhole(
-            width_px, height_px, self.fx_px * sx, self.fy_px * sy,
-            (self.cx_px + 0.5) * sx - 0.5, (self.cy_px + 0.5) * sy - 0.5,
-        )  # fmt: skip
+            width_px,
+            height_px,
+            self.fx_px * sx,
+            self.fy_px * sy,
+            (self.cx_px + 0.5) * sx - 0.5,
+            (self.cy_px + 0.5) * sy - 0.5,
+        )
 
     def rays(self) -> NDArray[np.float32]:
         """Rays (height, width, 3) float32 in the camera frame, each with z = 1. Shared: don't write to it."""

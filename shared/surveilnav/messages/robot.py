@@ -14,8 +14,14 @@ ActionName = Literal["move_forward", "turn_left", "turn_right", "look_up", "look
 
 #: move_forward 0.25 m; turns and looks 30 degrees; take_stairs goes to another floor over a stair transit.
 ACTIONS: tuple[str, ...] = (
-    "move_forward", "turn_left", "turn_right", "look_up", "look_down", "stop", "take_stairs",
-)  # fmt: skip
+    "move_forward",
+    "turn_left",
+    "turn_right",
+    "look_up",
+    "look_down",
+    "stop",
+    "take_stairs",
+)
 
 
 class Observation(FrameHeader, frozen=True, kw_only=True):

@@ -61,9 +61,12 @@ def _clip() -> Any:
 #: By family, what gives the class that reads it.
 _Table = Mapping[str, Callable[[], Any]]
 _DETECTORS: _Table = {
-    "grounding-dino": _grounding_dino, "mm-grounding-dino": _grounding_dino, "omdet-turbo": _omdet_turbo, "owlv2": _owlv2,
+    "grounding-dino": _grounding_dino,
+    "mm-grounding-dino": _grounding_dino,
+    "omdet-turbo": _omdet_turbo,
+    "owlv2": _owlv2,
     "yolo-world": _yolo_world,
-}  # fmt: skip
+}
 _SEGMENTERS: _Table = {"mobile-sam": _mobile_sam, "sam2": _sam2}
 _EMBEDDERS: _Table = {"clip": _clip, "siglip": _clip}
 

@@ -81,9 +81,15 @@ def onnx_coco(networks: Networks, why: str) -> Backend:
     kind = "a real detector" if len(loaded) == 1 else "real detectors that have to agree"
     detector = coco.CocoDetector([loaded[n] for n in small], [loaded[n] for n in large], model=ids)
     return Pipeline(
-        "onnx-coco", f"{kind} ({said}), {why}", detector, DepthInBox(), ClassSpace(), min_score=_COCO_MIN_SCORE,
-        extents_m=extents_of(COCO), chances=table_of("onnx-coco"),
-    )  # fmt: skip
+        "onnx-coco",
+        f"{kind} ({said}), {why}",
+        detector,
+        DepthInBox(),
+        ClassSpace(),
+        min_score=_COCO_MIN_SCORE,
+        extents_m=extents_of(COCO),
+        chances=table_of("onnx-coco"),
+    )
 
 
 def compact(networks: Networks, why: str) -> Backend:
@@ -108,16 +114,24 @@ def paper(networks: Networks, why: str) -> Backend:
     names = [name or default for name, default in zip(given, PAPER, strict=True)]
     runtime = Runtime(networks.device, networks.threads, networks.compiled)
     detector = parts.detector(
-        names[0], runtime, words_per_pass=networks.words_per_pass, threshold=networks.threshold,
+        names[0],
+        runtime,
+        words_per_pass=networks.words_per_pass,
+        threshold=networks.threshold,
         download=networks.download,
-    )  # fmt: skip
+    )
     segmenter = parts.segmenter(names[1], runtime, download=networks.download)
     embedder = parts.embedder(names[2], runtime, download=networks.download)
     # The detector keeps what is weak to itself.
     return Pipeline(
-        "paper", f"any word ({' + '.join(names)}), {why}", detector, segmenter, embedder, min_score=0.0,
+        "paper",
+        f"any word ({' + '.join(names)}), {why}",
+        detector,
+        segmenter,
+        embedder,
+        min_score=0.0,
         best_batch=_GPU_BATCH if parts.on_gpu(runtime) else 1,
-    )  # fmt: skip
+    )
 
 
 def yolo_world(networks: Networks, why: str) -> Backend:

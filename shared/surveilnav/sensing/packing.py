@@ -88,10 +88,18 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
         raise WireError(f"the camera's position must be finite metres, got {header.T_world_camera.translation_m}")
     rgb, depth_m = decode_rgbd(payload, header.image, header.depth, header.camera, header.depth_range_m)
     return PosedView(
-        source=header.source, view=header.view, seq=header.seq, stamp_ns=header.stamp_ns, floor=header.floor,
-        T_world_camera=header.T_world_camera.matrix(), camera=header.camera, mounting_offset_m=header.mounting_offset_m,
-        rgb=rgb, depth_m=depth_m, depth_range_m=header.depth_range_m,
-    )  # fmt: skip
+        source=header.source,
+        view=header.view,
+        seq=header.seq,
+        stamp_ns=header.stamp_ns,
+        floor=header.floor,
+        T_world_camera=header.T_world_camera.matrix(),
+        camera=header.camera,
+        mounting_offset_m=header.mounting_offset_m,
+        rgb=rgb,
+        depth_m=depth_m,
+        depth_range_m=header.depth_range_m,
+    )
 
 
 def decode_rgbd(
@@ -301,11 +309,15 @@ def perception_to_wire(perception: ViewPerception) -> tuple[list[Detection], byt
     """(detections, image embedding) as an ``InferReply`` carries them."""
     detections = [
         Detection(
-            label=d.label, score=float(d.score), box_px=d.box_px, embedding=pack_embedding(d.embedding),
-            mask=[] if d.mask is None else rle.encode(d.mask), chance=d.chance,
+            label=d.label,
+            score=float(d.score),
+            box_px=d.box_px,
+            embedding=pack_embedding(d.embedding),
+            mask=[] if d.mask is None else rle.encode(d.mask),
+            chance=d.chance,
         )
         for d in perception.detections
-    ]  # fmt: skip
+    ]
     return detections, pack_embedding(perception.image_embedding)
 
 

@@ -16,9 +16,15 @@ def truth_to_wire(truth: TrueInstances, *, source: str, view: int, seq: int, sta
     height_px, width_px = truth.ids.shape
     pose = Pose.from_matrix(truth.T_world_camera) if truth.T_world_camera is not None else None
     message = Truth(
-        stamp_ns=stamp_ns, source=source, view=view, seq=seq, width_px=width_px, height_px=height_px,
-        labels=truth.labels, T_world_camera=pose,
-    )  # fmt: skip
+        stamp_ns=stamp_ns,
+        source=source,
+        view=view,
+        seq=seq,
+        width_px=width_px,
+        height_px=height_px,
+        labels=truth.labels,
+        T_world_camera=pose,
+    )
     return message, pack_array(truth.ids)
 
 

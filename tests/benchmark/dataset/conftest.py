@@ -7,13 +7,13 @@ from functools import cache
 
 import pytest
 
-from benchmark.dataset import check
-from benchmark.dataset import format as files
-from benchmark.dataset.build import open_scene
-from benchmark.dataset.make import make
-from benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
-from benchmark.play.workers import Done
-from simulator.world.goals import find_goals
+from surveilnav.benchmark.dataset import check
+from surveilnav.benchmark.dataset import format as files
+from surveilnav.benchmark.dataset.build import open_scene
+from surveilnav.benchmark.dataset.make import make
+from surveilnav.benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
+from surveilnav.benchmark.play.workers import Done
+from surveilnav.simulator.world.goals import find_goals
 
 SPLIT = SplitSpec(
     "val_mini", (SceneSpec("parametric_flat", 0, "all"), SceneSpec("parametric_house", 1, "all")), 9, (3, 3)
@@ -87,4 +87,4 @@ def builds_by_copy(dataset, monkeypatch):
                 shutil.copy(dataset / SPLIT.name / folder / f"{spec.scene}{end}", root / split / folder)
             yield Done(job, None, "")
 
-    monkeypatch.setattr("benchmark.dataset.make.in_workers", in_workers)
+    monkeypatch.setattr("surveilnav.benchmark.dataset.make.in_workers", in_workers)

@@ -12,22 +12,39 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmark.dataset import axes
-from benchmark.dataset import format as files
-from benchmark.dataset.load import load_scene, scenes_of, start_of
+from surveilnav.benchmark.dataset import axes
+from surveilnav.benchmark.dataset import format as files
+from surveilnav.benchmark.dataset.load import load_scene, scenes_of, start_of
 from surveilnav.errors import ConfigError
 
 #: The attributes of habitat-lab's classes; their constructors take keywords and refuse any other
 #: (habitat/core/dataset.py, tasks/nav/nav.py, tasks/nav/object_nav_task.py, core/simulator.py).
 EPISODE = {
-    "episode_id", "scene_id", "scene_dataset_config", "additional_obj_config_paths", "start_position", "start_rotation",
-    "info", "_shortest_path_cache", "goals", "start_room", "shortest_paths", "object_category",
-}  # fmt: skip
+    "episode_id",
+    "scene_id",
+    "scene_dataset_config",
+    "additional_obj_config_paths",
+    "start_position",
+    "start_rotation",
+    "info",
+    "_shortest_path_cache",
+    "goals",
+    "start_room",
+    "shortest_paths",
+    "object_category",
+}
 EPISODE_NEEDS = {"episode_id", "scene_id", "start_position", "start_rotation", "goals"}
 GOAL = {
-    "position", "radius", "object_id", "object_name", "object_name_id", "object_category", "room_id", "room_name",
+    "position",
+    "radius",
+    "object_id",
+    "object_name",
+    "object_name_id",
+    "object_category",
+    "room_id",
+    "room_name",
     "view_points",
-}  # fmt: skip
+}
 
 
 def _json(path):
@@ -107,7 +124,7 @@ def test_another_version_is_refused(tmp_path):
 
 
 def test_a_start_comes_back_as_it_was(dataset):
-    from benchmark.dataset.build import open_scene
+    from surveilnav.benchmark.dataset.build import open_scene
 
     data = load_scene(dataset, "val_mini", "parametric_house-s1")
     building = open_scene(data.record, lighting="flat")

@@ -10,18 +10,18 @@ import shutil
 
 import pytest
 
-from benchmark.dataset.check import check
-from benchmark.dataset.load import load_scene
-from benchmark.dataset.make import _work, make, write_manifest
-from benchmark.dataset.show import draw
-from benchmark.dataset.splits import EDITION, SplitSpec, own_split, quotas, splits_of, take
-from benchmark.runner.basis import basis_of
-from benchmark.runner.run import run
-from benchmark.runner.settings import RunSettings
-from cli.dataset import DEFAULT_ROOT
-from simulator.meshes import export_glb
-from simulator.sources import open_building
+from surveilnav.benchmark.dataset.check import check
+from surveilnav.benchmark.dataset.load import load_scene
+from surveilnav.benchmark.dataset.make import _work, make, write_manifest
+from surveilnav.benchmark.dataset.show import draw
+from surveilnav.benchmark.dataset.splits import EDITION, SplitSpec, own_split, quotas, splits_of, take
+from surveilnav.benchmark.runner.basis import basis_of
+from surveilnav.benchmark.runner.run import run
+from surveilnav.benchmark.runner.settings import RunSettings
+from surveilnav.cli.dataset import DEFAULT_ROOT
 from surveilnav.errors import ConfigError
+from surveilnav.simulator.meshes import export_glb
+from surveilnav.simulator.sources import open_building
 from tests.benchmark.dataset.conftest import SPLIT
 
 
@@ -446,7 +446,7 @@ def test_a_split_of_ones_own_that_cant_be_is_named(name, buildings, said):
 
 
 def test_a_building_with_too_few_places_to_start_is_named(root, monkeypatch):
-    monkeypatch.setattr("benchmark.dataset.make.is_whole", lambda *_: True)
+    monkeypatch.setattr("surveilnav.benchmark.dataset.make.is_whole", lambda *_: True)
     with pytest.raises(ConfigError, match=r"parametric_flat should have 6 episodes, it came out with 5.*--episodes"):
         make(root, [SplitSpec("val_mini", SPLIT.scenes, 11)], workers=1)
 

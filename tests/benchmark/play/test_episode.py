@@ -9,22 +9,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmark.play import cameras, episode
-from benchmark.play.cameras import InvokedCameras
-from benchmark.play.episode import REASONS, Episode, _was_seen, reason_of
-from benchmark.play.sight import PoseError, Sight, Sighted, text_as_sent
-from benchmark.policies import Task, policy_of
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.core.guard import ViewError
-from services.planner.core import Decision
-from services.planner.core.motion.drive import FmmPlanner
-from simulator.simulation import SimulatedBuilding, SimulationSettings
-from simulator.truth.choose import choose_backend
-from simulator.world.goals import find_goals, sample_start
+from surveilnav.benchmark.play import cameras, episode
+from surveilnav.benchmark.play.cameras import InvokedCameras
+from surveilnav.benchmark.play.episode import REASONS, Episode, _was_seen, reason_of
+from surveilnav.benchmark.play.sight import PoseError, Sight, Sighted, text_as_sent
+from surveilnav.benchmark.policies import Task, policy_of
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.packing import pack_embedding, unpack_embedding
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.guard import ViewError
+from surveilnav.services.planner.core import Decision
+from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.truth.choose import choose_backend
+from surveilnav.simulator.world.goals import find_goals, sample_start
 
 # --- why it failed ------------------------------------------------------------------------------------------------
 
@@ -103,11 +103,15 @@ def searched(flat, steps, **how):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(InvokedCameras, "in_turn", lambda *a: (arrived.append(len(shown)) if a[3] else None, real(*a))[1])
         Episode(
-            Sight(flat, backend, way="depth"), goals, start,
+            Sight(flat, backend, way="depth"),
+            goals,
+            start,
             policy_of("surveilnav").begin(Task("toilet", 1, steps, FmmPlanner())),
-            on_step=lambda n, view, joint, maps, d: shown.append((d.action, maps.explored.tobytes(), maps.value.tobytes())),
+            on_step=lambda n, view, joint, maps, d: shown.append(
+                (d.action, maps.explored.tobytes(), maps.value.tobytes())
+            ),
             **how,
-        ).run()  # fmt: skip
+        ).run()
     return shown, arrived
 
 
@@ -150,19 +154,28 @@ def test_of_a_floor_that_the_robot_left_nothing_is_looked_at_or_waited_for(monke
         assert taken.pop() is seen
         found.append((sorted({v.view.source for v in taken}), [v.view.view for v in taken], invoked.n_pending))
     assert found == [
-        ([], [], 5), (["camera/below"], [0, 1], 3), ([], [], 0), ([], [], 5), (["camera/above"], [0, 1], 3),
-        (["camera/below"], [2, 3], 1), (["camera/below"], [4], 0),
-    ]  # fmt: skip
+        ([], [], 5),
+        (["camera/below"], [0, 1], 3),
+        ([], [], 0),
+        ([], [], 5),
+        (["camera/above"], [0, 1], 3),
+        (["camera/below"], [2, 3], 1),
+        (["camera/below"], [4], 0),
+    ]
 
 
 def test_a_stair_that_the_robot_refused_was_not_its_last_action(flat):
     """As in the running system's planner: else a step before it that hit something is taken for another one."""
     goals = find_goals(flat.scene, flat.navigation, "toilet", caster=flat.caster)
     start = sample_start(flat.scene, flat.navigation, goals, seed=1)
-    plan = iter([
-        Decision("turn_left", "looking_around"), Decision("take_stairs", "to_floor", to_floor="9"),
-        Decision("turn_right", "looking_around"), Decision(None, "finished", finished=True),
-    ])  # fmt: skip
+    plan = iter(
+        [
+            Decision("turn_left", "looking_around"),
+            Decision("take_stairs", "to_floor", to_floor="9"),
+            Decision("turn_right", "looking_around"),
+            Decision(None, "finished", finished=True),
+        ]
+    )
     last = []
     searcher = SimpleNamespace(
         steps=0, act=lambda maps, robot, summaries: (last.append(robot.last_action), next(plan))[1]

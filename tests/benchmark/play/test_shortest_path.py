@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from benchmark.play.shortest_path import ShortestPathPlanner
-from services.planner.core import MapView, MissionState, PlannerConfig, RobotView
-from services.planner.core.motion.drive import FmmPlanner
-from services.planner.core.motion.terrain import build_terrain
-from services.robot_node import core as robot
-from simulator.sources import open_building
-from simulator.world.navigation import NavigationMap
+from surveilnav.benchmark.play.shortest_path import ShortestPathPlanner
+from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView
+from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.services.planner.core.motion.terrain import build_terrain
+from surveilnav.services.robot_node import core as robot
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.navigation import NavigationMap
 
 CONFIG = PlannerConfig()
 

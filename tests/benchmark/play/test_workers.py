@@ -11,7 +11,7 @@ import time
 import pytest
 from threadpoolctl import threadpool_info
 
-from benchmark.play.workers import in_workers
+from surveilnav.benchmark.play.workers import in_workers
 from surveilnav.errors import ConfigError
 
 
@@ -34,8 +34,10 @@ def test_what_happens_to_one_job_is_said_and_the_others_are_done():
         d.job: d for d in in_workers(_job, ["one", "raises", "refuses", "killed", "two", "exits", "three"], 2) if d
     }
     assert {job: d.result for job, d in ended.items() if not d.error} == {
-        "one": "one, done", "two": "two, done", "three": "three, done",
-    }  # fmt: skip
+        "one": "one, done",
+        "two": "two, done",
+        "three": "three, done",
+    }
     assert "ZeroDivisionError: a bug" in ended["raises"].error
     assert ended["raises"].why == "ZeroDivisionError: a bug"
     assert ended["refuses"].error == ended["refuses"].why == "take another"

@@ -6,17 +6,17 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.policies import Task, Truth
-from services.planner.core import MapView
-from services.planner.core.motion.drive import FmmPlanner
-from services.planner.core.motion.terrain import clear_lines
-from services.planner.core.state import RobotView
-from services.robot_node import core as robot
-from simulator.sources import open_building
-from simulator.world.goals import find_goals, judge, sample_start
-from simulator.world.navigation import NavigationMap
-from simulator.world.raycast import RayCaster
+from surveilnav.benchmark.policies import Task, Truth
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core import MapView
+from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.services.planner.core.motion.terrain import clear_lines
+from surveilnav.services.planner.core.state import RobotView
+from surveilnav.services.robot_node import core as robot
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.goals import find_goals, judge, sample_start
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.raycast import RayCaster
 
 SIGHT_M = 3.0
 
@@ -111,11 +111,26 @@ def record_of(thing):
     x, y = np.meshgrid(np.linspace(low[0], high[0], 12), np.linspace(low[1], high[1], 12))
     points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, centre[2])]).astype(np.float32)
     return ObjectRecord(
-        id=thing.id, label=thing.label, floor=thing.floor, status="confirmed", confidence=0.8, confidence_robot=0.8,
-        confidence_surveillance=0.0, label_robot=thing.label, label_surveillance="", n_detections=5, n_points=len(points),
-        center_m=tuple(map(float, centre)), size_m=tuple(map(float, size)), first_seen_ns=0, last_seen_ns=0, sources=[],
-        reason="", label_scores={thing.label: 0.8}, points=points.tobytes(),
-    )  # fmt: skip
+        id=thing.id,
+        label=thing.label,
+        floor=thing.floor,
+        status="confirmed",
+        confidence=0.8,
+        confidence_robot=0.8,
+        confidence_surveillance=0.0,
+        label_robot=thing.label,
+        label_surveillance="",
+        n_detections=5,
+        n_points=len(points),
+        center_m=tuple(map(float, centre)),
+        size_m=tuple(map(float, size)),
+        first_seen_ns=0,
+        last_seen_ns=0,
+        sources=[],
+        reason="",
+        label_scores={thing.label: 0.8},
+        points=points.tobytes(),
+    )
 
 
 @pytest.fixture(scope="session")

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from benchmark.policies import POLICIES, Task, policy_of
-from services.planner.core.motion.drive import FmmPlanner
+from surveilnav.benchmark.policies import POLICIES, Task, policy_of
 from surveilnav.errors import ConfigError
+from surveilnav.services.planner.core.motion.drive import FmmPlanner
 
 CHANCE = ("random-walk", "random-samples")
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.policies import POLICIES, apexnav, cooccurrence, l3mvn, vlfm
-from benchmark.policies.cooccurrence import Cooccurrence, count_train, of_train
-from services.planner.core.goals.frontiers import Frontier
-from simulator.furniture.labels import TARGETS
+from surveilnav.benchmark.policies import POLICIES, apexnav, cooccurrence, l3mvn, vlfm
+from surveilnav.benchmark.policies.cooccurrence import Cooccurrence, count_train, of_train
 from surveilnav.errors import AssetError
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core.goals.frontiers import Frontier
+from surveilnav.simulator.furniture.labels import TARGETS
 
 
 def frontier(way_m, value=math.nan, n_cells=20, x_m=0.0, y_m=0.0):
@@ -22,10 +22,24 @@ def frontier(way_m, value=math.nan, n_cells=20, x_m=0.0, y_m=0.0):
 
 def thing(label, x_m, y_m, status="candidate"):
     return ObjectRecord(
-        id=1, label=label, floor="0", status=status, confidence=0.6, confidence_robot=0.6, confidence_surveillance=0.0,
-        label_robot=label, label_surveillance="", n_detections=2, n_points=50, center_m=(x_m, y_m, 0.5),
-        size_m=(0.5, 0.5, 0.5), first_seen_ns=0, last_seen_ns=0, sources=[], reason="",
-    )  # fmt: skip
+        id=1,
+        label=label,
+        floor="0",
+        status=status,
+        confidence=0.6,
+        confidence_robot=0.6,
+        confidence_surveillance=0.0,
+        label_robot=label,
+        label_surveillance="",
+        n_detections=2,
+        n_points=50,
+        center_m=(x_m, y_m, 0.5),
+        size_m=(0.5, 0.5, 0.5),
+        first_seen_ns=0,
+        last_seen_ns=0,
+        sources=[],
+        reason="",
+    )
 
 
 # --- VLFM ---------------------------------------------------------------------------------------------------------

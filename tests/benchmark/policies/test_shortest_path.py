@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from benchmark.policies import POLICIES
-from benchmark.studies.floors import start_on
+from surveilnav.benchmark.policies import POLICIES
+from surveilnav.benchmark.studies.floors import start_on
 from surveilnav.errors import TargetError
 
 SHORTEST_PATH = POLICIES["shortest-path"]

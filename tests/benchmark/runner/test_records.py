@@ -10,19 +10,31 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmark import journal
-from benchmark.runner import records as module
-from benchmark.runner.basis import Basis
-from benchmark.runner.records import Broken, Records, kept, read
-from benchmark.runner.row import HEADER, EpisodeRecord, record_of_row, row_of
-from benchmark.runner.settings import RunSettings, run_id
-from benchmark.runner.summary import interval, paired, pairs_of, summarise
+from surveilnav.benchmark import journal
+from surveilnav.benchmark.runner import records as module
+from surveilnav.benchmark.runner.basis import Basis
+from surveilnav.benchmark.runner.records import Broken, Records, kept, read
+from surveilnav.benchmark.runner.row import HEADER, EpisodeRecord, record_of_row, row_of
+from surveilnav.benchmark.runner.settings import RunSettings, run_id
+from surveilnav.benchmark.runner.summary import interval, paired, pairs_of, summarise
 from surveilnav.errors import ConfigError
 
 RECORD = EpisodeRecord(
-    scene="flat-s0", episode_id="2", category="tv", success=True, spl=0.5, soft_spl=0.6, steps=10, path_m=4.0,
-    shortest_path_m=2.0, distance_m=0.05, reason="", seen=True, bytes={"jpeg+depth": 1000}, seconds=1.0,
-)  # fmt: skip
+    scene="flat-s0",
+    episode_id="2",
+    category="tv",
+    success=True,
+    spl=0.5,
+    soft_spl=0.6,
+    steps=10,
+    path_m=4.0,
+    shortest_path_m=2.0,
+    distance_m=0.05,
+    reason="",
+    seen=True,
+    bytes={"jpeg+depth": 1000},
+    seconds=1.0,
+)
 FAILED = msgspec.structs.replace(RECORD, episode_id="10", success=False, spl=0.0, reason="not_seen", bytes={})
 
 
@@ -64,11 +76,18 @@ def test_a_finished_run_makes_the_same_file_in_whatever_order_it_was_played(tmp_
 @pytest.mark.parametrize(
     "change",
     [
-        {}, {"distance_m": None}, {"bytes": {}}, {"bytes": {"jpeg+depth": 0, "summaries": 7}},
+        {},
+        {"distance_m": None},
+        {"bytes": {}},
+        {"bytes": {"jpeg+depth": 0, "summaries": 7}},
         {"reason": "stuck", "success": False},
-        {"scene": 'own, "old" hôtel-s0'}, {"spl": 0.123457}, {"path_m": 1234.567891}, {"seen": False}, {"spl": 1e-6},
+        {"scene": 'own, "old" hôtel-s0'},
+        {"spl": 0.123457},
+        {"path_m": 1234.567891},
+        {"seen": False},
+        {"spl": 1e-6},
     ],
-)  # fmt: skip
+)
 def test_a_row_says_what_the_record_says(change):
     record = msgspec.structs.replace(RECORD, **change)
     assert record_of_row(row_of(record)) == record
@@ -82,10 +101,19 @@ def test_a_tier_without_a_column_is_refused():
 
 def test_a_thousand_searches_are_small():
     long = msgspec.structs.replace(
-        FAILED, scene="3_bedroom_mezzanine-s0", category="potted plant", reason="seen_and_rejected", spl=1 / 7, soft_spl=1 / 7,
-        steps=499, path_m=1000 / 7, shortest_path_m=100 / 7, distance_m=100 / 7, seconds=1000 / 7,
+        FAILED,
+        scene="3_bedroom_mezzanine-s0",
+        category="potted plant",
+        reason="seen_and_rejected",
+        spl=1 / 7,
+        soft_spl=1 / 7,
+        steps=499,
+        path_m=1000 / 7,
+        shortest_path_m=100 / 7,
+        distance_m=100 / 7,
+        seconds=1000 / 7,
         bytes={"jpeg+depth": 31_731_755, "summaries": 1234},
-    )  # fmt: skip
+    )
     assert 1000 * (len(row_of(long)) + 1) <= 150_000
 
 
@@ -177,10 +205,16 @@ def test_a_damaged_file_is_named(tmp_path, text):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        (b"flat-s0,2", b"flat-s0,3"), (b"flat-s0,2", b"flat-s7,2"), (b",2,tv", b",\xff,tv"), (b",tv,1,", b",tv,0,"),
-        (b",0.5,", b",0.6,"), (b",0.5,", b",,"), (b"flat-s0,2,tv,1,0.5,", b"flat-s0,2,tv,1,"), (b"flat-s0,2,tv", b""),
+        (b"flat-s0,2", b"flat-s0,3"),
+        (b"flat-s0,2", b"flat-s7,2"),
+        (b",2,tv", b",\xff,tv"),
+        (b",tv,1,", b",tv,0,"),
+        (b",0.5,", b",0.6,"),
+        (b",0.5,", b",,"),
+        (b"flat-s0,2,tv,1,0.5,", b"flat-s0,2,tv,1,"),
+        (b"flat-s0,2,tv", b""),
     ],
-)  # fmt: skip
+)
 def test_a_row_that_was_damaged_is_named_and_played_again(tmp_path, old, new):
     """Also where it still reads like a row: a checksum ends it."""
     records = Records(tmp_path, RunSettings(), BASIS)
@@ -352,10 +386,16 @@ def test_success_farther_off_and_failures_that_were_seen():
         return msgspec.structs.replace(RECORD, **facts)
 
     short = stopped(0.15, reason="stopped_short")
-    s = summarise([
-        RECORD, short, stopped(0.9, reason="stopped_short"), stopped(1.1, reason="false_positive", seen=False),
-        stopped(0.1, reason="out_of_steps"), stopped(None, reason="wrong_floor", seen=False),
-    ])  # fmt: skip
+    s = summarise(
+        [
+            RECORD,
+            short,
+            stopped(0.9, reason="stopped_short"),
+            stopped(1.1, reason="false_positive", seen=False),
+            stopped(0.1, reason="out_of_steps"),
+            stopped(None, reason="wrong_floor", seen=False),
+        ]
+    )
     assert s.sr_within == pytest.approx({0.2: 100 * 2 / 6, 1.0: 50.0})
     assert s.reasons == {"false_positive": 1, "out_of_steps": 1, "stopped_short": 2, "wrong_floor": 1}
     assert s.seen == {"out_of_steps": 1, "stopped_short": 2}

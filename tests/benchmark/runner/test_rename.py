@@ -6,10 +6,10 @@ import json
 
 import pytest
 
-from benchmark.runner.basis import Basis
-from benchmark.runner.records import Records, facts_of, kept
-from benchmark.runner.rename import main, rename
-from benchmark.runner.settings import RunSettings, run_id
+from surveilnav.benchmark.runner.basis import Basis
+from surveilnav.benchmark.runner.records import Records, facts_of, kept
+from surveilnav.benchmark.runner.rename import main, rename
+from surveilnav.benchmark.runner.settings import RunSettings, run_id
 from surveilnav.errors import ConfigError
 from tests.benchmark.runner.test_records import RECORD
 

@@ -9,23 +9,23 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from benchmark import canary
-from benchmark.dataset.build import open_scene
-from benchmark.dataset.load import load_scene, start_of
-from benchmark.dataset.make import make, write_manifest
-from benchmark.dataset.splits import SceneSpec, SplitSpec
-from benchmark.play.episode import REASONS, Episode, FusedCameras
-from benchmark.play.sight import Sight
-from benchmark.policies import policy_of
-from benchmark.runner import play
-from benchmark.runner.basis import basis_of
-from benchmark.runner.play import ScenePlayer
-from benchmark.runner.records import Records
-from benchmark.runner.run import _work, run, some_of
-from benchmark.runner.search import search
-from benchmark.runner.settings import RunSettings
-from simulator.truth.choose import choose_backend
+from surveilnav.benchmark import canary
+from surveilnav.benchmark.dataset.build import open_scene
+from surveilnav.benchmark.dataset.load import load_scene, start_of
+from surveilnav.benchmark.dataset.make import make, write_manifest
+from surveilnav.benchmark.dataset.splits import SceneSpec, SplitSpec
+from surveilnav.benchmark.play.episode import REASONS, Episode, FusedCameras
+from surveilnav.benchmark.play.sight import Sight
+from surveilnav.benchmark.policies import policy_of
+from surveilnav.benchmark.runner import play
+from surveilnav.benchmark.runner.basis import basis_of
+from surveilnav.benchmark.runner.play import ScenePlayer
+from surveilnav.benchmark.runner.records import Records
+from surveilnav.benchmark.runner.run import _work, run, some_of
+from surveilnav.benchmark.runner.search import search
+from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
+from surveilnav.simulator.truth.choose import choose_backend
 
 SETTINGS = RunSettings(perception="oracle", max_steps=40)
 
@@ -125,13 +125,13 @@ def test_a_run_is_stamped_with_what_the_program_does(dataset, finished, tmp_path
     assert basis.program == canary.digest()
     records = Records(tmp_path, SETTINGS, basis)
     records.add(finished.records[0])
-    monkeypatch.setattr("benchmark.runner.basis.digest", lambda: "another")
+    monkeypatch.setattr("surveilnav.benchmark.runner.basis.digest", lambda: "another")
     with pytest.raises(ConfigError, match="a program that searches otherwise"):
         run(dataset, tmp_path, SETTINGS, workers=1)
 
 
 def test_a_worker_doesnt_go_on_by_another_program(dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmark.runner.run.digest", lambda: "another")
+    monkeypatch.setattr("surveilnav.benchmark.runner.run.digest", lambda: "another")
     with pytest.raises(ConfigError, match="changed since this run began"):
         _work((dataset, tmp_path, basis_of(dataset, "val_mini"), SETTINGS, "parametric_flat-s0", frozenset({"0"})))
     assert not list(tmp_path.iterdir())
@@ -203,7 +203,7 @@ def test_searches_are_told_that_they_begin_on_a_floor_with_a_goal(dataset, monke
     told = []
     ours = policy_of(SETTINGS.policy)
     watched = replace(ours, begin=lambda task: told.append(task) or ours.begin(task))
-    monkeypatch.setattr("benchmark.runner.search.policy_of", lambda name: watched)
+    monkeypatch.setattr("surveilnav.benchmark.runner.search.policy_of", lambda name: watched)
     player.play(player.episodes[0])
     assert [task.goal_on_floor for task in told] == [True]
 

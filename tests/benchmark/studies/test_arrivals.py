@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import pytest
 from mcap.writer import Writer
 
-from benchmark.studies import live
-from benchmark.studies.arrivals import Arrivals, MapsState, RecordedCameras, arrivals_of
-from services.recorder.core.line import bus_line
-from services.recorder.reading import RecordingError
 from surveilnav import messages as m
+from surveilnav.benchmark.studies import live
+from surveilnav.benchmark.studies.arrivals import Arrivals, MapsState, RecordedCameras, arrivals_of
 from surveilnav.contract import MISSION_PLAN, VIEW_LOG
+from surveilnav.services.recorder.core.line import bus_line
+from surveilnav.services.recorder.reading import RecordingError
 
 ROBOT = "robot/r1", 0
 LOG = [("camera/a", 0), ROBOT, ("camera/a", 1), ("camera/b", 0), ROBOT, ("camera/b", 1)]
@@ -39,17 +39,32 @@ def view(number: int, source: str, index: int, fault: str = ""):
 
 def plan(seq: int, revision: int, pending: int):
     said = m.Plan(
-        stamp_ns=1, mission="m", robot="r1", floor="0", step=seq + 1, seq=seq, action="stop", waypoint=None, path_m=[],
-        candidates=[], revision=revision, pending_views=pending,
-    )  # fmt: skip
+        stamp_ns=1,
+        mission="m",
+        robot="r1",
+        floor="0",
+        step=seq + 1,
+        seq=seq,
+        action="stop",
+        waypoint=None,
+        path_m=[],
+        candidates=[],
+        revision=revision,
+        pending_views=pending,
+    )
     return bus_line(MISSION_PLAN, "surveilnav/1/b/mission/m/plan", said, b"", 1)
 
 
 def test_a_recording_says_what_came_when_and_on_what_was_decided(tmp_path):
     path = recording(
-        tmp_path / "a.mcap", view(2, "robot/r1", 0), view(1, "camera/a", 3), plan(0, 2, 7), view(3, "camera/a", 4, fault="torn"),
-        plan(1, 2, 6), plan(1, 5, 3),
-    )  # fmt: skip
+        tmp_path / "a.mcap",
+        view(2, "robot/r1", 0),
+        view(1, "camera/a", 3),
+        plan(0, 2, 7),
+        view(3, "camera/a", 4, fault="torn"),
+        plan(1, 2, 6),
+        plan(1, 5, 3),
+    )
     found = arrivals_of(path)
     assert found.views == (("camera/a", 3), ("robot/r1", 0))
     assert found.decided_on == {0: MapsState(2, 7), 1: MapsState(5, 3)}  # asked again, the planner looked again

@@ -7,17 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from benchmark.canary import digest
-from benchmark.studies.association import run as association
-from benchmark.studies.association.page import Results, choose, page
-from benchmark.studies.association.replays import Player, good_detections, score, variants
-from benchmark.studies.recordings import TOURS, Facts, Recording, SeenView, Thing
-from services.fusion.core import FusionConfig, JointMap, ObjectConfig
-from services.fusion.core.config import AssociationConfig, PointsConfig
+from surveilnav.benchmark.canary import digest
+from surveilnav.benchmark.studies.association import run as association
+from surveilnav.benchmark.studies.association.page import Results, choose, page
+from surveilnav.benchmark.studies.association.replays import Player, good_detections, score, variants
+from surveilnav.benchmark.studies.recordings import TOURS, Facts, Recording, SeenView, Thing
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
 from surveilnav.perception.embedders.class_space import embed_image, embed_object
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig
+from surveilnav.services.fusion.core.config import AssociationConfig, PointsConfig
 
 THINGS = {
     1: Thing(1, "chair", "0", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
@@ -30,10 +30,25 @@ THINGS = {
 def made(id_, label, center_m, confirmed=()):
     history = [ObjectEvent(0, "robot/r", 0, 0, c, 0.5, "confirmed") for c in confirmed]
     return ObjectRecord(
-        id=id_, floor="0", label=label, status="candidate", confidence=0.5, confidence_robot=0.5,
-        confidence_surveillance=0.0, label_robot=label, label_surveillance="", n_detections=0, n_points=1,
-        center_m=center_m, size_m=(1.0, 1.0, 1.0), first_seen_ns=0, last_seen_ns=0, sources=[], reason="", history=history,
-    )  # fmt: skip
+        id=id_,
+        floor="0",
+        label=label,
+        status="candidate",
+        confidence=0.5,
+        confidence_robot=0.5,
+        confidence_surveillance=0.0,
+        label_robot=label,
+        label_surveillance="",
+        n_detections=0,
+        n_points=1,
+        center_m=center_m,
+        size_m=(1.0, 1.0, 1.0),
+        first_seen_ns=0,
+        last_seen_ns=0,
+        sources=[],
+        reason="",
+        history=history,
+    )
 
 
 def test_what_counts_as_duplicate_wrong_merge_and_missed():
@@ -52,8 +67,11 @@ def test_what_counts_as_duplicate_wrong_merge_and_missed():
         ["couch", 7, 1, 1, 2, 0, 1, 1, 1.0],
     ]
     assert got["served"] == {
-        "chair > chair": [1, 1], "bed > chair": [1, 0], "couch > couch": [2, 2], "bed > background": [1, 1],
-    }  # fmt: skip
+        "chair > chair": [1, 1],
+        "bed > chair": [1, 0],
+        "couch > couch": [2, 2],
+        "bed > background": [1, 1],
+    }
     assert score(THINGS, {1: 5, 2: 1}, found)["things"] == [["chair", 5, 2, 3, 1, 0, 0, 1, 0.2]]
 
 
@@ -109,16 +127,30 @@ def records(recording, wanted):
         if variant.name == "box_iou 0.7 eq. 3 alone":  # fewest errors, wrong names
             found["served"] = {"bed > chair": [2, 0]}
         yield {
-            "home": "test", "perception": "test", "tour": "sparse", "program": digest(), "group": variant.group,
-            "name": variant.name, "fingerprint": variant.fingerprint, "cpu_ms": [1.0, 1.0, 2.0], "first_last_ms": [1.0, 1.0],
-            "locate_ms": 1.0, "objects": 2, "shape_bytes": 1000, "views": 5, **found,
-        }  # fmt: skip
+            "home": "test",
+            "perception": "test",
+            "tour": "sparse",
+            "program": digest(),
+            "group": variant.group,
+            "name": variant.name,
+            "fingerprint": variant.fingerprint,
+            "cpu_ms": [1.0, 1.0, 2.0],
+            "first_last_ms": [1.0, 1.0],
+            "locate_ms": 1.0,
+            "objects": 2,
+            "shape_bytes": 1000,
+            "views": 5,
+            **found,
+        }
 
 
 def test_the_page_and_the_choice(recording):
     wanted = {
-        ("preset", "default"), ("preset", "paper"), ("sweep", "overlap 1.2 all rules"), ("sweep", "box_iou 0.7 eq. 3 alone"),
-    }  # fmt: skip
+        ("preset", "default"),
+        ("preset", "paper"),
+        ("sweep", "overlap 1.2 all rules"),
+        ("sweep", "box_iou 0.7 eq. 3 alone"),
+    }
     played = list(records(recording, wanted))
     old = played[0] | {"program": "that does otherwise", "things": []}
     results = Results("sparse", [*played, old, played[0] | {"tour": "dense", "things": []}])

@@ -9,20 +9,28 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from benchmark.dataset.splits import SPLITS, SplitSpec
-from benchmark.studies.calibration import views
-from benchmark.studies.calibration.fit import _rare_dropped, _shown, both_above, fit, fit_luck, fit_probit, matched
-from benchmark.studies.calibration.page import Side, compare
-from benchmark.studies.calibration.run import main, presence_of
-from benchmark.studies.calibration.views import Found, Rows
-from benchmark.studies.recordings import Tour, record
-from simulator.furniture.labels import TARGETS
-from simulator.simulation import SimulatedBuilding, SimulationSettings
-from simulator.truth import error_model
-from simulator.truth.backends import Simulated
-from simulator.truth.error_model import FEATURES, SIGHTS, Draws, Luck
-from simulator.truth.visible import VisibleThing
+from surveilnav.benchmark.dataset.splits import SPLITS, SplitSpec
+from surveilnav.benchmark.studies.calibration import views
+from surveilnav.benchmark.studies.calibration.fit import (
+    _rare_dropped,
+    _shown,
+    both_above,
+    fit,
+    fit_luck,
+    fit_probit,
+    matched,
+)
+from surveilnav.benchmark.studies.calibration.page import Side, compare
+from surveilnav.benchmark.studies.calibration.run import main, presence_of
+from surveilnav.benchmark.studies.calibration.views import Found, Rows
+from surveilnav.benchmark.studies.recordings import Tour, record
 from surveilnav.perception.vocabulary import COCO
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.truth import error_model
+from surveilnav.simulator.truth.backends import Simulated
+from surveilnav.simulator.truth.error_model import FEATURES, SIGHTS, Draws, Luck
+from surveilnav.simulator.truth.visible import VisibleThing
 
 
 @pytest.fixture(scope="module")
@@ -289,12 +297,15 @@ def test_the_model_in_use_is_compared_on_a_split_and_left_as_it_is(
     flat: tuple[views.Looks, SimulatedBuilding], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
-    monkeypatch.setattr("benchmark.studies.calibration.run.OUT", tmp_path)
-    monkeypatch.setattr("benchmark.studies.calibration.run.MODEL", tmp_path / "model.json")
+    monkeypatch.setattr("surveilnav.benchmark.studies.calibration.run.OUT", tmp_path)
+    monkeypatch.setattr("surveilnav.benchmark.studies.calibration.run.MODEL", tmp_path / "model.json")
     monkeypatch.setattr(
-        "benchmark.studies.calibration.run.measured", lambda scene, n, backend: asked.append(scene.scene) or flat[0]
+        "surveilnav.benchmark.studies.calibration.run.measured",
+        lambda scene, n, backend: asked.append(scene.scene) or flat[0],
     )
-    monkeypatch.setattr("benchmark.studies.calibration.run.fitted", lambda *_: pytest.fail("something was fitted"))
+    monkeypatch.setattr(
+        "surveilnav.benchmark.studies.calibration.run.fitted", lambda *_: pytest.fail("something was fitted")
+    )
     monkeypatch.setitem(SPLITS, "val_mini", SplitSpec("val_mini", SPLITS["val_mini"].scenes[:2], 10))
     assert main(["--split", "val_mini"]) == 0
     assert asked == ["studio-s0", "1_bedroom-s0"]

@@ -6,18 +6,26 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmark.dataset.splits import SceneSpec
-from benchmark.studies.calibration import chances, run
-from benchmark.studies.calibration.chances import Judged, chances_of, expected_error, fit, judged, left_out, page
-from benchmark.studies.calibration.views import Looks, looks_of, save
-from benchmark.studies.recordings import Tour, record
-from simulator.simulation import SimulatedBuilding, SimulationSettings
-from simulator.truth.backends import Oracle
+from surveilnav.benchmark.dataset.splits import SceneSpec
+from surveilnav.benchmark.studies.calibration import chances, run
+from surveilnav.benchmark.studies.calibration.chances import (
+    Judged,
+    chances_of,
+    expected_error,
+    fit,
+    judged,
+    left_out,
+    page,
+)
+from surveilnav.benchmark.studies.calibration.views import Looks, looks_of, save
+from surveilnav.benchmark.studies.recordings import Tour, record
 from surveilnav.perception.chances import ChanceTable, features
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.one_network import OneNetwork
 from surveilnav.perception.runtime import Runtime
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.truth.backends import Oracle
 from tests.compact_file import write
 
 

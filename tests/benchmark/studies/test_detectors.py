@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmark.studies.detectors import ROBOT, RenderedView, Tally, matches
-from simulator.truth.visible import VisibleThing
+from surveilnav.benchmark.studies.detectors import ROBOT, RenderedView, Tally, matches
 from surveilnav.perception.embedders.class_space import embed_object
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, TrueInstances
+from surveilnav.simulator.truth.visible import VisibleThing
 
 
 def detected(label: str, score: float, box: tuple[float, float, float, float]) -> Detected:
@@ -22,10 +22,11 @@ def thing(label: str, box: tuple[float, float, float, float]) -> VisibleThing:
 def test_a_thing_goes_to_its_own_class_first_and_only_once() -> None:
     things = [thing("bed", (0, 0, 100, 100)), thing("tv", (200, 0, 300, 100))]
     found = [
-        detected("couch", 0.9, (0, 0, 100, 100)), detected("bed", 0.3, (5, 0, 100, 100)),
+        detected("couch", 0.9, (0, 0, 100, 100)),
+        detected("bed", 0.3, (5, 0, 100, 100)),
         detected("bed", 0.2, (0, 0, 95, 100)),
         detected("tv", 0.5, (260, 0, 360, 100)),
-    ]  # fmt: skip
+    ]
     assert matches(things, found) == [-1, 0, -1, -1]
     assert matches(things, found[:1]) == [0], "a confusion"
     assert matches([], found) == [-1] * 4
@@ -44,11 +45,13 @@ def test_a_tally_of_one_hit_one_miss_one_confusion_one_invention() -> None:
     tally.add(
         view,
         [
-            detected("bed", 0.8, (100, 100, 200, 200)), detected("bed", 0.6, (100, 300, 200, 400)),
-            detected("chair", 0.4, (500, 300, 600, 400)), detected("chair", 0.1, (500, 0, 600, 100)),
+            detected("bed", 0.8, (100, 100, 200, 200)),
+            detected("bed", 0.6, (100, 300, 200, 400)),
+            detected("chair", 0.4, (500, 300, 600, 400)),
+            detected("chair", 0.1, (500, 0, 600, 100)),
             detected("chair", 0.4, (300, 300, 400, 400)),
         ],
-    )  # fmt: skip
+    )
     assert dict(tally.objects) == {"bed": 1, "tv": 1, "couch": 1}, "a chair of 100 pixels is too small to count"
     assert tally.hits["bed"] == 1
     assert sum(tally.hits.values()) == 1

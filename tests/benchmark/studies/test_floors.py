@@ -7,16 +7,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.studies import floors
+from surveilnav.benchmark.studies import floors
 
 RECORD = {
-    "building": "house", "seed": 0, "target": "tv", "start": "1", "summaries": "with", "perception": "onnx-coco",
-    "success": True, "found": True, "reason": "", "message": "found tv", "steps": 60, "path_m": 11.0,
-    "shortest_path_m": 10.0, "spl": 0.9, "floors": ["1", "0"], "seen": {"0": 0.78, "1": 0.0},
+    "building": "house",
+    "seed": 0,
+    "target": "tv",
+    "start": "1",
+    "summaries": "with",
+    "perception": "onnx-coco",
+    "success": True,
+    "found": True,
+    "reason": "",
+    "message": "found tv",
+    "steps": 60,
+    "path_m": 11.0,
+    "shortest_path_m": 10.0,
+    "spl": 0.9,
+    "floors": ["1", "0"],
+    "seen": {"0": 0.78, "1": 0.0},
     "changes": [{"step": 20, "floor": "1", "to_floor": "0", "why": "the cameras of floor 0 saw 'tv' with 0.78"}],
-    "summary_bytes": {"c0-1": 100, "c1-1": 80}, "camera_bytes": 5_000_000, "invoked": ["c0-1"], "seconds": 9.0,
+    "summary_bytes": {"c0-1": 100, "c1-1": 80},
+    "camera_bytes": 5_000_000,
+    "invoked": ["c0-1"],
+    "seconds": 9.0,
     "picture": "house-tv-1-with.png",
-}  # fmt: skip
+}
 WITHOUT = RECORD | {"summaries": "without", "success": False, "reason": "not_found", "spl": 0.0, "summary_bytes": {}}
 APART = WITHOUT | {"picture": "house-tv-1-without.png"}
 
@@ -49,7 +65,7 @@ def test_the_same_way_is_drawn_once(tmp_path):
 
 @pytest.fixture(scope="module")
 def house():
-    from simulator.simulation import SimulatedBuilding, SimulationSettings
+    from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
     return SimulatedBuilding(SimulationSettings(building="parametric_house", lighting="flat"))
 
@@ -57,7 +73,7 @@ def house():
 @pytest.fixture(scope="module")
 def downstairs(house):
     """Only the tv of the ground floor is looked for; its camera sees that one, and the upper one's doesn't see its."""
-    from simulator.world.goals import find_goals
+    from surveilnav.simulator.world.goals import find_goals
 
     goals = find_goals(house.scene, house.navigation, "tv", caster=house.caster)
     below = {"0": goals.viewpoints["0"]}
@@ -78,15 +94,15 @@ def test_over_the_stairs(house, downstairs, planner):
 
     The robot takes it for sure that upstairs has no tv: else it would look there first.
     """
-    from benchmark.play.episode import Episode
-    from benchmark.play.shortest_path import ShortestPathPlanner
-    from benchmark.play.sight import Sight
-    from benchmark.policies.mission import Mission
-    from benchmark.policies.policy import Task
-    from services.planner.core import PlannerConfig
-    from services.planner.core.motion.drive import FmmPlanner
-    from simulator.truth.choose import choose_backend
-    from simulator.world.goals import Start
+    from surveilnav.benchmark.play.episode import Episode
+    from surveilnav.benchmark.play.shortest_path import ShortestPathPlanner
+    from surveilnav.benchmark.play.sight import Sight
+    from surveilnav.benchmark.policies.mission import Mission
+    from surveilnav.benchmark.policies.policy import Task
+    from surveilnav.services.planner.core import PlannerConfig
+    from surveilnav.services.planner.core.motion.drive import FmmPlanner
+    from surveilnav.simulator.truth.choose import choose_backend
+    from surveilnav.simulator.world.goals import Start
 
     driver = ShortestPathPlanner(house.navigation) if planner == "sp" else FmmPlanner()
     mission = Mission(Task("tv", 0, 80, driver), PlannerConfig(floor_chance=0.0), summaries=True)

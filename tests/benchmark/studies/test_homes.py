@@ -4,14 +4,31 @@ from __future__ import annotations
 
 import pytest
 
-from benchmark.studies import homes
+from surveilnav.benchmark.studies import homes
 
 RECORD = {
-    "building": "studio", "seed": 0, "target": "tv", "surveillance": "on", "perception": "onnx-coco", "success": True,
-    "found": True, "reason": "", "message": "found", "steps": 10, "spl": 0.5, "path_m": 6.0, "shortest_path_m": 3.0,
-    "success_at_0_2_m": True, "success_at_1_m": True, "cameras": 1, "invoked": ["c0-1"], "robot_bytes": 1_000_000,
-    "camera_bytes": 2_000_000, "start_notes": [], "seconds": 1.0,
-}  # fmt: skip
+    "building": "studio",
+    "seed": 0,
+    "target": "tv",
+    "surveillance": "on",
+    "perception": "onnx-coco",
+    "success": True,
+    "found": True,
+    "reason": "",
+    "message": "found",
+    "steps": 10,
+    "spl": 0.5,
+    "path_m": 6.0,
+    "shortest_path_m": 3.0,
+    "success_at_0_2_m": True,
+    "success_at_1_m": True,
+    "cameras": 1,
+    "invoked": ["c0-1"],
+    "robot_bytes": 1_000_000,
+    "camera_bytes": 2_000_000,
+    "start_notes": [],
+    "seconds": 1.0,
+}
 FAILED = RECORD | {"surveillance": "off", "success": False, "reason": "not_found", "spl": 0.0, "message": "a|b"}
 
 

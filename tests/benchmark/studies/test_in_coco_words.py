@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmark.studies.calibration.in_coco_words import InCocoWords
+from surveilnav.benchmark.studies.calibration.in_coco_words import InCocoWords
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace

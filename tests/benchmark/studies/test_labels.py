@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from benchmark.studies.labels import Named, Score, is_held_out, labels_by_id, names_of, page, score, wrong
-from simulator.furniture.assets import ensure_assets
-from simulator.furniture.catalog import DEFAULT_CATALOG, JAR, CatalogModel, read_properties
-from simulator.furniture.labels import TARGETS
+from surveilnav.benchmark.studies.labels import Named, Score, is_held_out, labels_by_id, names_of, page, score, wrong
 from surveilnav.errors import AssetError
 from surveilnav.nouns import language_of
+from surveilnav.simulator.furniture.assets import ensure_assets
+from surveilnav.simulator.furniture.catalog import DEFAULT_CATALOG, JAR, CatalogModel, read_properties
+from surveilnav.simulator.furniture.labels import TARGETS
 
 BED, LAMP = "eTeks#bed", "eTeks#lamp"
 

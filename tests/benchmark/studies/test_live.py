@@ -8,15 +8,24 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.studies import live
-from benchmark.studies.live import Search, page, pairs_of, play
+from surveilnav.benchmark.studies import live
+from surveilnav.benchmark.studies.live import Search, page, pairs_of, play
 
 
 def row(building: str, arm: str, *, seed: int = 0, **facts: object) -> dict:
     known = {
-        "building": building, "seed": seed, "target": "tv", "surveillance": arm, "success": True, "spl": 0.5, "path_m": 10.0,
-        "shortest_path_m": 5.0, "search_s": 20.0, "first_action_s": 1.0, "steps": 90,
-    }  # fmt: skip
+        "building": building,
+        "seed": seed,
+        "target": "tv",
+        "surveillance": arm,
+        "success": True,
+        "spl": 0.5,
+        "path_m": 10.0,
+        "shortest_path_m": 5.0,
+        "search_s": 20.0,
+        "first_action_s": 1.0,
+        "steps": 90,
+    }
     return known | facts
 
 
@@ -27,9 +36,11 @@ def test_only_starts_that_were_played_both_ways_are_compared():
 
 def test_the_page_says_what_cameras_change():
     rows = [
-        row("a", "on", spl=0.9, search_s=10.0), row("a", "off", spl=0.4),
-        row("b", "on", spl=0.7, search_s=30.0, first_action_s=2.5), row("b", "off", spl=0.6, success=False),
-    ]  # fmt: skip
+        row("a", "on", spl=0.9, search_s=10.0),
+        row("a", "off", spl=0.4),
+        row("b", "on", spl=0.7, search_s=30.0, first_action_s=2.5),
+        row("b", "off", spl=0.6, success=False),
+    ]
     said = page(rows, "the command")
     assert "2 starts in 2 buildings" in said
     assert "Cameras change SPL by +30.0 [+10.0, +50.0]" in said
@@ -69,7 +80,9 @@ def test_the_command_on_the_page_is_the_one_that_was_given():
     given = ["--buildings", "a", "b", "--targets", "tv", "potted plant", "--models", "val", "--table"]
     parser = live._parser()
     said = live._command(parser, parser.parse_args(given))
-    assert said == 'python -m benchmark.studies.live --buildings a b --targets tv "potted plant" --models val'
+    assert (
+        said == 'python -m surveilnav.benchmark.studies.live --buildings a b --targets tv "potted plant" --models val'
+    )
 
 
 @pytest.fixture

@@ -8,12 +8,12 @@ import zlib
 import numpy as np
 import pytest
 
-from benchmark.studies.calibration import objects
-from benchmark.studies.calibration.objects import Claim, claims_of, figures, precision_recall
-from benchmark.studies.calibration.views import Found, Look, Looks
-from services.fusion.core import ObjectConfig
+from surveilnav.benchmark.studies.calibration import objects
+from surveilnav.benchmark.studies.calibration.objects import Claim, claims_of, figures, precision_recall
+from surveilnav.benchmark.studies.calibration.views import Found, Look, Looks
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.perception.chances import ChanceTable
+from surveilnav.services.fusion.core import ObjectConfig
 
 CAMERA = Pinhole.from_hfov(64, 48, 1.4)
 TABLE = ChanceTable("even", 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, {})
@@ -28,9 +28,16 @@ def look(seq: int, found: list[Found], source: str = "robot/r") -> Look:
         ids[y0:y1, x0:x1], depth_mm[y0:y1, x0:x1] = id_, 2000
     T = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0.88], [0, 0, 0, 1]])
     return Look(
-        source, 0, seq, Pose.from_matrix(T), CAMERA, zlib.compress(ids.tobytes()), zlib.compress(depth_mm.tobytes()), found,
+        source,
+        0,
+        seq,
+        Pose.from_matrix(T),
+        CAMERA,
+        zlib.compress(ids.tobytes()),
+        zlib.compress(depth_mm.tobytes()),
+        found,
         [],
-    )  # fmt: skip
+    )
 
 
 def found(label: str, box: tuple[int, ...], id_: int, score: float) -> Found:

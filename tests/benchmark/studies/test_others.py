@@ -6,14 +6,21 @@ import json
 
 import pytest
 
-from benchmark.runner.row import EpisodeRecord
-from benchmark.studies import others
+from surveilnav.benchmark.runner.row import EpisodeRecord
+from surveilnav.benchmark.studies import others
 from surveilnav.errors import ConfigError
 
 WHOLE = {
-    "file": "a/home.sh3d", "levels": [{}, {}], "rooms": 3, "free_m2": 20.0, "reached_m2": 18.0, "reached_open_m2": 19.0,
-    "targets": {"bed": [1, 1], "chair": [2, 3]}, "says": "", "notes": [],
-}  # fmt: skip
+    "file": "a/home.sh3d",
+    "levels": [{}, {}],
+    "rooms": 3,
+    "free_m2": 20.0,
+    "reached_m2": 18.0,
+    "reached_open_m2": 19.0,
+    "targets": {"bed": [1, 1], "chair": [2, 3]},
+    "says": "",
+    "notes": [],
+}
 HALF = WHOLE | {
     "reached_m2": 10.0,
     "reached_open_m2": 10.0,
@@ -26,10 +33,21 @@ OLD = {"file": "a/home.sh3d", "error": "no Home.xml | `inside`"}
 
 def search(**changes):
     facts = {
-        "scene": "home-s0", "episode_id": "4", "category": "bed", "success": False, "spl": 0.0, "soft_spl": 0.1, "steps": 9,
-        "path_m": 3.0, "shortest_path_m": 2.0, "distance_m": 1.25, "reason": "false_positive", "seen": True, "bytes": {},
+        "scene": "home-s0",
+        "episode_id": "4",
+        "category": "bed",
+        "success": False,
+        "spl": 0.0,
+        "soft_spl": 0.1,
+        "steps": 9,
+        "path_m": 3.0,
+        "shortest_path_m": 2.0,
+        "distance_m": 1.25,
+        "reason": "false_positive",
+        "seen": True,
+        "bytes": {},
         "seconds": 1.0,
-    }  # fmt: skip
+    }
     return EpisodeRecord(**(facts | changes))
 
 

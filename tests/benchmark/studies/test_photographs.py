@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmark.studies import photographs
-from benchmark.studies.photographs import PHOTOGRAPHS, Photograph, drawn, named, page, read
+from surveilnav.benchmark.studies import photographs
+from surveilnav.benchmark.studies.photographs import PHOTOGRAPHS, Photograph, drawn, named, page, read
 from surveilnav.errors import ConfigError
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.vocabulary import COCO

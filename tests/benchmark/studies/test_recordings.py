@@ -8,16 +8,25 @@ import math
 import numpy as np
 import pytest
 
-from benchmark.studies import recordings
-from benchmark.studies.recordings import Facts, Recording, SeenView, Thing, Tour, Witness, instance_of, states_of
-from simulator.sources import open_building
-from simulator.truth.backends import Oracle
-from simulator.world.navigation import NavigationMap
+from surveilnav.benchmark.studies import recordings
+from surveilnav.benchmark.studies.recordings import (
+    Facts,
+    Recording,
+    SeenView,
+    Thing,
+    Tour,
+    Witness,
+    instance_of,
+    states_of,
+)
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.perception.backend import Backend, Stage
 from surveilnav.perception.embedders.class_space import embed_image, embed_object
 from surveilnav.sensing.packing import decode_depth, encode_depth
 from surveilnav.sensing.views import Detected, PosedView, TrueInstances, ViewPerception
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.truth.backends import Oracle
+from surveilnav.simulator.world.navigation import NavigationMap
 
 CHAIR = Thing(7, "chair", "0", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 CAMERA = Pinhole.from_hfov(16, 12, math.radians(79))
@@ -80,8 +89,12 @@ def test_a_kept_recording_is_the_one_that_was_made(tmp_path):
     )
     views = [
         SeenView(PosedView("camera/c", 12, 1, 0, "0", T, CAMERA, 1.8, rgb, depth_m, depth_range_m), None, ()),
-        SeenView(PosedView("robot/r1", 0, 3, 3, "0", T, CAMERA, 0.88, rgb, depth_m, depth_range_m), said, ((7, 1.0), (0, 0.5))),
-    ]  # fmt: skip
+        SeenView(
+            PosedView("robot/r1", 0, 3, 3, "0", T, CAMERA, 0.88, rgb, depth_m, depth_range_m),
+            said,
+            ((7, 1.0), (0, 0.5)),
+        ),
+    ]
     made = Recording(Facts("studio", 3, "blind", 2, "hash"), {7: CHAIR}, views)
     path = tmp_path / "a.recording"
     recordings.save(made, path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmark.studies.rows import Rows
+from surveilnav.benchmark.studies.rows import Rows
 
 ROW = {"home": "studio", "arm": "on", "program": "this", "spl": 0.5}
 

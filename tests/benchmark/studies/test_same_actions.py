@@ -6,12 +6,12 @@ from functools import partial
 
 import pytest
 
-from benchmark.play.cameras import InvokedCameras
-from benchmark.play.sight import Sight
-from benchmark.studies import same_actions
-from benchmark.studies.arrivals import Arrivals, MapsState
-from benchmark.studies.same_actions import Played, compared, page, play_and_compare, played
-from simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.benchmark.play.cameras import InvokedCameras
+from surveilnav.benchmark.play.sight import Sight
+from surveilnav.benchmark.studies import same_actions
+from surveilnav.benchmark.studies.arrivals import Arrivals, MapsState
+from surveilnav.benchmark.studies.same_actions import Played, compared, page, play_and_compare, played
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 ROW = {
     "building": "a",
@@ -65,8 +65,11 @@ def test_the_page_says_how_many_are_the_same_with_live_timing():
     said = page([other._replace(with_live_timing=again) for again in (same, other, None, same)], "the command")
     assert "**With live timing 2 of 3 are the same**" in said
     assert [line.rpartition(" | ")[2] for line in said.splitlines() if "| FF" not in line and "F / L" in line] == [
-        "all |", "the first 1 |", " |", "all |",
-    ]  # fmt: skip
+        "all |",
+        "the first 1 |",
+        " |",
+        "all |",
+    ]
     assert "With live timing" not in page([other], "the command")
 
 

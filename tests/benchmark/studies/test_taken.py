@@ -8,12 +8,12 @@ import json
 import numpy as np
 import pytest
 
-from benchmark.runner.row import EpisodeRecord
-from benchmark.studies import taken
-from simulator.plans.parametric_homes import parametric_flat
-from simulator.world.raycast import RayCaster
+from surveilnav.benchmark.runner.row import EpisodeRecord
+from surveilnav.benchmark.studies import taken
 from surveilnav.errors import ConfigError
 from surveilnav.messages import ObjectRecord
+from surveilnav.simulator.plans.parametric_homes import parametric_flat
+from surveilnav.simulator.world.raycast import RayCaster
 
 
 @pytest.fixture(scope="module")
@@ -24,11 +24,25 @@ def flat():
 
 def seen_at(points) -> ObjectRecord:
     return ObjectRecord(
-        id=1, floor="0", label="tv", status="confirmed", confidence=0.9, confidence_robot=0.9, confidence_surveillance=0.0,
-        label_robot="tv", label_surveillance="", n_detections=3, n_points=len(points), center_m=tuple(map(float, points[0])),
-        size_m=(1.0, 1.0, 1.0), first_seen_ns=0, last_seen_ns=1, sources=["robot/r1"], reason="",
+        id=1,
+        floor="0",
+        label="tv",
+        status="confirmed",
+        confidence=0.9,
+        confidence_robot=0.9,
+        confidence_surveillance=0.0,
+        label_robot="tv",
+        label_surveillance="",
+        n_detections=3,
+        n_points=len(points),
+        center_m=tuple(map(float, points[0])),
+        size_m=(1.0, 1.0, 1.0),
+        first_seen_ns=0,
+        last_seen_ns=1,
+        sources=["robot/r1"],
+        reason="",
         points=np.asarray(points, np.float32).tobytes(),
-    )  # fmt: skip
+    )
 
 
 def on(scene, thing, n=5):
@@ -49,10 +63,21 @@ def test_most_points_say_which_thing_it_is(flat):
 
 def test_a_search_that_comes_out_otherwise_is_refused():
     facts = {
-        "scene": "a", "episode_id": "4", "category": "bed", "success": False, "spl": 0.0, "soft_spl": 0.0, "steps": 9,
-        "path_m": 3.0, "shortest_path_m": 2.0, "distance_m": 1.0, "reason": "false_positive", "seen": True, "bytes": {},
+        "scene": "a",
+        "episode_id": "4",
+        "category": "bed",
+        "success": False,
+        "spl": 0.0,
+        "soft_spl": 0.0,
+        "steps": 9,
+        "path_m": 3.0,
+        "shortest_path_m": 2.0,
+        "distance_m": 1.0,
+        "reason": "false_positive",
+        "seen": True,
+        "bytes": {},
         "seconds": 1.0,
-    }  # fmt: skip
+    }
     record = EpisodeRecord(**facts)
     taken.check_same(record, EpisodeRecord(**facts | {"seconds": 5.0}))
     with pytest.raises(ConfigError, match=r"took 9 steps .* now 8"):

@@ -8,17 +8,17 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from benchmark.runner.basis import Basis
-from benchmark.runner.records import kept, read_facts
-from benchmark.runner.settings import RunSettings, run_id
-from benchmark.tables.arms import TABLES
-from benchmark.tables.page import Line, page
+from surveilnav.benchmark.runner.basis import Basis
+from surveilnav.benchmark.runner.records import kept, read_facts
+from surveilnav.benchmark.runner.settings import RunSettings, run_id
+from surveilnav.benchmark.tables.arms import TABLES
+from surveilnav.benchmark.tables.page import Line, page
 
 BENCH = Path(__file__).parents[3] / "docs" / "results" / "bench"
 #: What the first edition of the dataset left; those of today's lie in ``bench`` itself.
 V1 = BENCH / "v1"
 FOLDERS = sorted(p for records in BENCH.glob("**/records") for p in records.iterdir())
-_HINT = "was a setting renamed? see benchmark.runner.rename"
+_HINT = "was a setting renamed? see surveilnav.benchmark.runner.rename"
 
 
 def test_every_run_is_one_that_a_table_asks_for_under_its_name():

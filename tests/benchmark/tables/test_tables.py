@@ -10,16 +10,16 @@ from collections import defaultdict
 import msgspec
 import pytest
 
-from benchmark.dataset.format import VERSION, Manifest, SplitCounts, write
-from benchmark.dataset.splits import SPLITS
-from benchmark.runner.basis import Basis
-from benchmark.runner.records import Broken, Records
-from benchmark.runner.row import EpisodeRecord
-from benchmark.runner.run import Finished
-from benchmark.runner.settings import RunSettings, run_id
-from benchmark.tables.arms import TABLES, Arm, Table
-from benchmark.tables.make import expect_own_runs, make
-from benchmark.tables.page import Line, _over_bytes, page, plot
+from surveilnav.benchmark.dataset.format import VERSION, Manifest, SplitCounts, write
+from surveilnav.benchmark.dataset.splits import SPLITS
+from surveilnav.benchmark.runner.basis import Basis
+from surveilnav.benchmark.runner.records import Broken, Records
+from surveilnav.benchmark.runner.row import EpisodeRecord
+from surveilnav.benchmark.runner.run import Finished
+from surveilnav.benchmark.runner.settings import RunSettings, run_id
+from surveilnav.benchmark.tables.arms import TABLES, Arm, Table
+from surveilnav.benchmark.tables.make import expect_own_runs, make
+from surveilnav.benchmark.tables.page import Line, _over_bytes, page, plot
 from surveilnav.errors import ConfigError, SurveilNavError
 from surveilnav.perception.models import CATALOGUE
 from tests.benchmark.runner.test_records import FAILED, RECORD
@@ -174,9 +174,9 @@ def test_the_ratio_is_the_first_lines_over_the_others():
 @pytest.fixture
 def basis(monkeypatch):
     """A dataset of two episodes, and this program."""
-    monkeypatch.setattr("benchmark.tables.make.models_of", lambda root, split: MODELS)
-    monkeypatch.setattr("benchmark.tables.make.episodes_of", lambda root, split: 2)
-    monkeypatch.setattr("benchmark.tables.make.basis_of", lambda root, split: BASIS)
+    monkeypatch.setattr("surveilnav.benchmark.tables.make.models_of", lambda root, split: MODELS)
+    monkeypatch.setattr("surveilnav.benchmark.tables.make.episodes_of", lambda root, split: 2)
+    monkeypatch.setattr("surveilnav.benchmark.tables.make.basis_of", lambda root, split: BASIS)
     return BASIS
 
 
@@ -189,7 +189,7 @@ def played(monkeypatch):
         played.append(settings)
         return Finished([RECORD, FAILED], [], {}, 0)
 
-    monkeypatch.setattr("benchmark.tables.make.run", run)
+    monkeypatch.setattr("surveilnav.benchmark.tables.make.run", run)
     return played
 
 
@@ -206,7 +206,7 @@ def test_what_is_not_counted_stands_on_the_page(tmp_path, monkeypatch, basis):
             return Finished([RECORD], [Broken(scene="flat-s0", episode_id="10", error="Traceback\nOops: bug")], {}, 1)
         return Finished([], [], {"flat-s0": "can't be opened"}, 2)
 
-    monkeypatch.setattr("benchmark.tables.make.run", run)
+    monkeypatch.setattr("surveilnav.benchmark.tables.make.run", run)
     made = make(TABLE, tmp_path, tmp_path, workers=1)
     assert not made.complete
     assert made.played == 0
@@ -219,7 +219,7 @@ def test_arms_that_arent_wanted_are_not_played_but_shown_from_the_start(tmp_path
     keep(tmp_path, ARMS[1], basis, RECORD)
     pages = []
     real = page
-    monkeypatch.setattr("benchmark.tables.make.page", lambda *a: pages.append(real(*a)) or pages[-1])
+    monkeypatch.setattr("surveilnav.benchmark.tables.make.page", lambda *a: pages.append(real(*a)) or pages[-1])
     made = make(TABLE, tmp_path, tmp_path, workers=1, wanted=lambda arm: arm.label == "with")
     assert played == [ARMS[0].settings]
     assert made.complete
@@ -282,7 +282,7 @@ def test_what_an_arm_needs_is_said_before_another_table_is_played(tmp_path, monk
     counts = SplitCounts(scenes=0, floors=0, cameras=0, episodes=1)
     manifest = Manifest(
         version=VERSION, made_by="", rules={}, splits={"val_mini": counts}, sha256={"val_mini/val_mini.json.gz": index}
-    )  # fmt: skip
+    )
     write(tmp_path / "dataset.json", manifest)
     expect_own_runs([TABLE], tmp_path, tmp_path)
     with pytest.raises(SurveilNavError, match=said):
@@ -346,7 +346,7 @@ def test_the_plot_shows_bytes_if_the_table_asks(monkeypatch):
     shown = []
     real = _over_bytes
     monkeypatch.setattr(
-        "benchmark.tables.page._over_bytes", lambda lines, axis: shown.append(axis) or real(lines, axis)
+        "surveilnav.benchmark.tables.page._over_bytes", lambda lines, axis: shown.append(axis) or real(lines, axis)
     )
     lines = [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])]
     plot(TABLE, lines, io.BytesIO())

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from cli.report import MapMoment
-from cli.report.cell_changes import changed, changes, growing_map, states_of
+from surveilnav.cli.report import MapMoment
+from surveilnav.cli.report.cell_changes import changed, changes, growing_map, states_of
 from surveilnav.geometry import Grid
 
 SHAPES = array_shapes(min_dims=2, max_dims=2, max_side=40)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from cli.report.coverage import coverage
+from surveilnav.cli.report.coverage import coverage
 
 
 @pytest.mark.parametrize(

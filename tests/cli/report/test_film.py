@@ -12,11 +12,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from cli.report import RunRecord, Step, write_report
-from cli.report.film import film_of
-from cli.report.key_moments import key_moments
-from cli.report.small_pictures import small_pictures
-from cli.report.why import reasons
+from surveilnav.cli.report import RunRecord, Step, write_report
+from surveilnav.cli.report.film import film_of
+from surveilnav.cli.report.key_moments import key_moments
+from surveilnav.cli.report.small_pictures import small_pictures
+from surveilnav.cli.report.why import reasons
 from surveilnav.messages import Candidate
 
 

@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from cli.report import DecidingView, Moment, RunRecord, Step, TrafficLine, outcome, write_report
-from cli.report.floor_map import DOUBTED, TARGET
+from surveilnav.cli.report import DecidingView, Moment, RunRecord, Step, TrafficLine, outcome, write_report
+from surveilnav.cli.report.floor_map import DOUBTED, TARGET
 from surveilnav.geometry import Grid
 from surveilnav.messages import MissionStatus
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from cli.report import run_json, traffic_lines
 from surveilnav import contract
+from surveilnav.cli.report import run_json, traffic_lines
 from surveilnav.messages import TrafficReport, TrafficRow
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cli.words import human_bytes, why_perceived
+from surveilnav.cli.words import human_bytes, why_perceived
 
 
 @pytest.mark.parametrize(

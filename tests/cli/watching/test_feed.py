@@ -7,12 +7,12 @@ from typing import Any, cast
 
 import pytest
 
-from cli.watching import feed as module
-from cli.watching.feed import Feed
-from services.gateway.core.resources import examples
+from surveilnav.cli.watching import feed as module
+from surveilnav.cli.watching.feed import Feed
 from surveilnav.client import Client
 from surveilnav.client.events import Told
 from surveilnav.errors import GatewayError
+from surveilnav.services.gateway.core.resources import examples
 from tests.waiting import until
 
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from cli.watching.alerts import Alerts
-from cli.watching.known import Known, _rates
-from cli.watching.lines import line_of
-from cli.watching.screen import screen
-from services.gateway.core.resources import examples
+from surveilnav.cli.watching.alerts import Alerts
+from surveilnav.cli.watching.known import Known, _rates
+from surveilnav.cli.watching.lines import line_of
+from surveilnav.cli.watching.screen import screen
 from surveilnav.client.events import Told
+from surveilnav.services.gateway.core.resources import examples
 
 NOW = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
 LONG = "north-wing_" + "0123456789" * 5 + "abc"
@@ -24,9 +24,14 @@ WORKER: Any = {"id": "w1", "stale": False, "last_seen": None}
 
 def source(id: str, offered: int) -> Any:
     return {
-        "id": id, "offered_bytes": offered, "delivered_bytes": 2 * offered, "wire_sent_bytes": None, "frame_bytes": 0,
-        "viewer_bytes": 0, "stale": False,
-    }  # fmt: skip
+        "id": id,
+        "offered_bytes": offered,
+        "delivered_bytes": 2 * offered,
+        "wire_sent_bytes": None,
+        "frame_bytes": 0,
+        "viewer_bytes": 0,
+        "stale": False,
+    }
 
 
 def traffic(**offered: int) -> Any:
@@ -44,10 +49,17 @@ def traffic(**offered: int) -> Any:
 def known(**changed: Any) -> Known:
     """A building with a mission under way."""
     usual: dict[str, Any] = {
-        "missions": [examples.MISSION], "plans": {examples.MISSION["id"]: examples.PLAN}, "robots": [examples.ROBOT],
-        "cameras": [examples.CAMERA], "floors": [FLOOR], "buildings": [BUILDING], "services": [SERVICE], "perception": [WORKER],
-        "traffic": traffic(**{"c0-1": 3_000_000}), "rates": {"camera/c0-1": 24_000.0},
-    }  # fmt: skip
+        "missions": [examples.MISSION],
+        "plans": {examples.MISSION["id"]: examples.PLAN},
+        "robots": [examples.ROBOT],
+        "cameras": [examples.CAMERA],
+        "floors": [FLOOR],
+        "buildings": [BUILDING],
+        "services": [SERVICE],
+        "perception": [WORKER],
+        "traffic": traffic(**{"c0-1": 3_000_000}),
+        "rates": {"camera/c0-1": 24_000.0},
+    }
     return Known(**usual | changed)
 
 
@@ -99,13 +111,19 @@ def test_nothing_yet_is_said_in_words():
         ({"cameras": [{**examples.CAMERA, "stale": True}]}, "camera c0-1 is offline"),
         ({"robots": [{**examples.ROBOT, "stale": True}]}, "robot r1 is silent"),
         ({"services": [{**SERVICE, "running": False, "why": "SIGKILL"}]}, "fusion has ended: SIGKILL"),
-        ({"services": [{**SERVICE, "given_up": True, "restarts": 8}]}, "fusion was given up after 8 restarts: see its log"),
+        (
+            {"services": [{**SERVICE, "given_up": True, "restarts": 8}]},
+            "fusion was given up after 8 restarts: see its log",
+        ),
         ({"perception": [{**WORKER, "stale": True}]}, "perception worker w1 is silent"),
-        ({"floors": [{**FLOOR, "perception_ok": False, "message": "no worker"}]}, "perception is down for floor 0: no worker"),
+        (
+            {"floors": [{**FLOOR, "perception_ok": False, "message": "no worker"}]},
+            "perception is down for floor 0: no worker",
+        ),
         ({"buildings": [{**BUILDING, "ready": False}]}, "no mission can run in studio now"),
         ({"lost": NOW, "cameras": [{**examples.CAMERA, "stale": True}]}, "the gateway doesn't answer"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_an_alert(changed, says):
     (found,) = Alerts().of(known(**changed), NOW)
     assert says in found[0]
@@ -131,14 +149,28 @@ def test_rates_are_bytes_a_second_and_never_negative():
 @pytest.mark.parametrize(
     ("kind", "data", "says"),
     [
-        ("mission", {"id": "m", "what": "done", "target": "tv", "phase": "finished", "step": 3, "message": "found"},
-         "mission m done  tv: finished, step 3, found"),
+        (
+            "mission",
+            {"id": "m", "what": "done", "target": "tv", "phase": "finished", "step": 3, "message": "found"},
+            "mission m done  tv: finished, step 3, found",
+        ),
         ("camera", {"id": "c1", "what": "offline", "floor": "0"}, "camera c1 offline  floor 0"),
-        ("service", {"id": "fusion", "what": "restarted", "restarts": 2, "message": "SIGKILL"}, "restarted  2 restarts, SIGKILL"),
-        ("object", {"id": "3", "what": "confirmed", "label": "bed", "floor": "1", "center_m": [1.0, None, 2.0]},
-         "object 3 confirmed  bed on floor 1 at 1.0 m, , 2.0 m"),
-        ("reset", {"why": "the gateway was started anew"}, "what came before isn't known: the gateway was started anew"),
+        (
+            "service",
+            {"id": "fusion", "what": "restarted", "restarts": 2, "message": "SIGKILL"},
+            "restarted  2 restarts, SIGKILL",
+        ),
+        (
+            "object",
+            {"id": "3", "what": "confirmed", "label": "bed", "floor": "1", "center_m": [1.0, None, 2.0]},
+            "object 3 confirmed  bed on floor 1 at 1.0 m, , 2.0 m",
+        ),
+        (
+            "reset",
+            {"why": "the gateway was started anew"},
+            "what came before isn't known: the gateway was started anew",
+        ),
     ],
-)  # fmt: skip
+)
 def test_an_event_is_a_line(kind, data, says):
     assert says in line_of(Told("1", kind, data))

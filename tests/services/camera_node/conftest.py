@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from services.camera_node.sources.source import Picture, Place
 from surveilnav.geometry import Pinhole, Pose, camera_pose
 from surveilnav.sensing.views import TrueInstances
+from surveilnav.services.camera_node.sources.source import Picture, Place
 
 SIDE = 64
 VIEWS = [Pose.from_matrix(camera_pose((1.0, 2.0, 1.8), k * math.pi / 6, math.radians(-30))) for k in range(12)]

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.camera_node.core import (
+from surveilnav.perception.vocabulary import COCO
+from surveilnav.services.camera_node.core import (
     Seen,
     SendState,
     choose_slot,
@@ -16,7 +17,6 @@ from services.camera_node.core import (
     view_to_look_at,
     views_to_send,
 )
-from surveilnav.perception.vocabulary import COCO
 
 
 def test_views_are_sent_once_while_somebody_listens() -> None:

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from services.camera_node import eyes as eyes_module
-from services.camera_node.config import CameraSettings
-from services.camera_node.eyes import Eyes, open_eyes
-from services.camera_node.service import CameraService
-from simulator.truth.backends import Oracle
 from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRAFFIC
 from surveilnav.errors import PerceptionError
 from surveilnav.messages import CameraRequest
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.services.camera_node import eyes as eyes_module
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.eyes import Eyes, open_eyes
+from surveilnav.services.camera_node.service import CameraService
+from surveilnav.simulator.truth.backends import Oracle
 from tests.waiting import patient, until
 
 QUICK = CameraSettings(perception="oracle", look_period_s=0.01)
@@ -111,7 +111,7 @@ def test_other_eyes_look_themselves(start, make_camera, tmp_path, monkeypatch, o
     if other == "weights":
         monkeypatch.setattr(eyes_module.models, "small_weights", lambda: ("compact@another",))
     if other == "program":
-        monkeypatch.setattr("services.camera_node.kept.program_id", lambda *names: "another")
+        monkeypatch.setattr("surveilnav.services.camera_node.kept.program_id", lambda *names: "another")
     start(second, settings, camera=make_camera(scene="home"))
     until(lambda: len(second.looks) == 12)
 
@@ -246,6 +246,6 @@ def test_who_does_not_choose_a_floor_loads_no_detector(camera_node, make_camera)
     with opened(1, perception="oracle", least_floors=1) as eyes:
         assert eyes._thread.is_alive()
     assert not eyes._thread.is_alive()
-    code = "import sys, services.camera_node.__main__; print([m for m in sys.modules if 'onnx' in m or 'choose' in m])"
+    code = "import sys, surveilnav.services.camera_node.__main__; print([m for m in sys.modules if 'onnx' in m or 'choose' in m])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert run.stdout.strip() == "[]", "the networks' runtime is loaded without need"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from services.camera_node.config import CameraSettings
-from services.camera_node.frames import EncodedViews
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.frames import EncodedViews
 from surveilnav.stored import write_parts
 
 SETTINGS = CameraSettings()
@@ -77,7 +77,7 @@ def test_a_view_that_changes_while_it_is_encoded_is_not_kept(make_camera, empty_
 
 def test_another_program_makes_its_own(make_camera, monkeypatch):
     encoded(make_camera(scene="home")).newest(3)
-    monkeypatch.setattr("services.camera_node.kept.program_id", lambda *names: "another")
+    monkeypatch.setattr("surveilnav.services.camera_node.kept.program_id", lambda *names: "another")
     camera = make_camera(scene="home")
     encoded(camera).newest(3)
     assert camera.asked == [3]

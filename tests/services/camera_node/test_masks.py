@@ -13,19 +13,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.camera_node.config import CameraSettings
-from services.camera_node.eyes import Eyes
-from services.camera_node.frames import EncodedViews
-from services.camera_node.service import CameraService
-from services.camera_node.sources.masked import MaskedSource, masked
-from services.camera_node.sources.source import Picture
-from services.camera_node.zones import masked_pixels
 from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRUTH
 from surveilnav.errors import ConfigError
 from surveilnav.messages import CameraRequest
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.eyes import Eyes
+from surveilnav.services.camera_node.frames import EncodedViews
+from surveilnav.services.camera_node.service import CameraService
+from surveilnav.services.camera_node.sources.masked import MaskedSource, masked
+from surveilnav.services.camera_node.sources.source import Picture
+from surveilnav.services.camera_node.zones import masked_pixels
 from tests.services.camera_node.conftest import SIDE, Camera
 from tests.waiting import patient, until
 

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from services.camera_node.config import CameraSettings
-from services.camera_node.service import CameraService
 from surveilnav.bus import Refused
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
 from surveilnav.messages import CameraRequest
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.service import CameraService
 from tests.waiting import patient, until
 
 PLACE = {"floor": "0", "camera": "c1"}

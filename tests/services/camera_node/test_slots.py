@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from services.camera_node.slots import lease, named
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Pinhole
+from surveilnav.services.camera_node.slots import lease, named
 from tests.waiting import until
 
 PLAN = CameraPlan(
-    "home", "hash", ["0"], 1.8, Pinhole.from_hfov(64, 64, 1.0),
+    "home",
+    "hash",
+    ["0"],
+    1.8,
+    Pinhole.from_hfov(64, 64, 1.0),
     [PlannedCamera(name, "0", (0.0, 0.0, 1.8), []) for name in ("c1", "c2")],
-)  # fmt: skip
+)
 
 
 def test_each_gets_a_camera_of_its_own_and_gives_it_back(bus, make_node):

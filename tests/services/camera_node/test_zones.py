@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from services.camera_node.zones import masked_pixels, read_zones
 from surveilnav.errors import ConfigError
+from surveilnav.services.camera_node.zones import masked_pixels, read_zones
 
 SQUARE = [[0.2, 0.2], [0.6, 0.2], [0.6, 0.6], [0.2, 0.6]]
 
@@ -72,7 +72,7 @@ def test_zones_by_view(written):
         ("!!python/object/apply:os.system ['true']", "isn't YAML"),
         ("x" * (1 << 20) + "x", "at most 1048576 bytes"),
     ],
-)  # fmt: skip
+)
 def test_what_cant_be_meant_is_refused_whole(written, value, words):
     with pytest.raises(ConfigError, match=words):
         read_zones(written(value), "hall", 5, ["hall", "roof"])

@@ -39,10 +39,21 @@ class World:
         return depth.astype(np.float32), shown
 
     def view(
-        self, x: float, y: float, yaw: float, pitch: float = 0.0, *, height: float = 0.88, source: str = "robot/r",
-        view: int = 0, seq: int = 0, floor: str = "0", floor_z: float = 0.0, camera: Pinhole | None = None,
+        self,
+        x: float,
+        y: float,
+        yaw: float,
+        pitch: float = 0.0,
+        *,
+        height: float = 0.88,
+        source: str = "robot/r",
+        view: int = 0,
+        seq: int = 0,
+        floor: str = "0",
+        floor_z: float = 0.0,
+        camera: Pinhole | None = None,
         range_m: tuple[float, float] = (0.1, 10.0),
-    ) -> PosedView:  # fmt: skip
+    ) -> PosedView:
         """What somebody at (x, y) sees; ``height`` above the floor, ``yaw`` and ``pitch`` [rad]."""
         camera = camera or Pinhole.from_hfov(160, 120, math.radians(79))
         T = camera_pose((x, y, floor_z + height), yaw, pitch)

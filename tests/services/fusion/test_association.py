@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from services.fusion.core.association import box_iou, box_overlap, cosine, overlaps, voxel_iou
-from services.fusion.core.shape import Shape
+from surveilnav.services.fusion.core.association import box_iou, box_overlap, cosine, overlaps, voxel_iou
+from surveilnav.services.fusion.core.shape import Shape
 
 points = hnp.arrays(np.float64, st.tuples(st.integers(1, 40), st.just(3)), elements=st.floats(-0.25, 0.25))
 
@@ -59,7 +59,7 @@ def test_against_the_definitions(p, q):
         ("two halves", block(0, 0, 0, 0.2, 0.4, 0.4), block(0.2, 0, 0, 0.2, 0.4, 0.4), (0, 0.1), (0, 0.1), (0.2, 0.4)),
         ("a part", block(0, 0, 0, 0.2, 0.4, 0.4), block(0, 0, 0, 0.8, 0.4, 0.4), (0.2, 0.3), (0.2, 0.3), (1, 1)),
     ],
-)  # fmt: skip
+)
 def test_table(name, a, b, box, voxel, overlap):
     assert box[0] <= box_iou(a, b) <= box[1] + 1e-9
     assert voxel[0] <= voxel_iou(a, b) <= voxel[1] + 1e-9

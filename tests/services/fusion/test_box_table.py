@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from services.fusion.core.box_table import BoxTable
-from services.fusion.core.shape import Shape
 from surveilnav.geometry import camera_pose
+from surveilnav.services.fusion.core.box_table import BoxTable
+from surveilnav.services.fusion.core.shape import Shape
 
 points = hnp.arrays(np.float64, st.tuples(st.integers(1, 40), st.just(3)), elements=st.floats(-0.25, 0.25))
 

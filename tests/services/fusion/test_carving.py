@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.core.carving import Clearance, FreeSpace
-from services.fusion.core.cloud import VoxelCloud, voxel_centres
-from services.fusion.core.config import MapConfig
-from services.fusion.core.floor_map import FloorMap
-from simulator.render.depth_noise import DepthNoise
 from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.services.fusion.core.carving import Clearance, FreeSpace
+from surveilnav.services.fusion.core.cloud import VoxelCloud, voxel_centres
+from surveilnav.services.fusion.core.config import MapConfig
+from surveilnav.services.fusion.core.floor_map import FloorMap
+from surveilnav.simulator.render.depth_noise import DepthNoise
 
 CONFIG = MapConfig()
 PERSON = ((3.0, 1.8, 0.0), (3.3, 2.2, 1.7))
@@ -50,9 +50,12 @@ def contents(floor):
     rows, cols = (slice(i, i + n) for i, n in zip(floor.grid.cells_of((-1.0, -1.0)), (140, 180), strict=True))
     layers = (floor.occupied(), floor.explored(), floor.frontier())
     return (
-        array[order].tobytes(), np.array(names)[number[order]].tolist(), first_ns[order].tobytes(),
-        last_ns[order].tobytes(), *(layer[rows, cols].tobytes() for layer in layers),
-    )  # fmt: skip
+        array[order].tobytes(),
+        np.array(names)[number[order]].tolist(),
+        first_ns[order].tobytes(),
+        last_ns[order].tobytes(),
+        *(layer[rows, cols].tobytes() for layer in layers),
+    )
 
 
 def story(world, n=12):
@@ -216,9 +219,13 @@ def dust(rng, n, config=CONFIG):
 
 @settings(max_examples=15, deadline=None)
 @given(
-    x=st.floats(0.5, 5.5), y=st.floats(0.5, 3.5), yaw=st.floats(-3.1, 3.1), pitch=st.floats(-1.5, 1.2),
-    holes=st.floats(0, 0.7), seed=st.integers(0, 1000),
-)  # fmt: skip
+    x=st.floats(0.5, 5.5),
+    y=st.floats(0.5, 3.5),
+    yaw=st.floats(-3.1, 3.1),
+    pitch=st.floats(-1.5, 1.2),
+    holes=st.floats(0, 0.7),
+    seed=st.integers(0, 1000),
+)
 def test_the_walk_finds_what_a_literal_test_of_each_voxel_finds(tools, x, y, yaw, pitch, holes, seed):
     world, rng = tools.world(), np.random.default_rng(seed)
     world.boxes["table"] = ((2.5, 1.5, 0.0), (3.5, 2.5, 0.8))
@@ -238,10 +245,15 @@ def test_the_walk_finds_what_a_literal_test_of_each_voxel_finds(tools, x, y, yaw
 
 @settings(max_examples=60, deadline=None)
 @given(
-    range_m=st.floats(0.3, 4.5), azimuth=st.floats(-3.1, 3.1), yaw=st.floats(-0.7, 0.7), pitch=st.floats(-1.57, 1.57),
-    z=st.floats(0.2, 2.3), tiles=st.sampled_from([1, 4, 16]), width=st.sampled_from([160, 320, 640, 100]),
+    range_m=st.floats(0.3, 4.5),
+    azimuth=st.floats(-3.1, 3.1),
+    yaw=st.floats(-0.7, 0.7),
+    pitch=st.floats(-1.57, 1.57),
+    z=st.floats(0.2, 2.3),
+    tiles=st.sampled_from([1, 4, 16]),
+    width=st.sampled_from([160, 320, 640, 100]),
     seed=st.integers(0, 100),
-)  # fmt: skip
+)
 def test_early_and_late_agree_on_every_voxel(tools, range_m, azimuth, yaw, pitch, z, tiles, width, seed):
     """The walk skips blocks that it need not ask; a late voxel is asked by itself."""
     rng = np.random.default_rng(seed)
@@ -258,9 +270,10 @@ def test_early_and_late_agree_on_every_voxel(tools, range_m, azimuth, yaw, pitch
     depth_m = np.kron(coarse, np.ones((camera.height_px // tiles + 1, camera.width_px // tiles + 1), np.float32))
     x, y = 2.6 - range_m * math.cos(azimuth), 1.6 - range_m * math.sin(azimuth)
     view = replace(
-        tools.world().view(1, 1, 0, seq=1, camera=camera), T_world_camera=camera_pose((x, y, z), azimuth + yaw, pitch),
+        tools.world().view(1, 1, 0, seq=1, camera=camera),
+        T_world_camera=camera_pose((x, y, z), azimuth + yaw, pitch),
         depth_m=np.ascontiguousarray(depth_m[: camera.height_px, : camera.width_px]),
-    )  # fmt: skip
+    )
     clearance = Clearance.of(view, config)
     by_walk = one.carve(clearance)
     one_by_one = other.recheck(np.arange(other.size, dtype=np.int32), [clearance])
@@ -271,18 +284,27 @@ def test_early_and_late_agree_on_every_voxel(tools, range_m, azimuth, yaw, pitch
 def test_what_is_there_stays(world, source):
     """40 noisy views from all over a furnished room take nothing away from its surfaces."""
     world.boxes |= {
-        "table": ((2.5, 1.5, 0.7), (3.5, 2.3, 0.74)), "leg": ((2.55, 1.55, 0.0), (2.59, 1.59, 0.7)),
-        "shelf": ((5.6, 0.5, 0.0), (6.0, 1.5, 1.8)), "pole": ((1.0, 3.0, 0.0), (1.03, 3.03, 2.0)),
-    }  # fmt: skip
+        "table": ((2.5, 1.5, 0.7), (3.5, 2.3, 0.74)),
+        "leg": ((2.55, 1.55, 0.0), (2.59, 1.59, 0.7)),
+        "shelf": ((5.6, 0.5, 0.0), (6.0, 1.5, 1.8)),
+        "pole": ((1.0, 3.0, 0.0), (1.03, 3.03, 2.0)),
+    }
     rng, camera = np.random.default_rng(0), Pinhole.from_hfov(320, 240, math.radians(79))
     noise = DepthNoise.robot() if source == "robot/r" else DepthNoise.camera()
     views = []
     for seq in range(40):
         x, y = rng.uniform((0.5, 0.5), (5.4, 3.5))
         view = world.view(
-            x, y, rng.uniform(-3, 3), rng.uniform(-0.6, 0.1), seq=seq, source=source, camera=camera,
-            range_m=(0.5, 5.0), height=0.88 if source == "robot/r" else 1.8,
-        )  # fmt: skip
+            x,
+            y,
+            rng.uniform(-3, 3),
+            rng.uniform(-0.6, 0.1),
+            seq=seq,
+            source=source,
+            camera=camera,
+            range_m=(0.5, 5.0),
+            height=0.88 if source == "robot/r" else 1.8,
+        )
         views.append(replace(view, depth_m=noise.apply(view.depth_m, camera, seq)))
     kept = of(views, CONFIG.model_copy(update={"carve_views": 0})).cloud.array()[:, :3]
     carved = of(views).cloud.array()[:, :3]

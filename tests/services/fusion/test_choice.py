@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from services.fusion.core.choice import WorkerChoice
 from surveilnav.messages import WorkerLoad
+from surveilnav.services.fusion.core.choice import WorkerChoice
 
 
 def load(worker: str, *, queued: int = 0, latency_ms: float = 100.0, ready: bool = True) -> WorkerLoad:

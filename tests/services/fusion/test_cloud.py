@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.core import MapConfig
-from services.fusion.core.cloud import VoxelCloud
+from surveilnav.services.fusion.core import MapConfig
+from surveilnav.services.fusion.core.cloud import VoxelCloud
 
 CONFIG = MapConfig(max_voxels=1_000_000)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sklearn.cluster import DBSCAN
 
-from services.fusion.core.clustering import dbscan, largest_cluster
+from surveilnav.services.fusion.core.clustering import dbscan, largest_cluster
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from services.fusion.config import FusionSettings
-from services.fusion.core import FusionConfig
 from surveilnav.errors import ConfigError
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core import FusionConfig
 
 
 def test_one_number_from_the_environment_on_top_of_a_preset(monkeypatch):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from services.fusion.core import FusionConfig, ObjectConfig
-from services.fusion.core.config import ConfirmationConfig, PaperConfirmationConfig, PosteriorConfig
-from services.fusion.core.confirmation import confirmation_of
-from services.fusion.core.evidence import Evidence
+from surveilnav.services.fusion.core import FusionConfig, ObjectConfig
+from surveilnav.services.fusion.core.config import ConfirmationConfig, PaperConfirmationConfig, PosteriorConfig
+from surveilnav.services.fusion.core.confirmation import confirmation_of
+from surveilnav.services.fusion.core.evidence import Evidence
 
 DEFAULT, PAPER = ObjectConfig(), FusionConfig.preset("paper").objects
 
@@ -119,8 +119,10 @@ def test_evidence_of_before_there_were_looks_goes_on():
     state = {
         "robot": {"bed": [3, 2, 1.5, 1.2, [["robot/r1", 4, 2, 0], ["robot/r1", 4, 2, 23]]]},
         "surveillance": {"bed": [1, 0, 1.0, 0.6, [["camera/a", 3]], [0.4]]},
-        "misses": 2, "settled": "bed", "flipped": ["couch", "bed", 1],
-    }  # fmt: skip
+        "misses": 2,
+        "settled": "bed",
+        "flipped": ["couch", "bed", 1],
+    }
     evidence = Evidence.of_state(state)
     assert (evidence.count("bed"), evidence.misses, evidence.flipped) == (4, 2, ("couch", "bed"))
     assert evidence.robot["bed"].score == pytest.approx(3 * 0.8)
@@ -137,10 +139,15 @@ def test_without_flips_a_sure_detection_is_believed_whatever_comes_later():
     assert {a.status for a in assessments} == {"confirmed"}
 
 
-@pytest.mark.parametrize(("config", "score", "chance", "status"), [
-    (PAPER, 0.9, 0.1, "confirmed"), (PAPER, 0.1, 0.98, "candidate"),
-    (DEFAULT, 0.9, 0.1, "candidate"), (DEFAULT, 0.1, 0.98, "confirmed"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("config", "score", "chance", "status"),
+    [
+        (PAPER, 0.9, 0.1, "confirmed"),
+        (PAPER, 0.1, 0.98, "candidate"),
+        (DEFAULT, 0.9, 0.1, "candidate"),
+        (DEFAULT, 0.1, 0.98, "confirmed"),
+    ],
+)
 def test_the_paper_weighs_scores_and_our_rule_chances(config, score, chance, status):
     rule, evidence = confirmation_of(config), Evidence()
     for side in "0123":

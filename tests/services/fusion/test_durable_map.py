@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import structlog
 
-from services.fusion import journal
-from services.fusion.config import FusionSettings
-from services.fusion.core.snapshot import dump
-from services.fusion.durable_map import DurableMap
-from services.fusion.records import PerceivedView
-from services.fusion.store import Store, StoreError
 from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import Detected
+from surveilnav.services.fusion import journal
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core.snapshot import dump
+from surveilnav.services.fusion.durable_map import DurableMap
+from surveilnav.services.fusion.records import PerceivedView
+from surveilnav.services.fusion.store import Store, StoreError
 
 RANGE_M = (0.1, 10.0)
 
@@ -64,19 +64,39 @@ class Run:
         v = self.world.view(x + 0.1 * (seq % 20), 2, 0.05 * seq, -0.2, source=source, seq=seq, **kind)
         payload, image, depth = encode_rgbd(v.rgb, v.depth_m, depth_range_m=RANGE_M)
         header = FrameHeader(
-            stamp_ns=10**9 * seq, source=source, view=0, seq=seq, floor="0", camera=v.camera, depth_range_m=RANGE_M,
-            T_world_camera=Pose.from_matrix(v.T_world_camera), mounting_offset_m=v.mounting_offset_m, image=image, depth=depth,
-        )  # fmt: skip
+            stamp_ns=10**9 * seq,
+            source=source,
+            view=0,
+            seq=seq,
+            floor="0",
+            camera=v.camera,
+            depth_range_m=RANGE_M,
+            T_world_camera=Pose.from_matrix(v.T_world_camera),
+            mounting_offset_m=v.mounting_offset_m,
+            image=image,
+            depth=depth,
+        )
         chair = Detected("couch", 0.6, (20.0, 40.0, 120.0, 110.0), None, self.tools.unit(seq % 3))
         detections, embedding = perception_to_wire(self.tools.seen(chair, image=self.tools.unit(seq % 4)))
         reply = InferReply(
-            stamp_ns=1, worker="w", backend="b", source=source, view=0, seq=seq, detections=detections,
+            stamp_ns=1,
+            worker="w",
+            backend="b",
+            source=source,
+            view=0,
+            seq=seq,
+            detections=detections,
             image_embedding=embedding,
-        )  # fmt: skip
+        )
         return PerceivedView(
-            (source, 0), header, decode_frame(header, payload), perception_from_wire(reply, v.camera), payload,
-            msgspec.msgpack.encode(reply), bytes([seq % 256]) * 16,
-        )  # fmt: skip
+            (source, 0),
+            header,
+            decode_frame(header, payload),
+            perception_from_wire(reply, v.camera),
+            payload,
+            msgspec.msgpack.encode(reply),
+            bytes([seq % 256]) * 16,
+        )
 
     def take(self, *seqs: int) -> None:
         for seq in seqs:
@@ -217,10 +237,15 @@ def test_a_damaged_snapshot_costs_time_and_no_view(run, views):
     assert dump(r.maps.joint) == before
 
 
-@pytest.mark.parametrize("part", [
-    "payload = zeroblob(1000)", "reply = (SELECT reply FROM view WHERE number = 1)", "source = CAST(x'ff' AS TEXT)",
-    "fault = CAST(x'80' AS TEXT)",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "part",
+    [
+        "payload = zeroblob(1000)",
+        "reply = (SELECT reply FROM view WHERE number = 1)",
+        "source = CAST(x'ff' AS TEXT)",
+        "fault = CAST(x'80' AS TEXT)",
+    ],
+)
 def test_a_damaged_view_is_said_and_costs_that_view(run, tools, tmp_path, part):
     r = run()
     r.take(1, 2, 3, 4)

@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.core import FusionConfig, JointMap, ObjectConfig, in_order
-from services.fusion.core.association import similarity
-from services.fusion.core.config import AssociationConfig, FalsePositiveConfig
-from services.fusion.core.objects import ObjectMap
-from services.fusion.core.shape import Shape
-from services.fusion.core.sightings import Sighting
 from surveilnav.geometry import Pinhole
 from surveilnav.sensing.views import Detected, PosedView
+from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig, in_order
+from surveilnav.services.fusion.core.association import similarity
+from surveilnav.services.fusion.core.config import AssociationConfig, FalsePositiveConfig
+from surveilnav.services.fusion.core.objects import ObjectMap
+from surveilnav.services.fusion.core.shape import Shape
+from surveilnav.services.fusion.core.sightings import Sighting
 
 FINE, COARSE = 1 / 32, 1 / 16  # [m], powers of two: no rounding decides whether boxes touch
 CAMERA = Pinhole.from_hfov(32, 24, math.radians(79))
@@ -255,8 +255,12 @@ def test_embeddings_of_both_sources_count_by_their_detections(tools):
 
 
 @given(
-    st.lists(st.tuples(st.booleans(), st.sampled_from(["chair", "couch", "bed"]), st.floats(0.3, 1.0)), min_size=1, max_size=8)
-)  # fmt: skip
+    st.lists(
+        st.tuples(st.booleans(), st.sampled_from(["chair", "couch", "bed"]), st.floats(0.3, 1.0)),
+        min_size=1,
+        max_size=8,
+    )
+)
 @settings(max_examples=60, deadline=None)
 def test_confidence_is_the_maximum_of_both_and_the_class_that_of_the_maximum(votes):
     """The paper's confirmation, with the preset's confidence of a class: the mean of its scores."""

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.core import FusionConfig, JointMap, MapConfig
-from services.fusion.core.floor_map import FloorMap
-from services.fusion.core.projection import world_points
+from surveilnav.services.fusion.core import FusionConfig, JointMap, MapConfig
+from surveilnav.services.fusion.core.floor_map import FloorMap
+from surveilnav.services.fusion.core.projection import world_points
 
 
 def views_of(world, n=12):
@@ -245,9 +245,11 @@ def slow_maps(views, config, z_m=0.0):
         fallen_by += Counter(set(falls))
         bare_by += Counter(bare - set(blocks) - set(falls))
     occupied = {
-        cell for points, views_of_it in ((points_in, blocked_by), (falls_in, fallen_by)) for cell, n in points.items()
+        cell
+        for points, views_of_it in ((points_in, blocked_by), (falls_in, fallen_by))
+        for cell, n in points.items()
         if n >= config.obstacle_min_points and bare_by[cell] <= config.clear_ratio * views_of_it[cell]
-    }  # fmt: skip
+    }
     return occupied, explored
 
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.core import MapConfig
-from services.fusion.core.frontier import frontiers
+from surveilnav.services.fusion.core import MapConfig
+from surveilnav.services.fusion.core.frontier import frontiers
 
 PLAIN = MapConfig(frontier_dilation_m=0.0, frontier_min_cells=1, frontier_hole_m2=0.0)
 DILATED = PLAIN.model_copy(update={"frontier_dilation_m": 0.05})
@@ -41,13 +41,15 @@ def slow(occupied, explored, kind, radius, min_cells, hole_cells):
     rows, cols = occupied.shape
     inside = {(r, c) for r in range(rows) for c in range(cols)}
     walls = {
-        (r, c) for r, c in inside
+        (r, c)
+        for r, c in inside
         if any(
             occupied[r + dr, c + dc]
-            for dr in range(-radius, radius + 1) for dc in range(-radius, radius + 1)
+            for dr in range(-radius, radius + 1)
+            for dc in range(-radius, radius + 1)
             if dr * dr + dc * dc <= (radius + 0.5) ** 2 and (r + dr, c + dc) in inside
         )
-    }  # fmt: skip
+    }
     known = {cell for cell in inside if explored[cell]}
     if kind == "literal":
         found = walls - known
@@ -56,9 +58,10 @@ def slow(occupied, explored, kind, radius, min_cells, hole_cells):
             if len(island) <= hole_cells:
                 known |= island
         found = {
-            (r, c) for r, c in inside - walls
+            (r, c)
+            for r, c in inside - walls
             if explored[r, c] and not {(r + 1, c), (r - 1, c), (r, c + 1), (r, c - 1)} <= known
-        }  # fmt: skip
+        }
     out = np.zeros_like(explored)
     for part in parts(found):
         if len(part) >= min_cells:
@@ -84,17 +87,24 @@ def parts(cells):
 
 @settings(max_examples=60, deadline=None)
 @given(
-    kind=st.sampled_from(["boundary", "literal"]), radius=st.integers(0, 3), min_cells=st.integers(1, 9),
-    hole_cells=st.integers(0, 30), seen=st.floats(0.3, 0.95), walls=st.floats(0, 0.2), seed=st.integers(0, 10_000),
-)  # fmt: skip
+    kind=st.sampled_from(["boundary", "literal"]),
+    radius=st.integers(0, 3),
+    min_cells=st.integers(1, 9),
+    hole_cells=st.integers(0, 30),
+    seen=st.floats(0.3, 0.95),
+    walls=st.floats(0, 0.2),
+    seed=st.integers(0, 10_000),
+)
 def test_against_the_definition_cell_by_cell(kind, radius, min_cells, hole_cells, seen, walls, seed):
     rng = np.random.default_rng(seed)
     occupied = (rng.random((22, 27)) < walls).astype(np.uint8)
     explored = (rng.random((22, 27)) < seen).astype(np.uint8)
     config = MapConfig(
-        frontier=kind, frontier_dilation_m=radius * 0.05, frontier_min_cells=min_cells,
+        frontier=kind,
+        frontier_dilation_m=radius * 0.05,
+        frontier_min_cells=min_cells,
         frontier_hole_m2=hole_cells * 0.05**2 + 1e-9,
-    )  # fmt: skip
+    )
     expected = slow(occupied, explored, kind, radius, min_cells, hole_cells)
     np.testing.assert_array_equal(frontiers(occupied, explored, config), expected)
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.fusion.core import FusionConfig, JointMap, MapConfig
-from services.fusion.core.config import GuardConfig
-from services.fusion.core.guard import ViewError
-from services.fusion.core.snapshot import pack
 from surveilnav.geometry import Pinhole
 from surveilnav.sensing.views import Detected
+from surveilnav.services.fusion.core import FusionConfig, JointMap, MapConfig
+from surveilnav.services.fusion.core.config import GuardConfig
+from surveilnav.services.fusion.core.guard import ViewError
+from surveilnav.services.fusion.core.snapshot import pack
 
 
 def maps_of(joint: JointMap) -> bytes:
@@ -94,13 +94,19 @@ FAULTS = {
     "a mask of another size": ("bad_mask", lambda v, t: (v, one(t, mask=np.ones((3, 3), np.bool_)))),
     "an embedding of NaN": ("bad_embedding", lambda v, t: (v, one(t, embedding=BAD8))),
     "a picture's embedding of NaN": ("bad_embedding", lambda v, t: (v, t.seen(image=BAD8))),
-    "a shorter embedding of a detection": ("bad_embedding", lambda v, t: (v, one(t, embedding=np.ones(4, np.float32) / 2))),
+    "a shorter embedding of a detection": (
+        "bad_embedding",
+        lambda v, t: (v, one(t, embedding=np.ones(4, np.float32) / 2)),
+    ),
     "4 m in one step": ("pose_jump", lambda v, t: (spoil_pose(v, lambda T: set_at(T, (0, 3), T[0, 3] + 4)), None)),
     "a stamp before the last": ("time_backwards", lambda v, t: (replace(v, stamp_ns=2 * 10**9), None)),
     "an old view, late": ("time_backwards", lambda v, t: (replace(v, seq=2, stamp_ns=2 * 10**9), None)),
     "a place beyond the map": ("out_of_map", lambda v, t: (far_off(v), None)),
-    "a third floor of two": ("too_many_floors", lambda v, t: (spoil_pose(v, lambda T: set_at(T, (2, 3), T[2, 3] + 9)), None)),
-}  # fmt: skip
+    "a third floor of two": (
+        "too_many_floors",
+        lambda v, t: (spoil_pose(v, lambda T: set_at(T, (2, 3), T[2, 3] + 9)), None),
+    ),
+}
 
 
 @pytest.mark.parametrize("what", FAULTS)
@@ -122,7 +128,7 @@ def test_every_fault_has_its_name_and_changes_nothing(seen_some, world, tools, w
 def test_every_name_is_tested():
     from typing import get_args
 
-    from services.fusion.core.guard import ViewFault
+    from surveilnav.services.fusion.core.guard import ViewFault
 
     assert {name for name, _ in FAULTS.values()} == set(get_args(ViewFault))
 

@@ -7,20 +7,20 @@ import threading
 import msgspec
 import pytest
 
-from services.fusion.config import FusionSettings
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.core.guard import ViewError
-from services.fusion.core.snapshot import digest, freeze, thaw, unpack
-from services.fusion.durable_map import DurableMap
-from services.fusion.history import History
-from services.fusion.journal import perceived_of
-from services.fusion.records import PerceivedView
-from services.fusion.store import Entry
 from surveilnav.bus import Refused, Request
 from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import Detected
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.guard import ViewError
+from surveilnav.services.fusion.core.snapshot import digest, freeze, thaw, unpack
+from surveilnav.services.fusion.durable_map import DurableMap
+from surveilnav.services.fusion.history import History
+from surveilnav.services.fusion.journal import perceived_of
+from surveilnav.services.fusion.records import PerceivedView
+from surveilnav.services.fusion.store import Entry
 
 
 class Silent:
@@ -37,18 +37,39 @@ def view(tools, world, seq: int, x: float | None = None) -> PerceivedView:
     v = world.view(1.0 + 0.1 * seq if x is None else x, 2, 0.05 * seq, -0.2, seq=seq)
     payload, image, depth = encode_rgbd(v.rgb, v.depth_m, depth_range_m=(0.1, 10.0))
     header = FrameHeader(
-        stamp_ns=10**9 * seq, source="robot/r", view=0, seq=seq, floor="0", camera=v.camera, depth_range_m=(0.1, 10.0),
-        T_world_camera=Pose.from_matrix(v.T_world_camera), mounting_offset_m=v.mounting_offset_m, image=image, depth=depth,
-    )  # fmt: skip
+        stamp_ns=10**9 * seq,
+        source="robot/r",
+        view=0,
+        seq=seq,
+        floor="0",
+        camera=v.camera,
+        depth_range_m=(0.1, 10.0),
+        T_world_camera=Pose.from_matrix(v.T_world_camera),
+        mounting_offset_m=v.mounting_offset_m,
+        image=image,
+        depth=depth,
+    )
     chair = Detected("couch", 0.6, (20.0, 40.0, 120.0, 110.0), None, tools.unit(seq % 3))
     detections, embedding = perception_to_wire(tools.seen(chair, image=tools.unit(seq % 4)))
     reply = InferReply(
-        stamp_ns=1, worker="w", backend="b", source="robot/r", view=0, seq=seq, detections=detections, image_embedding=embedding,
-    )  # fmt: skip
+        stamp_ns=1,
+        worker="w",
+        backend="b",
+        source="robot/r",
+        view=0,
+        seq=seq,
+        detections=detections,
+        image_embedding=embedding,
+    )
     return PerceivedView(
-        ("robot/r", 0), header, decode_frame(header, payload), perception_from_wire(reply, v.camera), payload,
-        msgspec.msgpack.encode(reply), bytes([seq]) * 16,
-    )  # fmt: skip
+        ("robot/r", 0),
+        header,
+        decode_frame(header, payload),
+        perception_from_wire(reply, v.camera),
+        payload,
+        msgspec.msgpack.encode(reply),
+        bytes([seq]) * 16,
+    )
 
 
 def request(**parameters: object) -> Request:
@@ -98,7 +119,7 @@ def taken_again(joint: JointMap, history, after: int) -> JointMap:
 @pytest.mark.parametrize("begin", [0, 3])
 @pytest.mark.parametrize("piece", [8 << 20, 1000])
 def test_a_snapshot_and_the_views_after_it_make_the_same_maps(fusion, begin, piece, monkeypatch):
-    monkeypatch.setattr("services.fusion.history._PIECE_BYTES", piece)
+    monkeypatch.setattr("surveilnav.services.fusion.history._PIECE_BYTES", piece)
     history, take = fusion
     take(*range(1, begin + 1))
     header, data = whole_snapshot(history)
@@ -130,7 +151,7 @@ def test_a_view_that_is_logged_and_not_yet_taken_isnt_told(fusion):
 
 
 def test_pieces_of_maps_that_aren_t_kept_any_more_are_refused(fusion, monkeypatch):
-    monkeypatch.setattr("services.fusion.history._PIECE_BYTES", 100)
+    monkeypatch.setattr("surveilnav.services.fusion.history._PIECE_BYTES", 100)
     history, take = fusion
     take(1)
     first = history.snapshot(request()).message

@@ -6,19 +6,24 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.fusion.core import active_cameras
-from services.fusion.core.invocation import Invocation, invoke
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import CameraInfo
+from surveilnav.services.fusion.core import active_cameras
+from surveilnav.services.fusion.core.invocation import Invocation, invoke
 
 height = st.integers(-60, 60).map(lambda n: n / 10)  # in decimetres, so that tau_z itself is hit
 
 
 def info(name: str, z_m: float, offset_m: float) -> CameraInfo:
     return CameraInfo(
-        stamp_ns=1, camera=name, floor="0", position_m=(0.0, 0.0, z_m), mounting_offset_m=offset_m,
-        intrinsics=Pinhole.from_hfov(64, 64, 1.5), views=[],
-    )  # fmt: skip
+        stamp_ns=1,
+        camera=name,
+        floor="0",
+        position_m=(0.0, 0.0, z_m),
+        mounting_offset_m=offset_m,
+        intrinsics=Pinhole.from_hfov(64, 64, 1.5),
+        views=[],
+    )
 
 
 @given(st.lists(height, max_size=3), st.lists(st.tuples(height, height), max_size=6))

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.fusion.core import JointMap, in_order
 from surveilnav.sensing.views import Detected
+from surveilnav.services.fusion.core import JointMap, in_order
 
 
 def test_a_floor_is_known_by_its_altitude(world):
@@ -59,10 +59,18 @@ def broken(view, tools):
     }
 
 
-@pytest.mark.parametrize("what", [
-    "depth of another size", "colour of another type", "a pose from nowhere", "a box of NaN", "an embedding of NaN",
-    "a picture's embedding of NaN", "a mask of another size",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "what",
+    [
+        "depth of another size",
+        "colour of another type",
+        "a pose from nowhere",
+        "a box of NaN",
+        "an embedding of NaN",
+        "a picture's embedding of NaN",
+        "a mask of another size",
+    ],
+)
 def test_a_broken_view_is_refused_and_changes_nothing(world, tools, what):
     joint = JointMap()
     view, perception = broken(world.view(2, 2, 0), tools)[what]
@@ -86,8 +94,11 @@ def test_the_order_of_integration(world):
         for t, s, v in ((2, "robot/a", 0), (1, "robot/b", 0), (1, "camera/z", 1), (1, "camera/z", 0))
     ]
     assert [(v.stamp_ns, v.source, v.view) for v in in_order(views)] == [
-        (1, "camera/z", 0), (1, "camera/z", 1), (1, "robot/b", 0), (2, "robot/a", 0),
-    ]  # fmt: skip
+        (1, "camera/z", 0),
+        (1, "camera/z", 1),
+        (1, "robot/b", 0),
+        (2, "robot/a", 0),
+    ]
 
 
 # --- stairs and split levels ----------------------------------------------------------------------------------------
@@ -122,8 +133,11 @@ def test_a_camera_upstairs_makes_the_floor_that_the_robot_arrives_on(world):
     camera = world.view(5, 3, -2, -0.5, height=1.8, source="camera/c", floor="1", floor_z=2.8)
     assert joint.accept(camera, None).floor == "1"
     assert climb(joint, world, [(1.8, 1.9, "1"), (2.0, 2.3, "1"), (2.2, 2.5, "1"), (2.3, 2.8, "1")], seq=4) == [
-        "0", "0", "1", "1",
-    ]  # fmt: skip
+        "0",
+        "0",
+        "1",
+        "1",
+    ]
     assert joint.floors == {"0": 0.0, "1": pytest.approx(2.8)}
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.fusion.core import JointMap
+from surveilnav.services.fusion.core import JointMap
 
 EDGE_Y_M = 2.0
 

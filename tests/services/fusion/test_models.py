@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.core.association import similarity
-from services.fusion.core.config import AssociationConfig
-from services.fusion.core.shape import Shape
-from services.fusion.core.snapshot import dump, load
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.association import similarity
+from surveilnav.services.fusion.core.config import AssociationConfig
+from surveilnav.services.fusion.core.shape import Shape
+from surveilnav.services.fusion.core.snapshot import dump, load
 
 STOOL = ((2.0, 1.5, 0.0), (2.6, 2.1, 0.9))
 

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from services.fusion.core import FusionConfig, JointMap, ObjectConfig
-from services.fusion.core.config import AssociationConfig, FalsePositiveConfig
-from services.fusion.core.sizes import misfit
 from surveilnav.sensing.views import Detected
+from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig
+from surveilnav.services.fusion.core.config import AssociationConfig, FalsePositiveConfig
+from surveilnav.services.fusion.core.sizes import misfit
 
 SOFA = ((3.0, 1.2, 0.0), (3.8, 2.8, 0.8))
 STOOL = ((2.0, 0.4, 0.0), (2.4, 0.8, 0.5))

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.fusion.core.config import PosteriorConfig
-from services.fusion.core.looks import Looks, log_odds, of_kinds
-from services.fusion.core.posterior import posterior
+from surveilnav.services.fusion.core.config import PosteriorConfig
+from surveilnav.services.fusion.core.looks import Looks, log_odds, of_kinds
+from surveilnav.services.fusion.core.posterior import posterior
 
 C = PosteriorConfig()
 directions = st.tuples(st.sampled_from(["robot", "camera"]), st.sampled_from(["0", "1", "2"]))

@@ -10,8 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.fusion.core.projection import AZIMUTHS, azimuth_bins, extent, reach, sample_stride, world_points
 from surveilnav.geometry import camera_pose, inverse, transform_points
+from surveilnav.services.fusion.core.projection import (
+    AZIMUTHS,
+    azimuth_bins,
+    extent,
+    reach,
+    sample_stride,
+    world_points,
+)
 
 
 @given(yaw=st.floats(-3.1, 3.1), pitch=st.floats(-0.7, 0.2), x=st.floats(1, 5), y=st.floats(1, 3))
@@ -39,9 +46,14 @@ def test_subsampled_points_are_those_of_their_pixels(world):
 
 
 @given(
-    yaw=st.floats(-3.1, 3.1), pitch=st.floats(-1.5, 1.5), x=st.floats(-50, 50), y=st.floats(-50, 50),
-    u=st.integers(0, 159), v=st.integers(0, 119), depth_m=st.floats(0.2, 9.5),
-)  # fmt: skip
+    yaw=st.floats(-3.1, 3.1),
+    pitch=st.floats(-1.5, 1.5),
+    x=st.floats(-50, 50),
+    y=st.floats(-50, 50),
+    u=st.integers(0, 159),
+    v=st.integers(0, 119),
+    depth_m=st.floats(0.2, 9.5),
+)
 def test_pixel_to_point_to_pixel(tools, yaw, pitch, x, y, u, v, depth_m):
     """p_global = R p + t and back: the point of a pixel falls on that pixel, at that depth, in its colour."""
     view = tools.world().view(1, 1, 0)

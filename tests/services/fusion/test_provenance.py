@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.fusion.core import provenance
-from services.fusion.core.provenance import MANY, SourceSets
+from surveilnav.services.fusion.core import provenance
+from surveilnav.services.fusion.core.provenance import MANY, SourceSets
 
 names = st.lists(st.sampled_from(["robot/a", "robot/b", "camera/c", "camera/d"]), max_size=6)
 

@@ -16,10 +16,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.fusion.config import FusionSettings
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.core.warm_up import warm_up
-from services.fusion.service import FusionService
 from surveilnav import contract
 from surveilnav.bus import Answer, Node, Refused, clock_ns
 from surveilnav.geometry import Grid, Pinhole, Pose, base_pose
@@ -44,6 +40,10 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.warm_up import warm_up
+from surveilnav.services.fusion.service import FusionService
 from tests.waiting import patient, until
 
 CAMERA = Pinhole.from_hfov(160, 120, math.radians(79))
@@ -53,10 +53,19 @@ RANGE_M = (0.1, 10.0)
 def header_of(view, kind=FrameHeader, **more):
     payload, image, depth = encode_rgbd(view.rgb, view.depth_m, depth_range_m=RANGE_M)
     header = kind(
-        stamp_ns=clock_ns(), source=view.source, view=view.view, seq=view.seq, floor=view.floor, camera=view.camera,
-        T_world_camera=Pose.from_matrix(view.T_world_camera), mounting_offset_m=view.mounting_offset_m,
-        depth_range_m=RANGE_M, image=image, depth=depth, **more,
-    )  # fmt: skip
+        stamp_ns=clock_ns(),
+        source=view.source,
+        view=view.view,
+        seq=view.seq,
+        floor=view.floor,
+        camera=view.camera,
+        T_world_camera=Pose.from_matrix(view.T_world_camera),
+        mounting_offset_m=view.mounting_offset_m,
+        depth_range_m=RANGE_M,
+        image=image,
+        depth=depth,
+        **more,
+    )
     return header, payload
 
 
@@ -106,10 +115,14 @@ class Camera:
     def info(self) -> CameraInfo:
         v = self.views[0]
         return CameraInfo(
-            stamp_ns=clock_ns(), camera=self.name, floor=self.floor, position_m=tuple(v.T_world_camera[:3, 3].tolist()),
-            mounting_offset_m=1.8, intrinsics=CAMERA,
+            stamp_ns=clock_ns(),
+            camera=self.name,
+            floor=self.floor,
+            position_m=tuple(v.T_world_camera[:3, 3].tolist()),
+            mounting_offset_m=1.8,
+            intrinsics=CAMERA,
             views=[CameraViewInfo(w.view, Pose.from_matrix(w.T_world_camera)) for w in self.views],
-        )  # fmt: skip
+        )
 
     @property
     def invoked(self) -> bool:
@@ -158,9 +171,15 @@ class Worker:
         chair = Detected("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, look[0])
         detections, image = perception_to_wire(ViewPerception("fake", (chair,), look[seq % 4]))
         return InferReply(
-            stamp_ns=clock_ns(), worker="w", backend="fake", source=source, view=view, seq=seq,
-            detections=detections, image_embedding=image,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            worker="w",
+            backend="fake",
+            source=source,
+            view=view,
+            seq=seq,
+            detections=detections,
+            image_embedding=image,
+        )
 
     def _text(self, request) -> Answer:
         self.texts += request.message.texts
@@ -454,15 +473,17 @@ class Process:
 
     def __init__(self, bus, path, **settings) -> None:
         self.environment = os.environ | {
-            "SURVEILNAV_BUS__ROUTER": bus.router, "SURVEILNAV_BUS__BUILDING": bus.building,
-            "SURVEILNAV_FUSION__STORE": str(path), "SURVEILNAV_FUSION__RESEND_AFTER_S": "0.3",
+            "SURVEILNAV_BUS__ROUTER": bus.router,
+            "SURVEILNAV_BUS__BUILDING": bus.building,
+            "SURVEILNAV_FUSION__STORE": str(path),
+            "SURVEILNAV_FUSION__RESEND_AFTER_S": "0.3",
             **{f"SURVEILNAV_FUSION__{k.upper()}": str(v) for k, v in settings.items()},
-        }  # fmt: skip
+        }
         self.log = open(path.with_suffix(".log"), "ab")  # noqa: SIM115
         self.start()
 
     def start(self) -> None:
-        command = [sys.executable, "-m", "services.fusion"]
+        command = [sys.executable, "-m", "surveilnav.services.fusion"]
         self.process = subprocess.Popen(command, env=self.environment, stdout=self.log, stderr=self.log)
 
     def kill(self) -> None:
@@ -645,7 +666,7 @@ def test_a_store_that_lost_events_does_not_shorten_a_history(scene, tmp_path):
 
 
 def test_where_a_robot_stands_is_followed_on_the_last_floor_that_there_is_room_for(scene, monkeypatch):
-    monkeypatch.setattr("services.fusion.robot_places._MAX_FLOORS", 1)
+    monkeypatch.setattr("surveilnav.services.fusion.robot_places._MAX_FLOORS", 1)
     scene.start()
     for x in (1.0, 1.5):
         scene.robot.observe(x=x)

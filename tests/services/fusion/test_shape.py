@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from services.fusion.core.cloud import voxel_centres, voxel_keys
-from services.fusion.core.shape import Shape, evenly
+from surveilnav.services.fusion.core.cloud import voxel_centres, voxel_keys
+from surveilnav.services.fusion.core.shape import Shape, evenly
 
 points = hnp.arrays(np.float64, st.tuples(st.integers(1, 40), st.just(3)), elements=st.floats(-0.25, 0.25))
 

@@ -12,8 +12,8 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.core import FusionConfig, JointMap, MapConfig
-from services.fusion.core.snapshot import SnapshotError, dump, freeze, load, pack
+from surveilnav.services.fusion.core import FusionConfig, JointMap, MapConfig
+from surveilnav.services.fusion.core.snapshot import SnapshotError, dump, freeze, load, pack
 
 
 @pytest.fixture
@@ -110,9 +110,11 @@ def test_what_is_no_snapshot_of_these_maps_is_refused_by_name():
     data, config = dump(JointMap()), FusionConfig()
     state = msgspec.msgpack.decode(zstandard.decompress(data))
     for change, name in (
-        ({"version": 99}, "other_version"), ({"sizes": {"resolution_m": 0.1}}, "other_config"), ({"maps": {}}, "corrupt"),
+        ({"version": 99}, "other_version"),
+        ({"sizes": {"resolution_m": 0.1}}, "other_config"),
+        ({"maps": {}}, "corrupt"),
         ({"maps": {**state["maps"], "storeys": [1]}}, "corrupt"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(SnapshotError) as refused:
             load(zstandard.compress(msgspec.msgpack.encode(state | change)), config)
         assert refused.value.name == name

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import pytest
 import structlog
 
-from services.fusion import sources as module
-from services.fusion.config import FusionSettings
-from services.fusion.core import MapConfig
-from services.fusion.sources import Sources
 from surveilnav import contract
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader
 from surveilnav.messages.view import Part
+from surveilnav.services.fusion import sources as module
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core import MapConfig
+from surveilnav.services.fusion.sources import Sources
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.4)
 
@@ -76,19 +76,30 @@ class FakeNode:
     def camera(self, name: str, views=(0,), z_m=1.8) -> None:
         pose = Pose((0.0, 0.0, z_m), (0.0, 0.0, 0.0, 1.0))
         message = CameraInfo(
-            stamp_ns=1, camera=name, floor="0", position_m=(0.0, 0.0, z_m), mounting_offset_m=1.8, intrinsics=CAMERA,
+            stamp_ns=1,
+            camera=name,
+            floor="0",
+            position_m=(0.0, 0.0, z_m),
+            mounting_offset_m=1.8,
+            intrinsics=CAMERA,
             views=[CameraViewInfo(view, pose) for view in views],
-        )  # fmt: skip
+        )
         self.infos.said[name] = SimpleNamespace(ids={"camera": name}, message=message)
 
 
 def header(source="robot/r", **more) -> FrameHeader:
     fields = {"stamp_ns": 1, "view": 0, "seq": 1} | more
     return FrameHeader(
-        source=source, floor="0", T_world_camera=Pose((1.0, 2.0, 0.9), (0.0, 0.0, 0.0, 1.0)), camera=CAMERA,
-        mounting_offset_m=0.9, depth_range_m=(0.1, 10.0), image=Part("jpeg", 1), depth=Part("depth-invq-zstd", 1),
+        source=source,
+        floor="0",
+        T_world_camera=Pose((1.0, 2.0, 0.9), (0.0, 0.0, 0.0, 1.0)),
+        camera=CAMERA,
+        mounting_offset_m=0.9,
+        depth_range_m=(0.1, 10.0),
+        image=Part("jpeg", 1),
+        depth=Part("depth-invq-zstd", 1),
         **fields,
-    )  # fmt: skip
+    )
 
 
 class Followed:

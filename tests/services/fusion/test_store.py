@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from services.fusion.store import Entry, Store, StoredEvent, StoreError
 from surveilnav.messages.maps import ObjectEvent
+from surveilnav.services.fusion.store import Entry, Store, StoredEvent, StoreError
 
 
 def test_a_history_holds_those_of_the_objects_that_were_found_to_be_the_same(tmp_path):

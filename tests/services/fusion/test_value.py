@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.core import FusionConfig, JointMap, ValueConfig
-from services.fusion.core.projection import azimuth_bins, reach, world_points
-from services.fusion.core.value import ValueMap
 from surveilnav.geometry import Grid, Pinhole, camera_pose
 from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core import FusionConfig, JointMap, ValueConfig
+from surveilnav.services.fusion.core.projection import azimuth_bins, reach, world_points
+from surveilnav.services.fusion.core.value import ValueMap
 
 
 @pytest.fixture
@@ -184,11 +184,19 @@ class Look:
 
 looks = st.lists(
     st.builds(
-        Look, st.booleans(), st.integers(0, 2), st.floats(-1, 1), st.floats(-1, 1), st.integers(0, 359),
-        st.floats(0.3, 1.5), st.floats(0, 0.95), st.one_of(st.just(0), st.integers(1, 1200)),
+        Look,
+        st.booleans(),
+        st.integers(0, 2),
+        st.floats(-1, 1),
+        st.floats(-1, 1),
+        st.integers(0, 359),
+        st.floats(0.3, 1.5),
+        st.floats(0, 0.95),
+        st.one_of(st.just(0), st.integers(1, 1200)),
     ),
-    min_size=1, max_size=10,
-)  # fmt: skip
+    min_size=1,
+    max_size=10,
+)
 
 
 def literal(story: list[Look], fusion: str, half_life_s: float) -> np.ndarray:

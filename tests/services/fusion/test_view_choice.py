@@ -7,12 +7,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from services.fusion import view_choice
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.robot_places import RobotPlaces
-from services.fusion.view_choice import ViewChoice
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import FrameHeader, Part
+from surveilnav.services.fusion import view_choice
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.robot_places import RobotPlaces
+from surveilnav.services.fusion.view_choice import ViewChoice
 from tests.services.fusion.test_view_order import pose
 
 LENS = Pinhole.from_hfov(64, 64, 1.5)
@@ -23,9 +23,18 @@ def header(source: str, view: int, x_m: float, mounting_offset_m: float = 1.8) -
     T[0, 3] = x_m
     part = Part("jpeg", 0)
     return FrameHeader(
-        stamp_ns=1, source=source, view=view, seq=1, floor="0", T_world_camera=Pose.from_matrix(T), camera=LENS,
-        mounting_offset_m=mounting_offset_m, depth_range_m=(0.1, 10.0), image=part, depth=part,
-    )  # fmt: skip
+        stamp_ns=1,
+        source=source,
+        view=view,
+        seq=1,
+        floor="0",
+        T_world_camera=Pose.from_matrix(T),
+        camera=LENS,
+        mounting_offset_m=mounting_offset_m,
+        depth_range_m=(0.1, 10.0),
+        image=part,
+        depth=part,
+    )
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from services.fusion.core import FusionConfig, JointMap
-from services.fusion.core.config import ViewOrderConfig
-from services.fusion.core.view_order import FloorWedge, KnownFloor, worths_in, worths_m2
 from surveilnav.geometry import Grid, Pinhole
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.config import ViewOrderConfig
+from surveilnav.services.fusion.core.view_order import FloorWedge, KnownFloor, worths_in, worths_m2
 
 CONFIG = ViewOrderConfig()
 LENS = Pinhole.from_hfov(640, 640, math.radians(100.0))

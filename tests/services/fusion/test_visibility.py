@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.core.visibility import in_plain_view
 from surveilnav.geometry import inverse, transform_points
+from surveilnav.services.fusion.core.visibility import in_plain_view
 
 
 def reference(view, p_world, near_m, far_m):

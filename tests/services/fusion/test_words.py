@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from services.fusion.kept_pictures import KeptPictures
-from services.fusion.words import Words
 from surveilnav.contract import MISSION_STATUS
 from surveilnav.messages import MissionStatus
+from surveilnav.services.fusion.kept_pictures import KeptPictures
+from surveilnav.services.fusion.words import Words
 from surveilnav.words import MAX_WORDS
 from tests.waiting import until
 

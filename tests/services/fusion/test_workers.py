@@ -10,12 +10,12 @@ from concurrent.futures import Future
 import msgspec
 import pytest
 
-from services.fusion.workers import Workers
 from surveilnav import contract
 from surveilnav.bus import Answer, BusSettings, Node, Refused, Unanswered, clock_ns
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.errors import PerceptionError
 from surveilnav.messages import InferReply, InferRequest, WorkerLoad
+from surveilnav.services.fusion.workers import Workers
 from tests.waiting import until
 
 ASKED = InferRequest(stamp_ns=1, source="robot/r", view=0, seq=1)
@@ -36,10 +36,16 @@ class FakeWorker:
         while not self.node.stopping.wait(0.05):
             self._load.put(
                 WorkerLoad(
-                    stamp_ns=clock_ns(), worker=self.name, backend="b", why="", queued=0, capacity=4, latency_ms=1.0,
+                    stamp_ns=clock_ns(),
+                    worker=self.name,
+                    backend="b",
+                    why="",
+                    queued=0,
+                    capacity=4,
+                    latency_ms=1.0,
                     ready=self.ready,
                 )
-            )  # fmt: skip
+            )
 
     def _infer(self, request):
         self.requests.append(request.message)
@@ -54,10 +60,16 @@ class FakeWorker:
         m = request.message
         return Answer(
             InferReply(
-                stamp_ns=1, worker=self.name, backend="b", source=m.source, view=m.view, seq=m.seq, detections=[],
+                stamp_ns=1,
+                worker=self.name,
+                backend="b",
+                source=m.source,
+                view=m.view,
+                seq=m.seq,
+                detections=[],
                 image_embedding=b"",
             )
-        )  # fmt: skip
+        )
 
 
 @pytest.fixture(scope="module")

@@ -12,15 +12,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.gateway.__main__ import listen, web_server
-from services.gateway.config import GatewaySettings
-from services.gateway.service import Gateway
 from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Answer, BusSettings, Node, Refused, Request, clock_ns
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.geometry import Grid, Pinhole, Pose, base_pose, camera_pose
 from surveilnav.sensing.packing import pack_array
+from surveilnav.services.gateway.__main__ import listen, web_server
+from surveilnav.services.gateway.config import GatewaySettings
+from surveilnav.services.gateway.service import Gateway
 from tests.waiting import until
 
 GRID = Grid(-1.0, -2.0, 0.5, 12, 16)
@@ -136,9 +136,13 @@ class FakeBuilding:
             return Answer(m.MissionAck(stamp_ns=clock_ns(), mission=status.mission, accepted=False, state=status.state))
         if not request.message.paused and self.halted:
             ack = m.MissionAck(
-                stamp_ns=clock_ns(), mission=status.mission, accepted=False, state="failed", error="robot_halted",
+                stamp_ns=clock_ns(),
+                mission=status.mission,
+                accepted=False,
+                state="failed",
+                error="robot_halted",
                 message="robot 'r1' is halted: release it first",
-            )  # fmt: skip
+            )
             return Answer(ack)
         state = "paused" if request.message.paused else "active"
         self.put_status(
@@ -211,9 +215,14 @@ class FakeBuilding:
         if layer == "cloud":
             cloud = np.random.default_rng(0).random((1000, 6), np.float32)
             header = m.LayerHeader(
-                stamp_ns=clock_ns(), floor=floor, layer="cloud", revision=self.revision, grid=self.grid, dtype="float32",
+                stamp_ns=clock_ns(),
+                floor=floor,
+                layer="cloud",
+                revision=self.revision,
+                grid=self.grid,
+                dtype="float32",
                 shape=cloud.shape,
-            )  # fmt: skip
+            )
             return Answer(header, pack_array(cloud))
         cells = np.zeros(self.grid.shape, np.float32 if layer == "value" else np.uint8)
         cells[0, :4] = 1
@@ -354,7 +363,7 @@ def router() -> Iterator[str]:
 
 
 def serve_gateway(endpoint: str, stack: ExitStack, root_path: str = "") -> tuple[str, Gateway]:
-    """A gateway as ``python -m services.gateway`` runs it, on a thread; its address."""
+    """A gateway as ``python -m surveilnav.services.gateway`` runs it, on a thread; its address."""
     sock = stack.enter_context(listen("127.0.0.1", 0))
     gateway = Gateway(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))), root_path)
     server = web_server(gateway, GatewaySettings().names, root_path)

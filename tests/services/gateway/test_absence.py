@@ -33,7 +33,7 @@ def test_it_lives_but_isnt_ready(lonely):
     assert answer.status_code == 503
     assert answer.headers["content-type"] == "application/problem+json"
     assert answer.json()["missing"] == ["robot", "perception", "fusion", "planner"]
-    assert "python -m services.planner" in answer.json()["checks"]["planner"]
+    assert "python -m surveilnav.services.planner" in answer.json()["checks"]["planner"]
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_what_nobody_can_answer_is_503(lonely, path):
 def test_a_mission_without_a_planner_is_503(lonely):
     answer = lonely.post("/api/v1/missions", json={"target": "tv"})
     assert answer.status_code == 503
-    assert "services.planner" in answer.json()["detail"]
+    assert "surveilnav.services.planner" in answer.json()["detail"]
     for what in ("cancel", "pause", "resume"):
         assert lonely.post(f"/api/v1/missions/m-1/{what}").status_code == 503
     assert lonely.post("/api/v1/robots/stop").status_code == 503
@@ -91,7 +91,7 @@ def test_a_router_that_dies_is_missing_and_comes_back(start_gateway):
 
 def start(**environment: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "services.gateway"],
+        [sys.executable, "-m", "surveilnav.services.gateway"],
         cwd=ROOT,
         env={**os.environ, **environment},
         text=True,

@@ -7,8 +7,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from services.gateway import access_log
-from services.gateway.access_log import AccessLog
+from surveilnav.services.gateway import access_log
+from surveilnav.services.gateway.access_log import AccessLog
 
 NOON = datetime(2026, 1, 31, 12, tzinfo=UTC)
 
@@ -24,8 +24,12 @@ def test_a_look_is_a_line_and_outlives_the_process(tmp_path):
     log.note("10.0.0.1", "c1", 3, "latest", NOON)
     log.note("10.0.0.2", "c2", 0, "tile", NOON + timedelta(seconds=1))
     assert lines(tmp_path / "looks", log)[0] == {
-        "time": "2026-01-31T12:00:00Z", "client": "10.0.0.1", "camera": "c1", "view": 3, "what": "latest",
-    }  # fmt: skip
+        "time": "2026-01-31T12:00:00Z",
+        "client": "10.0.0.1",
+        "camera": "c1",
+        "view": 3,
+        "what": "latest",
+    }
     again = AccessLog(tmp_path / "looks")
     assert [(k.client, k.view, k.what) for k in again.of("c1", NOON)] == [("10.0.0.1", 3, "latest")]
     again.note("10.0.0.1", "c1", 4, "latest", NOON + timedelta(minutes=1))

@@ -21,19 +21,26 @@ from schemathesis.checks import (
     status_code_conformance,
 )
 
-from services.gateway.app import create_app
 from surveilnav.bus import clock_ns
 from surveilnav.messages import MissionStatus
+from surveilnav.services.gateway.app import create_app
 
 CHECKS = [
-    content_type_conformance, not_a_server_error, response_headers_conformance, response_schema_conformance,
+    content_type_conformance,
+    not_a_server_error,
+    response_headers_conformance,
+    response_schema_conformance,
     status_code_conformance,
-]  # fmt: skip
+]
 #: What is there, by the noun of a path and the name of its parameter.
 THERE = {
-    ("cameras", "id"): "c1", ("missions", "id"): "m-there", ("floors", "id"): "0", ("cameras", "view"): "3",
-    ("floors", "layer"): "value", ("floors", "object"): "1",
-}  # fmt: skip
+    ("cameras", "id"): "c1",
+    ("missions", "id"): "m-there",
+    ("floors", "id"): "0",
+    ("cameras", "view"): "3",
+    ("floors", "layer"): "value",
+    ("floors", "object"): "1",
+}
 #: Problems that the fakes have: a picture that is none, no recorder, nobody who forgets pictures.
 OF_FAKES = ("bad_picture", "absent", "keeper_silent")
 #: They never end: tests of their own read them.
@@ -55,10 +62,17 @@ def map_path_parameters(context: Any, path_parameters: dict[str, Any] | None) ->
 def url(client: httpx.Client, building: Any) -> str:
     building.put_status(
         MissionStatus(
-            stamp_ns=clock_ns(), mission="m-there", target="tv", robot="r1", state="active", phase="exploring", step=1,
-            max_steps=9, path_m=1.0,
+            stamp_ns=clock_ns(),
+            mission="m-there",
+            target="tv",
+            robot="r1",
+            state="active",
+            phase="exploring",
+            step=1,
+            max_steps=9,
+            path_m=1.0,
         )
-    )  # fmt: skip
+    )
     return str(client.base_url)
 
 
@@ -66,9 +80,13 @@ def url(client: httpx.Client, building: Any) -> str:
     path=["/api/v1/events", "/api/v1/live", "/api/v1/tiles"]
 ).parametrize()  # they never end: tests of their own read them
 @settings(
-    max_examples=20, deadline=None, derandomize=True, database=None, phases=[Phase.explicit, Phase.generate],
+    max_examples=20,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    phases=[Phase.explicit, Phase.generate],
     suppress_health_check=list(HealthCheck),
-)  # fmt: skip
+)
 def test_any_request_is_answered_as_documented(case: Any, url: str) -> None:
     answer = case.call(base_url=url)
     if answer.status_code >= 500 and answer.json()["type"].rpartition(":")[2] in OF_FAKES:

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from services.gateway.asking import ask, ask_known
-from services.gateway.core.problems import Problem
 from surveilnav.bus import Refused, Unanswered
 from surveilnav.contract import MISSION_STATUS
 from surveilnav.errors import BusError
+from surveilnav.services.gateway.asking import ask, ask_known
+from surveilnav.services.gateway.core.problems import Problem
 
 
 class Silent:

@@ -62,9 +62,7 @@ def test_the_pages_example_runs(gateway, building, capsys):
     page = (ROOT / "docs/use/rest.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     submitted = len(building.goals)
-    running = threading.Thread(
-        target=lambda: exec(code.replace("http://127.0.0.1:8080", gateway.url), {}), daemon=True
-    )  # fmt: skip
+    running = threading.Thread(target=lambda: exec(code.replace("http://127.0.0.1:8080", gateway.url), {}), daemon=True)
     running.start()
     until(lambda: len(building.goals) > submitted)
 

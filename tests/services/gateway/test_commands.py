@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cli import main as cli_main
-from cli.main import main
 from surveilnav.bus import clock_ns
+from surveilnav.cli import main as cli_main
+from surveilnav.cli.main import main
 from tests.waiting import until
 
 
 @pytest.fixture
 def typed(client, monkeypatch, capsys):
     """``typed(*arguments)``: exit status, stdout, stderr of `surveilnav ...` asking that gateway."""
-    monkeypatch.setattr("cli.main.signal.signal", lambda *_: None)
+    monkeypatch.setattr("surveilnav.cli.main.signal.signal", lambda *_: None)
     monkeypatch.setenv("SURVEILNAV_URL", str(client.base_url))
 
     def run(*arguments):
@@ -42,10 +42,12 @@ def mission(client, building):
 @pytest.mark.parametrize(
     ("command", "path"),
     [
-        (("missions",), "missions"), (("cameras",), "cameras"), (("objects", "--label", "couch"), "objects?label=couch"),
+        (("missions",), "missions"),
+        (("cameras",), "cameras"),
+        (("objects", "--label", "couch"), "objects?label=couch"),
         (("objects", "--status", "rejected"), "objects?status=rejected"),
     ],
-)  # fmt: skip
+)
 def test_a_list_is_the_gateways(typed, client, mission, command, path):
     code, out, err = typed(*command, "--json")
     assert (code, err) == (0, "")
@@ -91,7 +93,7 @@ def test_an_id_needs_only_its_beginning(typed, mission):
         (("map", "--floor", "9"), "unknown_floor", "9"),
         (("find", "unicorn"), "bad_target", ""),
     ],
-)  # fmt: skip
+)
 def test_mistakes_say_what_to_do(typed, mission, command, name, says):
     code, out, err = typed(*command, "--json")
     assert (code, json.loads(out)["error"]["name"]) == (1, name)

@@ -13,12 +13,12 @@ import httpx
 import msgspec
 import pytest
 
-from services.gateway.event_stream import EventStream
-from services.gateway.feed import Feed
 from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Node, clock_ns
 from surveilnav.geometry import Pose, base_pose
+from surveilnav.services.gateway.event_stream import EventStream
+from surveilnav.services.gateway.feed import Feed
 from tests.services.gateway.streams import Told, blocks, within
 from tests.waiting import until
 
@@ -63,9 +63,16 @@ _MISSIONS = count()
 
 def mission(**facts) -> m.MissionStatus:
     known = {
-        "stamp_ns": clock_ns(), "mission": f"e-{next(_MISSIONS)}", "target": "tv", "robot": "r1", "state": "active",
-        "phase": "exploring", "step": 1, "max_steps": 9, "path_m": 1.0,
-    }  # fmt: skip
+        "stamp_ns": clock_ns(),
+        "mission": f"e-{next(_MISSIONS)}",
+        "target": "tv",
+        "robot": "r1",
+        "state": "active",
+        "phase": "exploring",
+        "step": 1,
+        "max_steps": 9,
+        "path_m": 1.0,
+    }
     return m.MissionStatus(**(known | facts))
 
 
@@ -232,7 +239,7 @@ def test_any_last_event_id_is_answered(client, last_id):
 
 
 def test_more_streams_than_fit_are_refused(client, monkeypatch):
-    monkeypatch.setattr("services.gateway.feed._MAX_STREAMS", 0)
+    monkeypatch.setattr("surveilnav.services.gateway.feed._MAX_STREAMS", 0)
     answer = client.get(URL)
     assert (answer.status_code, answer.headers["retry-after"]) == (503, "10")
     assert answer.json()["type"].endswith(":too_many_streams")

@@ -15,11 +15,11 @@ import httpx
 import msgspec
 import pytest
 
-from services.gateway import tiles
-from services.gateway.live import Live
-from services.gateway.tiles import Tiles
 from surveilnav import contract
 from surveilnav.bus import Node, clock_ns
+from surveilnav.services.gateway import tiles
+from surveilnav.services.gateway.live import Live
+from surveilnav.services.gateway.tiles import Tiles
 from tests.services.gateway.streams import blocks, within
 from tests.waiting import until
 
@@ -213,7 +213,7 @@ def test_other_files_arent_given_out(client, name):
 def test_a_page_cut_off_a_hundred_times_shows_what_is(client, building, monkeypatch):
     """Things change all the while; the page reads some bytes, is gone, and goes on from its last id. At the end it knows the same
     as a page that was never cut off, and was never told to begin anew."""
-    monkeypatch.setattr("services.gateway.live._LOOK_S", 0.02)
+    monkeypatch.setattr("surveilnav.services.gateway.live._LOOK_S", 0.02)
     monkeypatch.setattr(Live, "beat_s", 0.1)
     chance, known, last_id, resets = random.Random(7), {}, None, 0
     enough = threading.Event()

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 import httpx
 import pytest
 
-from services.gateway.config import GatewaySettings
+from surveilnav.services.gateway.config import GatewaySettings
 from tests.waiting import until
 
 

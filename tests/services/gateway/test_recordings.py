@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.problems import Problem
-from services.gateway.core.ranges import part_of
 from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.ranges import part_of
 from tests.waiting import until
 
 IDS = [f"2026112{day}T143519250Z_m{day}" for day in (7, 6, 5)]
@@ -33,19 +33,30 @@ class FakeRecorder:
     def put(self, problem: str = "") -> None:
         self._status.put(
             m.RecorderStatus(
-                stamp_ns=clock_ns(), recorder="rec", recording=IDS[:1], problem=problem, dropped=4, n_bytes=7, free_bytes=9
+                stamp_ns=clock_ns(),
+                recorder="rec",
+                recording=IDS[:1],
+                problem=problem,
+                dropped=4,
+                n_bytes=7,
+                free_bytes=9,
             )
-        )  # fmt: skip
+        )
 
     def _list(self, _: Request) -> Answer:
         found = [
             m.Recording(
-                id=id, mission=id[-2:], state="recording" if id == IDS[0] else "complete", n_bytes=len(content),
-                started_ns=10**18 + int(id[-1]) * 10**9, changed_ns=2 * 10**18, target="tv",
+                id=id,
+                mission=id[-2:],
+                state="recording" if id == IDS[0] else "complete",
+                n_bytes=len(content),
+                started_ns=10**18 + int(id[-1]) * 10**9,
+                changed_ns=2 * 10**18,
+                target="tv",
                 cameras=None if id == IDS[0] else ["c-shown"],
             )
             for id, content in self.files.items()
-        ]  # fmt: skip
+        ]
         return Answer(m.RecordingList(stamp_ns=1, recorder="rec", recordings=found))
 
     def _read(self, request: Request) -> Answer:
@@ -97,9 +108,14 @@ def test_a_file_is_downloaded_whole(client, files):
 
 @pytest.mark.parametrize(
     ("asked", "first", "after"),
-    [("bytes=0-0", 0, 1), ("bytes=5-1500000", 5, 1_500_001), ("bytes=2499990-", 2_499_990, 2_500_000),
-     ("bytes=-10", 2_499_990, 2_500_000), ("bytes=10-99999999", 10, 2_500_000)],
-)  # fmt: skip
+    [
+        ("bytes=0-0", 0, 1),
+        ("bytes=5-1500000", 5, 1_500_001),
+        ("bytes=2499990-", 2_499_990, 2_500_000),
+        ("bytes=-10", 2_499_990, 2_500_000),
+        ("bytes=10-99999999", 10, 2_500_000),
+    ],
+)
 def test_a_download_goes_on_where_it_broke_off(client, files, asked, first, after):
     answer = client.get(f"/api/v1/recordings/{IDS[1]}/file", headers={"range": asked})
     assert (answer.status_code, answer.content) == (206, CONTENT[first:after])

@@ -21,9 +21,17 @@ class FakePlayer:
     def __init__(self, node: Node) -> None:
         self.controls: list[m.ReplayControl] = []
         self._status = m.ReplayStatus(
-            stamp_ns=clock_ns(), player="replay", mission="m1", target="tv", began_ns=10**18, at_s=3.0, duration_s=60.0,
-            speed=1.0, playing=True, jumps=0,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            player="replay",
+            mission="m1",
+            target="tv",
+            began_ns=10**18,
+            at_s=3.0,
+            duration_s=60.0,
+            speed=1.0,
+            playing=True,
+            jumps=0,
+        )
         self._publisher = node.publisher(contract.REPLAY, player="replay")
         node.serve(contract.REPLAY, lambda _: Answer(self._status), player="replay")
         node.serve(contract.REPLAY_CONTROL, self._on_control, player="replay")

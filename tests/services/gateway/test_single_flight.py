@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from services.gateway.single_flight import _MOST, SingleFlight
+from surveilnav.services.gateway.single_flight import _MOST, SingleFlight
 
 
 def test_many_at_once_have_one_made():

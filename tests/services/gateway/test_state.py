@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 from types import SimpleNamespace
 
-from services.gateway import state
-from services.gateway.state import LastKnown
 from surveilnav.contract import CAMERA_INFO
+from surveilnav.services.gateway import state
+from surveilnav.services.gateway.state import LastKnown
 
 
 def row(camera: str) -> SimpleNamespace:

@@ -12,8 +12,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.perception.config import PerceptionSettings
-from services.perception.service import PerceptionService
 from surveilnav.bus import BusSettings, Node, Unanswered, clock_ns
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import PERCEPTION_INFER
@@ -23,6 +21,8 @@ from surveilnav.messages import InferRequest, ModelIds
 from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.services.perception.config import PerceptionSettings
+from surveilnav.services.perception.service import PerceptionService
 from tests.waiting import patient
 
 CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
@@ -138,9 +138,15 @@ def request_of() -> Callable[..., tuple[InferRequest, bytes]]:
         depth = np.full((48, 64), 2.0, np.float32)
         payload, image, part = encode_rgbd(np.full((48, 64, 3), shade, np.uint8), depth, depth_range_m=RANGE_M)
         asked = InferRequest(
-            stamp_ns=clock_ns(), source=source, view=shade, seq=1, camera=CAMERA, image=image, depth=part,
+            stamp_ns=clock_ns(),
+            source=source,
+            view=shade,
+            seq=1,
+            camera=CAMERA,
+            image=image,
+            depth=part,
             depth_range_m=RANGE_M,
-        )  # fmt: skip
+        )
         return msgspec.structs.replace(asked, **changes), payload
 
     return make

@@ -149,7 +149,7 @@ def started(bus: BusSettings, **settings: str) -> subprocess.CompletedProcess[st
     env |= {f"SURVEILNAV_PERCEPTION__{name.upper()}": value for name, value in settings.items() if name != "models"}
     env |= {"SURVEILNAV_MODELS_DIR": settings["models"]} if "models" in settings else {}
     return subprocess.run(
-        [sys.executable, "-m", "services.perception"], env=env, capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "surveilnav.services.perception"], env=env, capture_output=True, text=True, timeout=60
     )
 
 

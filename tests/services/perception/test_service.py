@@ -14,9 +14,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.perception.config import PerceptionSettings
-from services.perception.service import PerceptionService
-from simulator.truth.backends import Oracle, Simulated
 from surveilnav.bus import BusSettings, Node, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
@@ -24,6 +21,9 @@ from surveilnav.messages import InferRequest, Part, Truth
 from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
+from surveilnav.services.perception.config import PerceptionSettings
+from surveilnav.services.perception.service import PerceptionService
+from surveilnav.simulator.truth.backends import Oracle, Simulated
 from tests.waiting import until
 
 CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
@@ -62,9 +62,15 @@ def request(seq: int = 1, shade: int = 0, **changes: object) -> tuple[InferReque
     depth = np.full((48, 64), 2.0, np.float32)
     payload, image, depth_part = encode_rgbd(np.full((48, 64, 3), shade, np.uint8), depth, depth_range_m=RANGE_M)
     asked = InferRequest(
-        stamp_ns=clock_ns(), source="robot/r", view=0, seq=seq, camera=CAMERA, image=image, depth=depth_part,
+        stamp_ns=clock_ns(),
+        source="robot/r",
+        view=0,
+        seq=seq,
+        camera=CAMERA,
+        image=image,
+        depth=depth_part,
         depth_range_m=RANGE_M,
-    )  # fmt: skip
+    )
     return msgspec.structs.replace(asked, **changes), payload
 
 
@@ -187,12 +193,15 @@ def test_texts_and_load(bus: BusSettings, client: Node) -> None:
 
 def test_the_process_says_its_backend_and_ends_on_sigterm(bus: BusSettings, client: Node) -> None:
     env = {
-        "SURVEILNAV_BUS__ROUTER": bus.router, "SURVEILNAV_BUS__BUILDING": "b",
-        "SURVEILNAV_PERCEPTION__BACKEND": "simulated", "SURVEILNAV_PERCEPTION__WORKER": "w8",
-        "PATH": "/usr/bin:/bin", "HOME": "/tmp",
-    }  # fmt: skip
+        "SURVEILNAV_BUS__ROUTER": bus.router,
+        "SURVEILNAV_BUS__BUILDING": "b",
+        "SURVEILNAV_PERCEPTION__BACKEND": "simulated",
+        "SURVEILNAV_PERCEPTION__WORKER": "w8",
+        "PATH": "/usr/bin:/bin",
+        "HOME": "/tmp",
+    }
     process = subprocess.Popen(
-        [sys.executable, "-m", "services.perception"], env=env, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "surveilnav.services.perception"], env=env, stderr=subprocess.PIPE, text=True
     )
     try:
         until(lambda: "w8" in client.alive("perception"), timeout_s=30.0)
@@ -212,7 +221,7 @@ def test_a_wrong_backend_is_one_line_and_exit_1(bus: BusSettings) -> None:
         "HOME": "/tmp",
     }
     done = subprocess.run(
-        [sys.executable, "-m", "services.perception"], env=env, capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "surveilnav.services.perception"], env=env, capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 1
     assert "onnx-coco" in done.stderr

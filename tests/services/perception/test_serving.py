@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.stack import environment
-from services.perception import __main__ as main
-from simulator.truth.backends import Oracle
 from surveilnav.bus import Refused, clock_ns
+from surveilnav.cli.stack import environment
 from surveilnav.contract import PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.errors import PerceptionError
 from surveilnav.histogram import quantile_ms
 from surveilnav.messages import InferRequest, Truth
 from surveilnav.sensing.packing import pack_array
+from surveilnav.services.perception import __main__ as main
+from surveilnav.simulator.truth.backends import Oracle
 from surveilnav.stored import write_parts
 
 
@@ -404,9 +404,15 @@ def test_a_worker_is_told_whether_its_building_is_simulated(monkeypatch, simulat
     monkeypatch.setattr(main, "choose_backend", chosen)
     if simulated:
         stack = environment(
-            router="tcp/127.0.0.1:1", building="b", seed=0, cameras=None, area_per_camera_m2=1.0, perception="auto",
-            surveillance=True, state=Path(),
-        )  # fmt: skip
+            router="tcp/127.0.0.1:1",
+            building="b",
+            seed=0,
+            cameras=None,
+            area_per_camera_m2=1.0,
+            perception="auto",
+            surveillance=True,
+            state=Path(),
+        )
         monkeypatch.setenv("SURVEILNAV_PERCEPTION__SIMULATED", stack["SURVEILNAV_PERCEPTION__SIMULATED"])
     with pytest.raises(PerceptionError, match="enough"):
         main.main()

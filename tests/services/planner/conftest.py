@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord, Stair
+from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
 
 R = 0.05
 CHAR_M = 0.25  # one character of a drawing is 5 x 5 cells
@@ -21,11 +21,22 @@ K = round(CHAR_M / R)
 def record(id=1, label="chair", at=(1.0, 1.0), size=(0.5, 0.5), **changes):
     """An object record with sensible defaults."""
     base = {
-        "floor": "0", "status": "candidate", "confidence": 0.6, "confidence_robot": 0.0, "confidence_surveillance": 0.0,
-        "label_robot": "", "label_surveillance": "", "n_detections": 1, "n_points": 100,
-        "center_m": (at[0], at[1], 0.5), "size_m": (size[0], size[1], 1.0), "first_seen_ns": 0, "last_seen_ns": 0,
-        "sources": [], "reason": "",
-    }  # fmt: skip
+        "floor": "0",
+        "status": "candidate",
+        "confidence": 0.6,
+        "confidence_robot": 0.0,
+        "confidence_surveillance": 0.0,
+        "label_robot": "",
+        "label_surveillance": "",
+        "n_detections": 1,
+        "n_points": 100,
+        "center_m": (at[0], at[1], 0.5),
+        "size_m": (size[0], size[1], 1.0),
+        "first_seen_ns": 0,
+        "last_seen_ns": 0,
+        "sources": [],
+        "reason": "",
+    }
     return ObjectRecord(id=id, label=label, **(base | changes))
 
 
@@ -100,15 +111,18 @@ class World:
             by_robot = thing.confidence_robot >= thing.known.get("confidence", 0.0)
             label = thing.looks_like if by_robot else thing.known["label"]
             facts = {
-                "label": label, "points": points.tobytes(),
+                "label": label,
+                "points": points.tobytes(),
                 "at": tuple(map(float, xy.mean(0))),
-                "size": tuple(map(float, np.ptp(xy, axis=0) + R)), "n_detections": thing.detections + 1,
-                "confidence_robot": thing.confidence_robot, "label_robot": thing.looks_like if thing.detections else "",
+                "size": tuple(map(float, np.ptp(xy, axis=0) + R)),
+                "n_detections": thing.detections + 1,
+                "confidence_robot": thing.confidence_robot,
+                "label_robot": thing.looks_like if thing.detections else "",
                 "label_surveillance": thing.known.get("label", ""),
                 "confidence_surveillance": thing.known.get("confidence", 0.0),
                 "confidence": max(thing.confidence_robot, thing.known.get("confidence", 0.0)),
                 "status": "confirmed" if thing.detections >= 3 else thing.known.get("status", "candidate"),
-            }  # fmt: skip
+            }
             found.append(record(id=i + 1, **facts))
         return found
 
@@ -183,8 +197,9 @@ class House:
         self.now = floors[0]
         self.stairs = tuple(
             Stair(floor=a, to_floor=b, at_m=(*p, 0.0), to_m=(*q, 0.0), length_m=length[0] if length else 4.0)
-            for one in stairs for a, p, b, q, *length in (one, (*one[2:4], *one[:2], *one[4:]))
-        )  # fmt: skip
+            for one in stairs
+            for a, p, b, q, *length in (one, (*one[2:4], *one[:2], *one[4:]))
+        )
         self.summaries = summaries or {}
         self.refuses, self.refused = refuses, 0
         self.trail = [self.now.floor]

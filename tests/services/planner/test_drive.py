@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, memory
-from services.planner.core.motion.drive import FmmPlanner, bearing_error_rad, turn_towards
-from services.planner.core.motion.terrain import build_terrain
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import clearance_m
+from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView, memory
+from surveilnav.services.planner.core.motion.drive import FmmPlanner, bearing_error_rad, turn_towards
+from surveilnav.services.planner.core.motion.terrain import build_terrain
 
 CONFIG = PlannerConfig()
 GRID = Grid(0.0, 0.0, 0.05, 80, 80)

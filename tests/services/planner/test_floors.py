@@ -10,12 +10,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from services.planner.core import MissionState, PlannerConfig
-from services.planner.core.goals.floors import chance_here
-from services.planner.core.goals.stairs import WayToFloor
-from services.planner.core.stages import last_resort as stage
-from services.planner.core.stages.stage import RETRY
-from services.planner.core.state import FloorMemory
+from surveilnav.services.planner.core import MissionState, PlannerConfig
+from surveilnav.services.planner.core.goals.floors import chance_here
+from surveilnav.services.planner.core.goals.stairs import WayToFloor
+from surveilnav.services.planner.core.stages import last_resort as stage
+from surveilnav.services.planner.core.stages.stage import RETRY
+from surveilnav.services.planner.core.state import FloorMemory
 
 #: A hall with a side room; ``C`` a thing in it. The stair's end is at (6.1, 0.9).
 FLOOR = """

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from services.planner.core import MissionState, PlannerConfig, step
-from services.planner.core.context import StepContext
-from services.planner.core.goals.frontier_choice import best_frontier
-from services.planner.core.goals.passed_over import passed_over
-from services.planner.core.memory import blacklist, drop
-from services.planner.core.motion.drive import FmmPlanner
 from surveilnav.messages import Candidate
+from surveilnav.services.planner.core import MissionState, PlannerConfig, step
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
+from surveilnav.services.planner.core.goals.passed_over import passed_over
+from surveilnav.services.planner.core.memory import blacklist, drop
+from surveilnav.services.planner.core.motion.drive import FmmPlanner
 
 CONFIG = PlannerConfig()
 HALL = """

@@ -11,26 +11,26 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
-from services.planner.core.context import StepContext
-from services.planner.core.goals import goal_region as regions
-from services.planner.core.goals import objects
-from services.planner.core.goals.frontier_choice import best_frontier
-from services.planner.core.goals.frontiers import Frontier, find_frontiers, rank, worth_exploiting
-from services.planner.core.goals.goal_region import footprint, goal_region
-from services.planner.core.goals.object_choice import likeliest_last_resort, promising_object
-from services.planner.core.goals.objects import candidates, chance, promising
-from services.planner.core.goals.verification import good_enough, verify
-from services.planner.core.memory import accept_last_resort, blacklist, commit, is_blacklisted, wake_all
-from services.planner.core.motion.drive import Route
-from services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
-from services.planner.core.pursuit.approach import _name, approach
-from services.planner.core.pursuit.follow import follow
-from services.planner.core.stages import objects as object_stages
-from services.planner.core.stages.promising_candidate import promising_candidate
-from services.planner.core.state import CurrentWaypoint, FloorGoal
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate
+from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals import goal_region as regions
+from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
+from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers, rank, worth_exploiting
+from surveilnav.services.planner.core.goals.goal_region import footprint, goal_region
+from surveilnav.services.planner.core.goals.object_choice import likeliest_last_resort, promising_object
+from surveilnav.services.planner.core.goals.objects import candidates, chance, promising
+from surveilnav.services.planner.core.goals.verification import good_enough, verify
+from surveilnav.services.planner.core.memory import accept_last_resort, blacklist, commit, is_blacklisted, wake_all
+from surveilnav.services.planner.core.motion.drive import Route
+from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
+from surveilnav.services.planner.core.pursuit.approach import _name, approach
+from surveilnav.services.planner.core.pursuit.follow import follow
+from surveilnav.services.planner.core.stages import objects as object_stages
+from surveilnav.services.planner.core.stages.promising_candidate import promising_candidate
+from surveilnav.services.planner.core.state import CurrentWaypoint, FloorGoal
 
 CONFIG = PlannerConfig()
 HALL = """
@@ -539,9 +539,12 @@ def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
     ("facts", "said"),
     [
         ({"label": "tv", "confidence": 0.45}, "tv 15 (confidence 0.45)"),
-        ({"label": "tv stand", "confidence": 0.45, "label_scores": {"tv stand": 0.45, "tv": 0.41}}, "tv stand 15 (tv by 0.41)"),
+        (
+            {"label": "tv stand", "confidence": 0.45, "label_scores": {"tv stand": 0.45, "tv": 0.41}},
+            "tv stand 15 (tv by 0.41)",
+        ),
     ],
-)  # fmt: skip
+)
 def test_an_object_of_another_name_is_said_with_the_chance_that_sends_the_robot_there(make_record, facts, said):
     context = SimpleNamespace(state=SimpleNamespace(target="tv"))
     assert _name(context, make_record(id=15, **facts)) == said

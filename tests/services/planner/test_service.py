@@ -15,10 +15,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.planner import targets
-from services.planner.config import PlannerSettings
-from services.planner.service import PlannerService
-from services.planner.store import Store
 from surveilnav.bus import Answer, Refused, Unanswered
 from surveilnav.contract import (
     CAMERA_SUMMARY,
@@ -34,7 +30,7 @@ from surveilnav.contract import (
     PERCEPTION_TEXT,
     ROBOT_COMMAND,
     ROBOT_STATUS,
-)  # fmt: skip
+)
 from surveilnav.geometry import Pose, base_pose
 from surveilnav.messages import (
     FINISHED_STATES,
@@ -51,8 +47,12 @@ from surveilnav.messages import (
     Stair,
     TextReply,
     WorkerLoad,
-)  # fmt: skip
+)
 from surveilnav.sensing.packing import pack_array
+from surveilnav.services.planner import targets
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.service import PlannerService
+from surveilnav.services.planner.store import Store
 from tests.waiting import patient, until, until_heard
 
 ROOM = """
@@ -101,10 +101,19 @@ class Fakes:
     def status(self):
         pose = Pose.from_matrix(base_pose((self.world.x, self.world.y, 0.0), self.world.yaw))
         return RobotStatus(
-            stamp_ns=1, robot=self.id, floor=self.floor, seq=self.world.seq, state=self.state, T_world_base=pose,
-            pitch_rad=self.world.pitch, stairs=self.stairs, mission=self.mission, collided=self.world.collided,
-            last_action=self.last_action, path_m=self.path_m(),
-        )  # fmt: skip
+            stamp_ns=1,
+            robot=self.id,
+            floor=self.floor,
+            seq=self.world.seq,
+            state=self.state,
+            T_world_base=pose,
+            pitch_rad=self.world.pitch,
+            stairs=self.stairs,
+            mission=self.mission,
+            collided=self.world.collided,
+            last_action=self.last_action,
+            path_m=self.path_m(),
+        )
 
     def path_m(self):
         """Of this mission: on all floors, and over stairs."""
@@ -118,9 +127,14 @@ class Fakes:
     def revision(self, floor):
         held = {self.id: self.world.seq} if self.answers and floor == self.floor else {}
         return Revision(
-            stamp_ns=time.time_ns(), floor=floor, revision=self.worlds[floor].seq, floor_z_m=0.0, robots=held, cameras=[],
+            stamp_ns=time.time_ns(),
+            floor=floor,
+            revision=self.worlds[floor].seq,
+            floor_z_m=0.0,
+            robots=held,
+            cameras=[],
             pending_views=self.pending,
-        )  # fmt: skip
+        )
 
     def command(self, request):
         command = request.message
@@ -171,9 +185,14 @@ class Fakes:
         array = getattr(maps, layer)
         assert (request.parameters.get("target") == "chair") == (layer == "value")
         header = LayerHeader(
-            stamp_ns=1, floor=request.ids["floor"], layer=layer, revision=maps.revision, grid=maps.grid,
-            dtype="float32" if layer == "value" else "uint8", shape=array.shape,
-        )  # fmt: skip
+            stamp_ns=1,
+            floor=request.ids["floor"],
+            layer=layer,
+            revision=maps.revision,
+            grid=maps.grid,
+            dtype="float32" if layer == "value" else "uint8",
+            shape=array.shape,
+        )
         return Answer(header, pack_array(np.asarray(array)))
 
     def objects(self, request):
@@ -295,9 +314,15 @@ def test_a_target_is_what_some_worker_understands(fakes, planner, make_node, cli
             return Answer(TextReply(stamp_ns=1, worker="w", backend="b", embeddings=[b""]))
 
         load = WorkerLoad(
-            stamp_ns=1, worker=name, backend="b", why="", queued=0, capacity=1, latency_ms=1.0,
+            stamp_ns=1,
+            worker=name,
+            backend="b",
+            why="",
+            queued=0,
+            capacity=1,
+            latency_ms=1.0,
             models=ModelIds(detector=name),
-        )  # fmt: skip
+        )
         worker = make_node("perception", name)
         worker.serve(PERCEPTION_TEXT, answer, worker=name)
         worker.serve(PERCEPTION_LOAD, lambda _, load=load: Answer(load), worker=name)
@@ -328,9 +353,16 @@ def test_a_target_has_the_name_that_perception_has_for_it(
     for name, (is_open, said) in words.items():
         reply = TextReply(stamp_ns=1, worker=name, backend="b", embeddings=[b""], words=said)
         load = WorkerLoad(
-            stamp_ns=1, worker=name, backend="b", why="", queued=0, capacity=1, latency_ms=1.0,
-            models=ModelIds(detector=name), open_vocabulary=is_open,
-        )  # fmt: skip
+            stamp_ns=1,
+            worker=name,
+            backend="b",
+            why="",
+            queued=0,
+            capacity=1,
+            latency_ms=1.0,
+            models=ModelIds(detector=name),
+            open_vocabulary=is_open,
+        )
         worker = make_node("perception", name)
         worker.serve(PERCEPTION_TEXT, lambda _, reply=reply: Answer(reply), worker=name)
         worker.serve(PERCEPTION_LOAD, lambda _, load=load: Answer(load), worker=name)
@@ -690,10 +722,13 @@ def test_over_the_stairs_to_where_the_cameras_saw_it(two_floors, planner, client
     status = end_of(client)
     assert (status.state, status.found, status.floor) == ("done", True, "1"), status
     assert f.commands.count("take_stairs") == 1
-    sizes = [len(msgspec.msgpack.encode(m)) for m in (
-        CameraSummary(stamp_ns=1, camera="c0-1", floor="0", labels={"bed": 0.9}),
-        CameraSummary(stamp_ns=1, camera="c1-1", floor="1", labels={"chair": 0.8, "tv": 0.3}),
-    )]  # fmt: skip
+    sizes = [
+        len(msgspec.msgpack.encode(m))
+        for m in (
+            CameraSummary(stamp_ns=1, camera="c0-1", floor="0", labels={"bed": 0.9}),
+            CameraSummary(stamp_ns=1, camera="c1-1", floor="1", labels={"chair": 0.8, "tv": 0.3}),
+        )
+    ]
     keys = len(client.key(CAMERA_SUMMARY, floor="0", camera="c0-1")) * 2
     assert status.floor_choice_bytes == sum(sizes) + keys
     walked_m = f.worlds["0"].path_m + f.worlds["1"].path_m
@@ -727,9 +762,11 @@ def test_a_stair_refused_for_ever_ends_in_a_named_failure(two_floors, planner, c
 
 def test_stairs_that_cannot_be_are_dropped(two_floors, planner, client):
     mad = [
-        msgspec.structs.replace(STAIRS[0], length_m=math.nan), msgspec.structs.replace(STAIRS[0], at_m=(0.0, math.inf, 0.0)),
-        msgspec.structs.replace(STAIRS[0], to_floor="0"), msgspec.structs.replace(STAIRS[0], length_m=-1.0),
-    ]  # fmt: skip
+        msgspec.structs.replace(STAIRS[0], length_m=math.nan),
+        msgspec.structs.replace(STAIRS[0], at_m=(0.0, math.inf, 0.0)),
+        msgspec.structs.replace(STAIRS[0], to_floor="0"),
+        msgspec.structs.replace(STAIRS[0], length_m=-1.0),
+    ]
     f = two_floors(stairs=mad)
     service = planner()
     submit(client)
@@ -776,7 +813,7 @@ def test_a_floor_is_what_its_cameras_last_said(planner, cameras, monkeypatch):
     time.sleep(0.2)
     assert summaries.by_floor() == {"0": {"tv": 0.5, "bed": 0.1}, "1": {}}
     assert set(summaries.received_bytes()) == {"0", "1"}
-    monkeypatch.setattr("services.planner.summaries._MAX_AGE_S", 0.0)
+    monkeypatch.setattr("surveilnav.services.planner.summaries._MAX_AGE_S", 0.0)
     assert summaries.by_floor() == {}, "what is stale is no evidence"
 
 
@@ -801,12 +838,15 @@ def process(bus, tmp_path):
     @contextmanager
     def running(**more):
         variables = {
-            "SURVEILNAV_BUS__ROUTER": bus.router, "SURVEILNAV_BUS__BUILDING": bus.building,
-            "SURVEILNAV_PLANNER__STORE": str(tmp_path / "planner.sqlite"), "SURVEILNAV_PLANNER__ROBOT_TIMEOUT_S": "5",
-            "SURVEILNAV_PLANNER__MAPS_TIMEOUT_S": "5", **more,
-        }  # fmt: skip
+            "SURVEILNAV_BUS__ROUTER": bus.router,
+            "SURVEILNAV_BUS__BUILDING": bus.building,
+            "SURVEILNAV_PLANNER__STORE": str(tmp_path / "planner.sqlite"),
+            "SURVEILNAV_PLANNER__ROBOT_TIMEOUT_S": "5",
+            "SURVEILNAV_PLANNER__MAPS_TIMEOUT_S": "5",
+            **more,
+        }
         with (tmp_path / "planner.log").open("ab") as log:
-            command = [sys.executable, "-m", "services.planner"]
+            command = [sys.executable, "-m", "surveilnav.services.planner"]
             child = subprocess.Popen(command, env=os.environ | variables, stdout=log, stderr=log)
         try:
             yield child

@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.planner.core import MissionState, PlannerConfig, step
-from services.planner.core.stages import rounds
-from services.planner.core.stages.stage import RETRY
+from surveilnav.services.planner.core import MissionState, PlannerConfig, step
+from surveilnav.services.planner.core.stages import rounds
+from surveilnav.services.planner.core.stages.stage import RETRY
 
 #: Two rooms, joined by a door of 0.75 m.
 TWO_ROOMS = """

@@ -11,29 +11,48 @@ import msgspec
 import pytest
 from structlog.testing import capture_logs
 
-from services.planner.core import MissionState
-from services.planner.store import VERSION, Pending, SavedMission, Store, StoreError
 from surveilnav.messages import Candidate, MissionStatus, Plan
+from surveilnav.services.planner.core import MissionState
+from surveilnav.services.planner.store import VERSION, Pending, SavedMission, Store, StoreError
 
 
 def saved(id="m1", **more):
     status = MissionStatus(
-        stamp_ns=1, mission=id, target="chair", robot="r1", state="active", phase="exploring", step=7, max_steps=500,
-        path_m=1.25, started_ns=1,
-    )  # fmt: skip
+        stamp_ns=1,
+        mission=id,
+        target="chair",
+        robot="r1",
+        state="active",
+        phase="exploring",
+        step=7,
+        max_steps=500,
+        path_m=1.25,
+        started_ns=1,
+    )
     return SavedMission(status=status, **more)
 
 
 def full(id="m1"):
     waypoint = Candidate("stairs", 1.0, 2.0, 0.5, True)
     return saved(
-        id, robot_path_m=1.0, cancel="enough", memory=MissionState("chair").to_json().decode(),
+        id,
+        robot_path_m=1.0,
+        cancel="enough",
+        memory=MissionState("chair").to_json().decode(),
         pending=Pending(seq=41, action="take_stairs", to_floor="1"),
         plan=Plan(
-            stamp_ns=1, mission=id, robot="r1", floor="0", step=7, seq=41, action="take_stairs", waypoint=waypoint,
-            path_m=[(1.0, 2.0)], candidates=[waypoint],
+            stamp_ns=1,
+            mission=id,
+            robot="r1",
+            floor="0",
+            step=7,
+            seq=41,
+            action="take_stairs",
+            waypoint=waypoint,
+            path_m=[(1.0, 2.0)],
+            candidates=[waypoint],
         ),
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture
@@ -79,7 +98,7 @@ def test_what_was_saved_survives_kill_9(open_store, tmp_path):
     code = f"""
 from types import SimpleNamespace
 import msgspec, structlog
-from services.planner.store import SavedMission, Store
+from surveilnav.services.planner.store import SavedMission, Store
 from surveilnav.messages import MissionStatus
 store, k = Store({str(path)!r}, SimpleNamespace(log=structlog.get_logger())), 0
 while True:
@@ -132,8 +151,9 @@ def newer(path):
 
 
 @pytest.mark.parametrize(
-    ("damage", "name"), [(text, "store_corrupt"), (torn, "store_corrupt"), (scribbled, "store_corrupt"), (newer, "store_version")]
-)  # fmt: skip
+    ("damage", "name"),
+    [(text, "store_corrupt"), (torn, "store_corrupt"), (scribbled, "store_corrupt"), (newer, "store_version")],
+)
 def test_a_store_that_cannot_be_read_is_named_set_aside_and_begun_anew(open_store, tmp_path, damage, name):
     path = tmp_path / "planner.sqlite"
     store = open_store(path)

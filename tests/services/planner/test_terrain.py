@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView
-from services.planner.core.motion.drive import FmmPlanner, descend, next_action
-from services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m, travel_time_m
 from surveilnav.geometry import Grid
+from surveilnav.services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView
+from surveilnav.services.planner.core.motion.drive import FmmPlanner, descend, next_action
+from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m, travel_time_m
 
 CONFIG = PlannerConfig()
 

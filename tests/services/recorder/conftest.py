@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 import structlog
 
-from services.recorder.config import RecorderSettings
-from services.recorder.core.drawer import Heard
 from surveilnav import messages as m
 from surveilnav.contract import ROBOT_STATUS, VIEW_LOG
 from surveilnav.geometry import Pinhole, Pose, base_pose, camera_pose
 from surveilnav.sensing.packing import encode_rgbd
+from surveilnav.services.recorder.config import RecorderSettings
+from surveilnav.services.recorder.core.drawer import Heard
 
 CAMERA = Pinhole.from_hfov(32, 24, 1.4)
 
@@ -35,18 +35,30 @@ def logged(number: int, source: str = "robot/r1") -> tuple[m.LoggedView, bytes]:
     """A view as fusion tells of it, and its picture."""
     payload, image, depth = picture(number)
     common: dict[str, Any] = {
-        "stamp_ns": 10**9 * number, "source": source, "view": 0, "seq": number, "floor": "0", "camera": CAMERA,
-        "T_world_camera": Pose.from_matrix(camera_pose((1.0, 2.0, 0.88), 0.3, -0.2)), "mounting_offset_m": 0.88,
-        "depth_range_m": (0.1, 10.0), "image": image, "depth": depth,
-    }  # fmt: skip
+        "stamp_ns": 10**9 * number,
+        "source": source,
+        "view": 0,
+        "seq": number,
+        "floor": "0",
+        "camera": CAMERA,
+        "T_world_camera": Pose.from_matrix(camera_pose((1.0, 2.0, 0.88), 0.3, -0.2)),
+        "mounting_offset_m": 0.88,
+        "depth_range_m": (0.1, 10.0),
+        "image": image,
+        "depth": depth,
+    }
     if source.startswith("robot/"):
         header: m.FrameHeader = m.Observation(T_world_base=Pose.from_matrix(base_pose((1.0, 2.0, 0.0), 0.3)), **common)
     else:
         header = m.FrameHeader(**common)
     view = m.LoggedView(
-        stamp_ns=10**9 * number, number=number, newest=number, source=source, header=msgspec.msgpack.encode(header),
+        stamp_ns=10**9 * number,
+        number=number,
+        newest=number,
+        source=source,
+        header=msgspec.msgpack.encode(header),
         digest=bytes([number % 256]) * 16,
-    )  # fmt: skip
+    )
     return view, payload
 
 
@@ -58,9 +70,14 @@ def heard_view(number: int, source: str = "robot/r1") -> Heard:
 def heard_status(seq: int = 1, message: str = "") -> Heard:
     """A small message."""
     status = m.RobotStatus(
-        stamp_ns=10**9 * seq, robot="r1", floor="0", seq=seq, state="ready", message=message,
+        stamp_ns=10**9 * seq,
+        robot="r1",
+        floor="0",
+        seq=seq,
+        state="ready",
+        message=message,
         T_world_base=Pose.from_matrix(base_pose((1.0, 2.0, 0.0), 0.3)),
-    )  # fmt: skip
+    )
     return Heard(ROBOT_STATUS, ROBOT_STATUS.key_for(building="b", robot="r1"), status, b"", 10**9 * seq + 7)
 
 

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Attachment, Message, Metadata
 
-from services.recorder import file as file_module
-from services.recorder.core.drawer import Drawer
-from services.recorder.file import RecordingFile
-from services.recorder.folder import is_open
-from services.recorder.reading import RecordingError, cameras_in_whole, records, target_of
+from surveilnav.services.recorder import file as file_module
+from surveilnav.services.recorder.core.drawer import Drawer
+from surveilnav.services.recorder.file import RecordingFile
+from surveilnav.services.recorder.folder import is_open
+from surveilnav.services.recorder.reading import RecordingError, cameras_in_whole, records, target_of
 
 MAPS = os.urandom(50_000)
 
@@ -52,9 +52,13 @@ def test_an_mcap_reader_has_all_of_it(tmp_path, tools):
         summary = reader.get_summary()
         topics = {channel.topic for channel in summary.channels.values()}
         assert topics == {
-            "surveilnav/1/b/view_log", "surveilnav/1/b/robot/r1/status", "/tf", "/robot/r1/picture", "/robot/r1/calibration",
+            "surveilnav/1/b/view_log",
+            "surveilnav/1/b/robot/r1/status",
+            "/tf",
+            "/robot/r1/picture",
+            "/robot/r1/calibration",
             "/robot/r1/pose",
-        }  # fmt: skip
+        }
         assert {s.encoding for s in summary.schemas.values()} == {"protobuf", "jsonschema"}
         assert len(list(reader.iter_messages())) == 30 * 6 == summary.statistics.message_count
         (attachment,) = reader.iter_attachments()
@@ -95,8 +99,8 @@ _WRITER = """
 import sys, time
 from pathlib import Path
 sys.path.insert(0, {root!r})
-from services.recorder.core.line import Line, Schema
-from services.recorder.file import RecordingFile
+from surveilnav.services.recorder.core.line import Line, Schema
+from surveilnav.services.recorder.file import RecordingFile
 file = RecordingFile(Path({path!r}))
 file.note("mission", {{"target": "tv"}})
 for i in range(10**9):

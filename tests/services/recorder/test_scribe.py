@@ -10,14 +10,14 @@ import time
 import pytest
 from mcap.records import Message
 
-from services.recorder import scribe as scribe_module
-from services.recorder.core.limits import Limits
-from services.recorder.core.names import recording_id
-from services.recorder.file import RecordingFile
-from services.recorder.folder import Folder
-from services.recorder.reading import records
-from services.recorder.scribe import Scribe
 from surveilnav.bus import Refused
+from surveilnav.services.recorder import scribe as scribe_module
+from surveilnav.services.recorder.core.limits import Limits
+from surveilnav.services.recorder.core.names import recording_id
+from surveilnav.services.recorder.file import RecordingFile
+from surveilnav.services.recorder.folder import Folder
+from surveilnav.services.recorder.reading import records
+from surveilnav.services.recorder.scribe import Scribe
 
 ID, OTHER = recording_id(10**18, "m1"), recording_id(10**18 + 10**9, "m2")
 
@@ -115,7 +115,7 @@ def test_a_disk_that_fills_ends_the_recording_says_it_once_and_the_next_one_work
             raise OSError(errno.ENOSPC, "No space left on device")
         return real(fd, data)
 
-    monkeypatch.setattr("services.recorder.file.os.write", refuse)
+    monkeypatch.setattr("surveilnav.services.recorder.file.os.write", refuse)
     node, scribe = scribes(tools, tmp_path, flush_s=0.02)
     scribe.begin(ID, {})
     for i in range(1, 4):

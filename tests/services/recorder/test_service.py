@@ -7,15 +7,15 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
-from services.recorder.file import RecordingFile
-from services.recorder.recorded import Begin, End, Heard, Maps, told
-from services.recorder.service import RecorderService
 from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Answer, BusSettings, Node, Refused, Request, clock_ns
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import VIEW_LOG
 from surveilnav.messages import MissionStatus
+from surveilnav.services.recorder.file import RecordingFile
+from surveilnav.services.recorder.recorded import Begin, End, Heard, Maps, told
+from surveilnav.services.recorder.service import RecorderService
 
 
 class Fakes:
@@ -70,17 +70,31 @@ class Fakes:
     def put_revision(self) -> None:
         self.revision.put(
             m.Revision(
-                stamp_ns=clock_ns(), floor="0", revision=len(self.log), floor_z_m=0.0, robots={}, cameras=[], pending_views=0
+                stamp_ns=clock_ns(),
+                floor="0",
+                revision=len(self.log),
+                floor_z_m=0.0,
+                robots={},
+                cameras=[],
+                pending_views=0,
             )
-        )  # fmt: skip
+        )
 
     def put_status(self, mission: str, state: str, step: int = 0) -> None:
         if mission not in self.statuses:
             self.statuses[mission] = self.planner.publisher(contract.MISSION_STATUS, mission=mission)
         status = MissionStatus(
-            stamp_ns=clock_ns(), mission=mission, target="tv", robot="r1", state=state, phase="exploring", step=step,
-            max_steps=9, path_m=1.0, started_ns=1,
-        )  # fmt: skip
+            stamp_ns=clock_ns(),
+            mission=mission,
+            target="tv",
+            robot="r1",
+            state=state,
+            phase="exploring",
+            step=step,
+            max_steps=9,
+            path_m=1.0,
+            started_ns=1,
+        )
         self.statuses[mission].put(status)
 
 

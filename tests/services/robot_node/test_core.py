@@ -8,7 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.robot_node.core import (
+from surveilnav.geometry import yaw_of
+from surveilnav.messages import ACTIONS
+from surveilnav.robot_body import STEP_M
+from surveilnav.services.robot_node.core import (
     CAMERA,
     Halted,
     RobotState,
@@ -20,11 +23,8 @@ from services.robot_node.core import (
     stairs_of,
     state_name,
 )
-from simulator.world.geodesic import first_blocked
-from simulator.world.navigation import Transit
-from surveilnav.geometry import yaw_of
-from surveilnav.messages import ACTIONS
-from surveilnav.robot_body import STEP_M
+from surveilnav.simulator.world.geodesic import first_blocked
+from surveilnav.simulator.world.navigation import Transit
 
 STAIR = Transit("0", "1", (2.0, 2.0, 0.0), (4.0, 4.0, 2.7), 3.1)
 
@@ -105,9 +105,11 @@ def test_a_move_ends_at_the_contact_and_does_not_slide() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(
-    st.floats(0.1, 4.9), st.floats(0.1, 9.9), st.floats(-math.pi, math.pi),
+    st.floats(0.1, 4.9),
+    st.floats(0.1, 9.9),
+    st.floats(-math.pi, math.pi),
     st.lists(st.sampled_from(["move_forward", "move_forward", "turn_left", "turn_right"]), max_size=40),
-)  # fmt: skip
+)
 def test_it_never_leaves_the_free_cells_and_path_is_the_sum_of_displacements(x, y, yaw, actions) -> None:
     state, walked = RobotState(x, y, 0.0, "0", yaw), 0.0
     for n, action in enumerate(actions, start=1):

@@ -10,11 +10,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.robot_node.bodies.body import Look
-from services.robot_node.config import RobotSettings
-from services.robot_node.core import Halted, RobotState, camera_pose_of
-from services.robot_node.halting import Halting
-from services.robot_node.service import RobotService
 from surveilnav.bus import Answer, Refused, clock_ns
 from surveilnav.contract import (
     JUDGED,
@@ -30,6 +25,11 @@ from surveilnav.messages import Command, Halt, MissionStatus, RobotStatus, Stair
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
+from surveilnav.services.robot_node.bodies.body import Look
+from surveilnav.services.robot_node.config import RobotSettings
+from surveilnav.services.robot_node.core import Halted, RobotState, camera_pose_of
+from surveilnav.services.robot_node.halting import Halting
+from surveilnav.services.robot_node.service import RobotService
 from tests.waiting import patient, until, until_heard
 
 STAIR = Stair(floor="0", to_floor="1", at_m=(0.0, 0.0, 0.0), to_m=(1.0, 1.0, 2.7), length_m=3.0)
@@ -55,9 +55,14 @@ class Body:
         s = self.state
         x_m = min(0.4, s.x_m + 0.25) if action == "move_forward" else s.x_m
         self.state = dataclasses.replace(
-            s, seq=s.seq + 1, x_m=x_m, path_m=s.path_m + x_m - s.x_m, last_action=action, stopped=action == "stop",
+            s,
+            seq=s.seq + 1,
+            x_m=x_m,
+            path_m=s.path_m + x_m - s.x_m,
+            last_action=action,
+            stopped=action == "stop",
             collided=action == "move_forward" and x_m - s.x_m < 0.25,
-        )  # fmt: skip
+        )
 
     def halt(self):
         self.halts += 1
@@ -124,7 +129,7 @@ def planner_of(make_node, target):
     planner = make_node("planner", "p1")
     status = MissionStatus(
         stamp_ns=1, mission="m1", target=target, robot="r1", state="active", phase="", step=1, max_steps=9, path_m=0.0
-    )  # fmt: skip
+    )
     planner.serve(MISSION_STATUS, lambda _: Answer(status), mission="m1")
     return planner
 

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 import pytest
 import zenoh
 
-from services.fusion.core import FusionConfig
 from surveilnav.bus import Answer, BusSettings, Node, Refused, connection
 from surveilnav.bus.connection import CONGESTION, PRIORITY, encoding_of
 from surveilnav.bus.router import free_port
@@ -23,6 +22,7 @@ from surveilnav.contract import MAP_LAYER, ROBOT_STATUS, STREAMS, TRUTH
 from surveilnav.errors import BusError
 from surveilnav.geometry import Grid
 from surveilnav.messages import LayerHeader, Truth
+from surveilnav.services.fusion.core import FusionConfig
 from tests.waiting import until, until_heard
 
 #: Takes frames through small buffers, says so, and waits to be stopped.
@@ -146,9 +146,13 @@ def test_the_largest_message_passes_the_router_and_a_larger_one_of_a_stranger_do
     until(lambda: came)
     for seq, n_bytes in ((1, MAX_MESSAGE_BYTES + 2**17), (2, 5)):
         stranger.put(
-            publisher.key, bytes(n_bytes), attachment=encode(truth(seq)), encoding=encoding_of(Truth),
-            congestion_control=zenoh.CongestionControl.BLOCK, priority=zenoh.Priority.DATA_LOW,
-        )  # fmt: skip
+            publisher.key,
+            bytes(n_bytes),
+            attachment=encode(truth(seq)),
+            encoding=encoding_of(Truth),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.DATA_LOW,
+        )
     until(lambda: len(came) > 1)
     assert came == [(0, most), (2, 5)]
 
@@ -163,8 +167,15 @@ def test_every_message_of_a_full_map_is_small_enough():
 def test_only_what_is_put_or_asked_for_again_may_be_left_out():
     left_out = {s.name for s in STREAMS if s.when_full == "leave out"}
     assert left_out == {
-        "camera_frame", "robot_observation", "truth", "map_layer", "view_picture", "view_log", "map_snapshot", "recording_read",
-    }  # fmt: skip
+        "camera_frame",
+        "robot_observation",
+        "truth",
+        "map_layer",
+        "view_picture",
+        "view_log",
+        "map_snapshot",
+        "recording_read",
+    }
     questions = [s for s in STREAMS if s.when_full == "leave out" and s.kind != "put"]
     assert all(not s.asked_of_all for s in questions), (
         "one lost answer of many isn't missed, and so not asked for again"

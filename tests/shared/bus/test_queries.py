@@ -179,9 +179,14 @@ def test_a_question_to_another_stream_is_passed_over(make_node):
     def tell(request):
         asked.append(request)
         info = CameraInfo(
-            stamp_ns=1, camera="c0", floor="0", intrinsics=Pinhole.from_hfov(8, 8, 1.0), position_m=(0.0, 0.0, 1.0), views=[],
+            stamp_ns=1,
+            camera="c0",
+            floor="0",
+            intrinsics=Pinhole.from_hfov(8, 8, 1.0),
+            position_m=(0.0, 0.0, 1.0),
+            views=[],
             mounting_offset_m=1.0,
-        )  # fmt: skip
+        )
         return [Answer(info, ids={"floor": "0", "camera": "c0"})]
 
     server.serve(CAMERA_INFO, tell)

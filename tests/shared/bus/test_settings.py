@@ -14,10 +14,24 @@ from surveilnav.bus.settings import host_and_port
 from surveilnav.errors import BusError
 
 MISTAKEN_ENDPOINTS = [
-    "", "7447", "127.0.0.1:7447", "tcp/127.0.0.1", "tcp/:7447", "tcp/127.0.0.1:0", "tcp/127.0.0.1:65536", "tcp/127.0.0.1:99999",
-    "tcp/127.0.0.1:-1", "tcp/::1:7447", "tcp/[::1:7447", "tcp/[x]:7447", "tcp/a b:7447", "tcp/a:7447?prio=1", "tcp/a:7447\n",
-    "udp/127.0.0.1:7447", "tcp/a:٧٤٤٧",
-]  # fmt: skip
+    "",
+    "7447",
+    "127.0.0.1:7447",
+    "tcp/127.0.0.1",
+    "tcp/:7447",
+    "tcp/127.0.0.1:0",
+    "tcp/127.0.0.1:65536",
+    "tcp/127.0.0.1:99999",
+    "tcp/127.0.0.1:-1",
+    "tcp/::1:7447",
+    "tcp/[::1:7447",
+    "tcp/[x]:7447",
+    "tcp/a b:7447",
+    "tcp/a:7447?prio=1",
+    "tcp/a:7447\n",
+    "udp/127.0.0.1:7447",
+    "tcp/a:٧٤٤٧",
+]
 
 
 @pytest.mark.parametrize(
@@ -47,10 +61,17 @@ def test_a_router_listens_at_an_ipv6_address():
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
-        ("connect_timeout_s", -2), ("connect_timeout_s", -0.5), ("connect_timeout_s", 1e9), ("connect_timeout_s", "nan"),
-        ("connect_timeout_s", "inf"), ("lease_ms", 0), ("lease_ms", -5), ("lease_ms", 199), ("lease_ms", 2**40),
+        ("connect_timeout_s", -2),
+        ("connect_timeout_s", -0.5),
+        ("connect_timeout_s", 1e9),
+        ("connect_timeout_s", "nan"),
+        ("connect_timeout_s", "inf"),
+        ("lease_ms", 0),
+        ("lease_ms", -5),
+        ("lease_ms", 199),
+        ("lease_ms", 2**40),
     ],
-)  # fmt: skip
+)
 def test_times_have_bounds(setting, value):
     with pytest.raises(ValidationError) as caught:
         BusSettings(**{setting: value})

@@ -16,9 +16,15 @@ from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import Detected, ViewPerception
 
 TABLE = ChanceTable(
-    source="a test", even=-1.0, slope=1.2, size=0.5, size_squared=-0.1, range=-0.4, camera=-0.3,
+    source="a test",
+    even=-1.0,
+    slope=1.2,
+    size=0.5,
+    size_squared=-0.1,
+    range=-0.4,
+    camera=-0.3,
     by_class={"bed": ClassTerms(even=-1.0, slope=-0.2, n=50), "odd": ClassTerms(0.0, -9.0, 1)},
-)  # fmt: skip
+)
 share = st.floats(0, 1)
 
 

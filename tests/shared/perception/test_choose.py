@@ -7,12 +7,12 @@ from pathlib import Path
 import httpx
 import pytest
 
-from simulator.truth.backends import Simulated
-from simulator.truth.choose import BACKENDS, choose_backend
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import choose
 from surveilnav.perception.models import transfer
 from surveilnav.perception.names import BackendName
+from surveilnav.simulator.truth.backends import Simulated
+from surveilnav.simulator.truth.choose import BACKENDS, choose_backend
 from tests.compact_file import write
 
 

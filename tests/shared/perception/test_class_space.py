@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.furniture.labels import TARGETS
 from surveilnav.errors import TargetError
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.vocabulary import COCO, DATA
+from surveilnav.simulator.furniture.labels import TARGETS
 
 
 def seen(**classes: float) -> list[np.ndarray]:
@@ -45,9 +45,12 @@ def test_cosine_of_objects_is_the_bhattacharyya_coefficient(seed: int) -> None:
 
 def test_all_embeddings_are_unit_vectors_of_one_space() -> None:
     vectors = [
-        class_space.embed_object(np.zeros(80)), class_space.embed_object(seen(bed=0.3)[0]), class_space.embed_image([]),
-        class_space.embed_image(seen(bed=1.0, tv=0.2)), *class_space.embed_texts(list(COCO)),
-    ]  # fmt: skip
+        class_space.embed_object(np.zeros(80)),
+        class_space.embed_object(seen(bed=0.3)[0]),
+        class_space.embed_image([]),
+        class_space.embed_image(seen(bed=1.0, tv=0.2)),
+        *class_space.embed_texts(list(COCO)),
+    ]
     for vector in vectors:
         assert vector.shape == (class_space.DIM,)
         assert vector.dtype == np.float32
@@ -82,10 +85,13 @@ def test_surer_sight_of_the_target_is_worth_more() -> None:
 @pytest.mark.parametrize(
     ("text", "name"),
     [
-        ("seems like there is a tv", "tv"), ("Seems like there is an oven.", "oven"), ("sofa", "couch"),
-        ("it seems like there is a potted plant", "potted plant"), ("Television", "tv"),
+        ("seems like there is a tv", "tv"),
+        ("Seems like there is an oven.", "oven"),
+        ("sofa", "couch"),
+        ("it seems like there is a potted plant", "potted plant"),
+        ("Television", "tv"),
     ],
-)  # fmt: skip
+)
 def test_texts_name_classes(text: str, name: str) -> None:
     assert class_space.class_named(text) == name
 

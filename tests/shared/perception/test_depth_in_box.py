@@ -38,9 +38,11 @@ def box_around(pixels: np.ndarray, margin: int = 4) -> tuple[float, float, float
     rows, cols = np.flatnonzero(pixels.any(axis=1)), np.flatnonzero(pixels.any(axis=0))
     height, width = pixels.shape
     return (
-        float(max(0, cols[0] - margin)), float(max(0, rows[0] - margin)),
-        float(min(width, cols[-1] + 1 + margin)), float(min(height, rows[-1] + 1 + margin)),
-    )  # fmt: skip
+        float(max(0, cols[0] - margin)),
+        float(max(0, rows[0] - margin)),
+        float(min(width, cols[-1] + 1 + margin)),
+        float(min(height, rows[-1] + 1 + margin)),
+    )
 
 
 @pytest.mark.parametrize("pitch_deg", [0, -15, -30])

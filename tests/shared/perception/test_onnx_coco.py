@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-from simulator.truth.choose import choose_backend
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.boxes import Boxes
@@ -20,6 +19,7 @@ from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.perception.sizes import extents_of
 from surveilnav.perception.vocabulary import COCO
+from surveilnav.simulator.truth.choose import choose_backend
 
 needs_models = pytest.mark.skipif(
     not os.environ.get("SURVEILNAV_MODELS_DIR"), reason="SURVEILNAV_MODELS_DIR names no directory with detector weights"

@@ -33,21 +33,30 @@ def frame(**changes: object) -> tuple[FrameHeader, bytes]:
     depth = np.random.default_rng(1).uniform(0.6, 4.9, (48, 64)).astype(np.float32)
     payload, image, depth_part = packing.encode_rgbd(picture(), depth, depth_range_m=RANGE_M)
     header = FrameHeader(
-        stamp_ns=1, source="camera/c1", view=3, seq=7, floor="0",
-        T_world_camera=Pose.from_matrix(camera_pose((1, 2, 1.8), 0.3, -0.5)), camera=CAMERA, mounting_offset_m=1.8,
-        depth_range_m=RANGE_M, image=image, depth=depth_part,
-    )  # fmt: skip
+        stamp_ns=1,
+        source="camera/c1",
+        view=3,
+        seq=7,
+        floor="0",
+        T_world_camera=Pose.from_matrix(camera_pose((1, 2, 1.8), 0.3, -0.5)),
+        camera=CAMERA,
+        mounting_offset_m=1.8,
+        depth_range_m=RANGE_M,
+        image=image,
+        depth=depth_part,
+    )
     return msgspec.structs.replace(header, **changes), payload
 
 
 @settings(max_examples=60, deadline=None)
 @given(
     hnp.arrays(
-        np.float32, hnp.array_shapes(min_dims=2, max_dims=2, max_side=24),
+        np.float32,
+        hnp.array_shapes(min_dims=2, max_dims=2, max_side=24),
         elements=st.one_of(st.floats(-1, 12, width=32), st.just(math.nan), st.just(math.inf), st.just(0.0)),
     ),
     st.sampled_from([(0.5, 5.0), (0.1, 10.0), (0.3, 1000.0)]),
-)  # fmt: skip
+)
 def test_depth_error_stays_within_half_a_quantum_of_inverse_depth(
     depth: np.ndarray, range_m: tuple[float, float]
 ) -> None:
@@ -224,7 +233,7 @@ def reply(**changes: object) -> InferReply:
             Detected("tv", 0.5, (0.0, 0.0, 64.0, 48.0), None, unit(2)),
         ),
         unit(3),
-    )  # fmt: skip
+    )
     detections, image = packing.perception_to_wire(seen)
     made = InferReply(
         stamp_ns=1,
@@ -245,8 +254,9 @@ def test_perception_round_trip() -> None:
     seen = packing.perception_from_wire(reply(), CAMERA)
     assert [d.chance for d in seen.detections] == [0.25, None]
     assert [(d.label, d.score, d.box_px) for d in seen.detections] == [
-        ("bed", 0.9, (10.2, 5.0, 30.5, 15.1)), ("tv", 0.5, (0.0, 0.0, 64.0, 48.0)),
-    ]  # fmt: skip
+        ("bed", 0.9, (10.2, 5.0, 30.5, 15.1)),
+        ("tv", 0.5, (0.0, 0.0, 64.0, 48.0)),
+    ]
     np.testing.assert_array_equal(seen.detections[0].mask, np.random.default_rng(0).random((11, 21)) > 0.5)
     assert seen.detections[1].mask is None
     np.testing.assert_allclose(seen.detections[0].embedding, unit(1), atol=1e-3)

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import zstandard
 
-from simulator.furniture import assets
-from simulator.furniture.assets import ensure_assets, is_complete, unpack_deb
-from simulator.furniture.catalog import JAR, LIBRARIES
 from surveilnav.errors import AssetError
+from surveilnav.simulator.furniture import assets
+from surveilnav.simulator.furniture.assets import ensure_assets, is_complete, unpack_deb
+from surveilnav.simulator.furniture.catalog import JAR, LIBRARIES
 
 FILES = {
     f"./{JAR}": b"the jar",

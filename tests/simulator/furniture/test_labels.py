@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from simulator.furniture.labels import furniture_of, label_of, stand_in_of, told_by, word_for
-from simulator.furniture.parametric import PIECES
 from surveilnav.perception.vocabulary import COCO
+from surveilnav.simulator.furniture.labels import furniture_of, label_of, stand_in_of, told_by, word_for
+from surveilnav.simulator.furniture.parametric import PIECES
 
 SIZE = (1.2, 0.8, 0.75)
 
@@ -12,22 +12,52 @@ SIZE = (1.2, 0.8, 0.75)
 @pytest.mark.parametrize(
     ("name", "label"),
     [
-        ("Bed", "bed"), ("Captain's bed", "bed"), ("Bunk bed", "bed"), ("Crib", "bed"),
+        ("Bed", "bed"),
+        ("Captain's bed", "bed"),
+        ("Bunk bed", "bed"),
+        ("Crib", "bed"),
         ("Opened convertible sofa BZ", "bed"),
-        ("Bedside table", ""), ("Winchester sofa", "couch"), ("Sofa 2 seats", "couch"), ("Futon couch", "couch"),
-        ("Armchair", "chair"), ("Office chair", "chair"), ("Bar chair", "chair"), ("Stool", "chair"),
-        ("Footstool", ""), ("Wheelchair", ""),
-        ("Toilets unit", "toilet"), ("Toilet brush", ""), ("Toilet paper dispenser", ""),
-        ("TV 16:9", "tv"), ("Wall flat TV", "tv"), ("TV stand", ""), ("Television cabinet", ""),
+        ("Bedside table", ""),
+        ("Winchester sofa", "couch"),
+        ("Sofa 2 seats", "couch"),
+        ("Futon couch", "couch"),
+        ("Armchair", "chair"),
+        ("Office chair", "chair"),
+        ("Bar chair", "chair"),
+        ("Stool", "chair"),
+        ("Footstool", ""),
+        ("Wheelchair", ""),
+        ("Toilets unit", "toilet"),
+        ("Toilet brush", ""),
+        ("Toilet paper dispenser", ""),
+        ("TV 16:9", "tv"),
+        ("Wall flat TV", "tv"),
+        ("TV stand", ""),
+        ("Television cabinet", ""),
         ("TV remote control", "remote"),
-        ("Plant", "potted plant"), ("Ficus", "potted plant"), ("Tulips", "potted plant"), ("Christmas tree", ""),
-        ("Fridge & Freezer", "refrigerator"), ("Chest freezer", ""), ("Cooker", "oven"), ("Washbasin", "sink"),
-        ("Washbasin with cabinet", "sink"), ("Table", "dining table"), ("Coffee table", ""), ("Pool table", ""),
-        ("Laptop", "laptop"), ("Vase", "vase"), ("Pedestal vase lamp", ""), ("Cuckoo clock", "clock"),
+        ("Plant", "potted plant"),
+        ("Ficus", "potted plant"),
+        ("Tulips", "potted plant"),
+        ("Christmas tree", ""),
+        ("Fridge & Freezer", "refrigerator"),
+        ("Chest freezer", ""),
+        ("Cooker", "oven"),
+        ("Washbasin", "sink"),
+        ("Washbasin with cabinet", "sink"),
+        ("Table", "dining table"),
+        ("Coffee table", ""),
+        ("Pool table", ""),
+        ("Laptop", "laptop"),
+        ("Vase", "vase"),
+        ("Pedestal vase lamp", ""),
+        ("Cuckoo clock", "clock"),
         ("Dog house", ""),
-        ("Bookcase", ""), ("Kitchen cabinet", ""), ("Electric radiator", ""), ("Carpet", ""),
+        ("Bookcase", ""),
+        ("Kitchen cabinet", ""),
+        ("Electric radiator", ""),
+        ("Carpet", ""),
     ],
-)  # fmt: skip
+)
 def test_label_of(name: str, label: str) -> None:
     assert label_of(name, SIZE) == label
 
@@ -35,12 +65,23 @@ def test_label_of(name: str, label: str) -> None:
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        ("Bath", "bathtub"), ("Bathmat", "rug"), ("Bathroom cabinet", "cabinet"), ("Shower", "shower"),
-        ("Kitchen upper cabinet", "cabinet"), ("Dishwasher", "dishwasher"), ("Desk", "desk"), ("Desk lamp", "lamp"),
-        ("Floor uplight", "lamp"), ("Television cabinet", "tv stand"), ("Coffee table", "other table"),
-        ("Bedside table", "bedside table"), ("Bookcase", "bookcase"), ("Chest of drawers", "chest"), ("Thing", ""),
+        ("Bath", "bathtub"),
+        ("Bathmat", "rug"),
+        ("Bathroom cabinet", "cabinet"),
+        ("Shower", "shower"),
+        ("Kitchen upper cabinet", "cabinet"),
+        ("Dishwasher", "dishwasher"),
+        ("Desk", "desk"),
+        ("Desk lamp", "lamp"),
+        ("Floor uplight", "lamp"),
+        ("Television cabinet", "tv stand"),
+        ("Coffee table", "other table"),
+        ("Bedside table", "bedside table"),
+        ("Bookcase", "bookcase"),
+        ("Chest of drawers", "chest"),
+        ("Thing", ""),
     ],
-)  # fmt: skip
+)
 def test_furniture_that_detectors_have_no_class_for_has_a_kind(name: str, kind: str) -> None:
     assert furniture_of(name) == kind
     assert kind not in COCO
@@ -49,11 +90,16 @@ def test_furniture_that_detectors_have_no_class_for_has_a_kind(name: str, kind: 
 @pytest.mark.parametrize(
     ("catalog_id", "name", "told"),
     [
-        ("eTeks#bedsideTable", "Nachttisch", "bedsideTable"), ("Sheep#coffeeTable", "Стол", "coffeeTable"),
-        ("Capretta#estintore", "Extintor", "Extintor"), ("", "Bett", "Bett"), ("eTeks#bed", "my own", "bed"),
-        ("eTeks#texturableBox", "Carpet", "Carpet"), ("Ikea-bed#x1", "Sofa", "Sofa"), ("plain_sofa", "", "plain_sofa"),
+        ("eTeks#bedsideTable", "Nachttisch", "bedsideTable"),
+        ("Sheep#coffeeTable", "Стол", "coffeeTable"),
+        ("Capretta#estintore", "Extintor", "Extintor"),
+        ("", "Bett", "Bett"),
+        ("eTeks#bed", "my own", "bed"),
+        ("eTeks#texturableBox", "Carpet", "Carpet"),
+        ("Ikea-bed#x1", "Sofa", "Sofa"),
+        ("plain_sofa", "", "plain_sofa"),
     ],
-)  # fmt: skip
+)
 def test_the_catalogue_id_tells_before_the_name_does(catalog_id: str, name: str, told: str) -> None:
     assert told_by(catalog_id, name) == told
 

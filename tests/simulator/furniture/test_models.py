@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from simulator.furniture.models import Model, builtin_materials, load_model
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.furniture.models import Model, builtin_materials, load_model
 
 SQUARE = (
     b"mtllib A.MTL\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"

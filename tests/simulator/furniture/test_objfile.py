@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulator.furniture import objfile
-from simulator.furniture.objfile import EmptyModelError, read_mtl, read_obj
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.furniture import objfile
+from surveilnav.simulator.furniture.objfile import EmptyModelError, read_mtl, read_obj
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 

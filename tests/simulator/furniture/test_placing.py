@@ -7,28 +7,46 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulator.furniture.catalog import CatalogModel, parse_rotation, read_catalog, stretch
-from simulator.furniture.models import Model
-from simulator.furniture.placing import fitted, kind_of, kinds, placed, seeded
-from simulator.plans.sweethome import Piece
-from simulator.world.scene import Material
+from surveilnav.simulator.furniture.catalog import CatalogModel, parse_rotation, read_catalog, stretch
+from surveilnav.simulator.furniture.models import Model
+from surveilnav.simulator.furniture.placing import fitted, kind_of, kinds, placed, seeded
+from surveilnav.simulator.plans.sweethome import Piece
+from surveilnav.simulator.world.scene import Material
 
 
 def model(points: np.ndarray) -> Model:
     n = len(points) // 3
     return Model(
-        points.astype(np.float32), np.arange(3 * n, dtype=np.int32).reshape(-1, 3), np.zeros((n, 3, 2), np.float32),
-        np.zeros(n, np.int32), np.zeros(n, np.int32), (Material("m", (1, 1, 1)),), ("",),
-    )  # fmt: skip
+        points.astype(np.float32),
+        np.arange(3 * n, dtype=np.int32).reshape(-1, 3),
+        np.zeros((n, 3, 2), np.float32),
+        np.zeros(n, np.int32),
+        np.zeros(n, np.int32),
+        (Material("m", (1, 1, 1)),),
+        ("",),
+    )
 
 
 def piece(**more: object) -> Piece:
     values: dict = {
-        "name": "thing", "level": "", "catalog_id": "", "model": "", "x_m": 0.0, "y_m": 0.0, "z_m": 0.0,
-        "size_m": (1.0, 2.0, 3.0), "yaw_rad": 0.0, "pitch_rad": 0.0, "roll_rad": 0.0, "mirrored": False,
+        "name": "thing",
+        "level": "",
+        "catalog_id": "",
+        "model": "",
+        "x_m": 0.0,
+        "y_m": 0.0,
+        "z_m": 0.0,
+        "size_m": (1.0, 2.0, 3.0),
+        "yaw_rad": 0.0,
+        "pitch_rad": 0.0,
+        "roll_rad": 0.0,
+        "mirrored": False,
         "rotation": None,
-        "color": None, "picture": None, "is_opening": False, "stair_cut": "",
-    }  # fmt: skip
+        "color": None,
+        "picture": None,
+        "is_opening": False,
+        "stair_cut": "",
+    }
     return Piece(**{**values, **more})
 
 

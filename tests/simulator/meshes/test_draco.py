@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simulator.meshes import draco, gltf
-from simulator.meshes.gltf import read_glb
-from simulator.sources import open_building
-from simulator.world.scene import Scene
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.meshes import draco, gltf
+from surveilnav.simulator.meshes.gltf import read_glb
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.scene import Scene
 from tests.simulator.meshes.conftest import glb_bytes, hall_corners
 
 pytest.importorskip("trimesh")
@@ -44,18 +44,26 @@ def packed(tmp_path: Path) -> Callable[..., Path]:
             "extensionsRequired": [draco.EXTENSION],
             "scenes": [{"nodes": [0]}],
             "nodes": [{"mesh": 0, "name": "hall"}],
-            "meshes": [{"primitives": [{
-                "attributes": {"POSITION": 0, "TEXCOORD_0": 1, "NORMAL": 2}, "indices": 3,
-                "extensions": {draco.EXTENSION: extension},
-            }]}],
+            "meshes": [
+                {
+                    "primitives": [
+                        {
+                            "attributes": {"POSITION": 0, "TEXCOORD_0": 1, "NORMAL": 2},
+                            "indices": 3,
+                            "extensions": {draco.EXTENSION: extension},
+                        }
+                    ]
+                }
+            ],
             "accessors": [
-                {"componentType": 5126, "count": 36, "type": "VEC3"}, {"componentType": 5126, "count": 36, "type": "VEC2"},
+                {"componentType": 5126, "count": 36, "type": "VEC3"},
+                {"componentType": 5126, "count": 36, "type": "VEC2"},
                 {"componentType": 5126, "count": 2_000_000, "type": "VEC3"},
                 {"componentType": 5123, "count": 36, "type": "SCALAR"},
             ],
             "bufferViews": [{"buffer": 0, "byteLength": len(data)}],
             "buffers": [{"byteLength": len(data)}],
-        }  # fmt: skip
+        }
         change(header)
         path = tmp_path / "hall.glb"
         path.write_bytes(glb_bytes(header, data))
@@ -115,14 +123,20 @@ def _first(header: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (b"", "isn't a plain mesh"), (b"DRACO", "isn't a plain mesh"), (b"glTF" * 9, "isn't a plain mesh"),
-        (b"DRACO\x01\x05\x01" + bytes(50), "version 2.2"), (b"DRACO\x02\x02\x00" + bytes(50), "isn't a plain mesh"),
+        (b"", "isn't a plain mesh"),
+        (b"DRACO", "isn't a plain mesh"),
+        (b"glTF" * 9, "isn't a plain mesh"),
+        (b"DRACO\x01\x05\x01" + bytes(50), "version 2.2"),
+        (b"DRACO\x02\x02\x00" + bytes(50), "isn't a plain mesh"),
         (b"DRACO\x02\x02\x01\x00\x00\x80" + bytes(50), "isn't a plain mesh"),
-        (sizes(0, 4_000_000_000, 3), "4000000000 triangles: refused as a bomb"), (sizes(1, 3, 4_000_000_000), "bomb"),
-        (sizes(0, 3, 4_000_000_000), "bomb"), (b"DRACO\x02\x02\x01\x00\x00\x00" + b"\xff" * 50, "bomb"),
-        (sizes(0, 12, 36), "damaged Draco stream"), (sizes(1, 36, 12), "damaged Draco stream"),
+        (sizes(0, 4_000_000_000, 3), "4000000000 triangles: refused as a bomb"),
+        (sizes(1, 3, 4_000_000_000), "bomb"),
+        (sizes(0, 3, 4_000_000_000), "bomb"),
+        (b"DRACO\x02\x02\x01\x00\x00\x00" + b"\xff" * 50, "bomb"),
+        (sizes(0, 12, 36), "damaged Draco stream"),
+        (sizes(1, 36, 12), "damaged Draco stream"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_stream_is_refused(packed: Callable[..., Path], data: bytes, says: str) -> None:
     with pytest.raises(BuildingError, match=says):
         read_glb(packed(data))

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from simulator.meshes.buildings import MeshPart, building_of
-from simulator.plans.assembly import Mesh, MeshBuilder
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Material, Scene
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.meshes.buildings import MeshPart, building_of
+from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Material, Scene
 
 GREY = Material("grey", (0.5, 0.5, 0.5))
 Corner = tuple[float, float, float]
@@ -28,9 +28,12 @@ def shell(width: float, depth: float, z: float, height: float = 2.6) -> Mesh:
     """A floor slab and four walls, no ceiling."""
     w, d, top = width, depth, z + height
     return boxes(
-        ((0, 0, z - 0.2), (w, d, z)), ((0, 0, z), (w, 0.1, top)), ((0, d - 0.1, z), (w, d, top)),
-        ((0, 0, z), (0.1, d, top)), ((w - 0.1, 0, z), (w, d, top)),
-    )  # fmt: skip
+        ((0, 0, z - 0.2), (w, d, z)),
+        ((0, 0, z), (w, 0.1, top)),
+        ((0, d - 0.1, z), (w, d, top)),
+        ((0, 0, z), (0.1, d, top)),
+        ((w - 0.1, 0, z), (w, d, top)),
+    )
 
 
 def build(*meshes: Mesh) -> Scene:
@@ -110,9 +113,11 @@ def test_stairs_begin_where_a_robot_fits_by_the_rule_of_its_body(cells: int, joi
     """The only way to the first step is a corridor along the grid, of so many open cells, round a corner."""
     wide = cells * 0.05 + 0.01
     blocks = (
-        ((0.1, 0.1), (2.0, 0.59), 5.2), ((0.1 + wide, 0.59 + wide), (2.0, 1.6), 5.2),
-        ((0.1 + wide, 1.6), (7.9, 4.2), 2.4), ((5.0, 0.1), (7.9, 1.6), 2.4),
-    )  # fmt: skip
+        ((0.1, 0.1), (2.0, 0.59), 5.2),
+        ((0.1 + wide, 0.59 + wide), (2.0, 1.6), 5.2),
+        ((0.1 + wide, 1.6), (7.9, 4.2), 2.4),
+        ((5.0, 0.1), (7.9, 1.6), 2.4),
+    )
     # Boxes are hollow: lids one above the other leave no headroom.
     aside = boxes(*(((*low, 0.0), (*high, z)) for low, high, top in blocks for z in np.arange(0.4, top, 0.8)))
     scene = build(*two_floors(), aside)

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from simulator.meshes.gltf import read_glb
+from surveilnav.simulator.meshes.gltf import read_glb
 
 pytest.importorskip("trimesh")
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simulator.meshes import export_glb, gltf
-from simulator.meshes.gltf import read_glb
-from simulator.sources import open_building
-from simulator.world.scene import Scene
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.meshes import export_glb, gltf
+from surveilnav.simulator.meshes.gltf import read_glb
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.scene import Scene
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -103,8 +103,12 @@ def test_parts_without_a_class_join_the_named_node_above(hall: Hall) -> None:
 
     scene = open_building(str(hall(furnish)))
     assert {i.name: i.label for i in scene.instances} == {
-        "hall": "", "Sofa.001": "couch", "thing": "tv", "Floor lamp": "", "chair-ish": "none of them",
-    }  # fmt: skip
+        "hall": "",
+        "Sofa.001": "couch",
+        "thing": "tv",
+        "Floor lamp": "",
+        "chair-ish": "none of them",
+    }
 
 
 def test_triangles_that_are_not_finite_are_left_out_and_noted(hall: Hall, corners: np.ndarray) -> None:
@@ -178,14 +182,17 @@ def test_files_over_the_limit_are_not_read(hall: Hall, monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (b"", "no GLB"), (b"PK\x03\x04 a zip file", "no GLB"), (b'{"asset": {}}', "no GLB"),
-        (struct.pack("<4sII", b"glTF", 1, 12), "glTF 1"), (struct.pack("<4sII", b"glTF", 2, 12), "no JSON"),
+        (b"", "no GLB"),
+        (b"PK\x03\x04 a zip file", "no GLB"),
+        (b'{"asset": {}}', "no GLB"),
+        (struct.pack("<4sII", b"glTF", 1, 12), "glTF 1"),
+        (struct.pack("<4sII", b"glTF", 2, 12), "no JSON"),
         (struct.pack("<4sII", b"glTF", 2, 99), "cut short"),
         (struct.pack("<4sIII4s", b"glTF", 2, 20, 2**31, b"JSON"), "cut short"),
         (struct.pack("<4sIII4s4s", b"glTF", 2, 24, 4, b"JSON", b"nope"), "no JSON"),
         (struct.pack("<4sIII4s4s", b"glTF", 2, 24, 4, b"JSON", b"[1] "), "not an object"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_glb_is_refused(tmp_path: Path, data: bytes, says: str) -> None:
     path = tmp_path / "a.glb"
     path.write_bytes(data)

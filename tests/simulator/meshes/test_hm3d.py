@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator.meshes import export_hm3d
-from simulator.meshes.hm3d import read_annotations
-from simulator.meshes.names import label_of_hm3d
-from simulator.sources import open_building
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Scene
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.meshes import export_hm3d
+from surveilnav.simulator.meshes.hm3d import read_annotations
+from surveilnav.simulator.meshes.names import label_of_hm3d
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Scene
 
 pytest.importorskip("trimesh")
 
@@ -41,9 +41,13 @@ def as_scanned(scene: Scene, edge_m: float, noise_m: float) -> Scene:
     vertices, index = np.unique(np.round(corners.reshape(-1, 3), 5), axis=0, return_inverse=True)
     vertices = vertices + np.random.default_rng(1).normal(0.0, noise_m, vertices.shape)
     return replace(
-        scene, vertices=vertices.astype(np.float32), triangles=index.reshape(-1, 3).astype(np.int32),
-        uvs=uvs.astype(np.float32), material_of_triangle=material, instance_of_triangle=owner,
-    )  # fmt: skip
+        scene,
+        vertices=vertices.astype(np.float32),
+        triangles=index.reshape(-1, 3).astype(np.int32),
+        uvs=uvs.astype(np.float32),
+        material_of_triangle=material,
+        instance_of_triangle=owner,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -143,13 +147,32 @@ def test_folders_that_are_none_of_hm3d(tmp_path: Path, folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "label"),
     [
-        ("tv_monitor", "tv"), ("tv", "tv"), ("computer monitor", "tv"), ("wall tv", ""), ("tv stand", ""),
-        ("sofa", "couch"), ("couch", "couch"), ("Sofa Chair", "chair"), ("armchair", "chair"), ("stool", ""),
-        ("plant", "potted plant"), ("potted plant", "potted plant"), ("flower pot", ""), ("bed sheet", ""),
-        ("bed", "bed"), ("dog bed", ""), ("toilet", "toilet"), ("toilet paper", ""), ("sink", "sink"),
-        ("wall", "wall"), ("stair", "stairs"), ("door frame", "door"), ("Sliding_Door", "door"), ("window frame", ""),
+        ("tv_monitor", "tv"),
+        ("tv", "tv"),
+        ("computer monitor", "tv"),
+        ("wall tv", ""),
+        ("tv stand", ""),
+        ("sofa", "couch"),
+        ("couch", "couch"),
+        ("Sofa Chair", "chair"),
+        ("armchair", "chair"),
+        ("stool", ""),
+        ("plant", "potted plant"),
+        ("potted plant", "potted plant"),
+        ("flower pot", ""),
+        ("bed sheet", ""),
+        ("bed", "bed"),
+        ("dog bed", ""),
+        ("toilet", "toilet"),
+        ("toilet paper", ""),
+        ("sink", "sink"),
+        ("wall", "wall"),
+        ("stair", "stairs"),
+        ("door frame", "door"),
+        ("Sliding_Door", "door"),
+        ("window frame", ""),
         ("unknown", ""),
     ],
-)  # fmt: skip
+)
 def test_names_fold_as_habitat_folds_them(name: str, label: str) -> None:
     assert label_of_hm3d(name) == label

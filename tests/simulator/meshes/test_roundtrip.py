@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator.meshes import export_glb, export_hm3d
-from simulator.render.renderer import Renderer
-from simulator.sources import open_building
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Instance, Scene
 from surveilnav.errors import AssetError
 from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.simulator.meshes import export_glb, export_hm3d
+from surveilnav.simulator.render.renderer import Renderer
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Instance, Scene
 
 pytest.importorskip("trimesh")
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simulator.meshes.things import MeshPart, groups_of, thing_sizes, whole_things
-from simulator.plans.assembly import Mesh
-from simulator.sources import open_building
-from simulator.world.scene import Material
+from surveilnav.simulator.meshes.things import MeshPart, groups_of, thing_sizes, whole_things
+from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.scene import Material
 
 #: Name, low corner, size [m].
 Row = tuple[str, tuple[float, float, float], tuple[float, float, float]]
@@ -23,7 +23,7 @@ def box(low: Sequence[float], size: Sequence[float]) -> Mesh:
     vertices = np.array([low, np.add(low, size), np.add(low, (size[0], 0, 0))], dtype=np.float32)
     return Mesh(
         vertices, np.array([[0, 1, 2]], np.int32), np.zeros((1, 3, 2), np.float32), np.zeros(1, np.int32), PAINT
-    )  # fmt: skip
+    )
 
 
 def pieces(parts: Sequence[Row]) -> list[MeshPart]:
@@ -39,27 +39,35 @@ def moved(parts: Sequence[Row], x: float, y: float = 0.0, number: int = 0) -> li
 
 
 BED: list[Row] = [
-    ("Bed_frame", (0, 0, 0), (1.65, 2.05, 0.3)), ("Bed_mattress", (0.02, 0.02, 0.3), (1.6, 2.0, 0.25)),
-    ("Bed_pillow_1", (0.1, 1.5, 0.55), (0.6, 0.4, 0.12)), ("Bed_pillow_2", (0.9, 1.5, 0.55), (0.6, 0.4, 0.12)),
+    ("Bed_frame", (0, 0, 0), (1.65, 2.05, 0.3)),
+    ("Bed_mattress", (0.02, 0.02, 0.3), (1.6, 2.0, 0.25)),
+    ("Bed_pillow_1", (0.1, 1.5, 0.55), (0.6, 0.4, 0.12)),
+    ("Bed_pillow_2", (0.9, 1.5, 0.55), (0.6, 0.4, 0.12)),
     ("Bed_head", (0, 2.05, 0), (1.65, 0.05, 1.1)),
-]  # fmt: skip
+]
 CHAIR: list[Row] = [
-    ("Chair_seat", (0, 0, 0.42), (0.45, 0.45, 0.05)), ("Chair_back", (0, 0.43, 0.47), (0.45, 0.03, 0.45)),
+    ("Chair_seat", (0, 0, 0.42), (0.45, 0.45, 0.05)),
+    ("Chair_back", (0, 0.43, 0.47), (0.45, 0.03, 0.45)),
     *((f"Chair_leg_{i}", (0.4 * (i % 2), 0.4 * (i // 2), 0), (0.04, 0.04, 0.42)) for i in range(4)),
-]  # fmt: skip
+]
 WHOLE_CHAIR: list[Row] = [("Chair", (0, 0, 0), (0.45, 0.48, 0.9))]
 
 CASES: dict[str, tuple[list[Row], list[str]]] = {
     "a bed of parts": (BED, ["Bed"]),
     "two beds side by side": (moved(BED, 0, number=1) + moved(BED, 1.65, number=2), ["Bed_1", "Bed_2"]),
     "twin beds pushed together": (
-        [("Bed_1", (0, 0, 0), (0.9, 2, 0.5)), ("Bed_2", (0.9, 0, 0), (0.9, 2, 0.5))], ["Bed_1", "Bed_2"],
+        [("Bed_1", (0, 0, 0), (0.9, 2, 0.5)), ("Bed_2", (0.9, 0, 0), (0.9, 2, 0.5))],
+        ["Bed_1", "Bed_2"],
     ),
     "bunk beds": ([("Bed_1", (0, 0, 0), (0.9, 2, 0.5)), ("Bed_2", (0, 0, 0.5), (0.9, 2, 0.5))], ["Bed_1", "Bed_2"]),
     "a mattress as high as its frame": (
-        [("Bed_frame", (0, 0, 0), (1.6, 2, 0.3)), ("Bed_top", (0, 0, 0.3), (1.6, 2, 0.3))], ["Bed"],
+        [("Bed_frame", (0, 0, 0), (1.6, 2, 0.3)), ("Bed_top", (0, 0, 0.3), (1.6, 2, 0.3))],
+        ["Bed"],
     ),
-    "a copy in less detail": ([("Bed_lod", (0, 0, 0), (1.6, 2, 0.5)), ("Bed_lod.001", (0, 0, 0), (1.6, 2, 0.5))], ["Bed"]),
+    "a copy in less detail": (
+        [("Bed_lod", (0, 0, 0), (1.6, 2, 0.5)), ("Bed_lod.001", (0, 0, 0), (1.6, 2, 0.5))],
+        ["Bed"],
+    ),
     "beds apart": ([BED[0], ("Bed_b", (3, 0, 0), (1.4, 2, 0.4))], ["Bed_frame", "Bed_b"]),
     "a chair of parts": (CHAIR, ["Chair"]),
     "four chairs of parts at a table": (
@@ -67,30 +75,40 @@ CASES: dict[str, tuple[list[Row], list[str]]] = {
         ["Chair_1", "Chair_2", "Chair_3", "Chair_4"],
     ),
     "four whole chairs that touch": (
-        [part for i in range(4) for part in moved(WHOLE_CHAIR, 0.45 * i)], ["Chair"] * 4,
+        [part for i in range(4) for part in moved(WHOLE_CHAIR, 0.45 * i)],
+        ["Chair"] * 4,
     ),
     "stacked chairs": (
-        [("Chair.001", (0, 0, 0), (0.5, 0.5, 0.9)), ("Chair.002", (0, 0, 0.1), (0.5, 0.5, 0.9))], ["Chair.001", "Chair.002"],
+        [("Chair.001", (0, 0, 0), (0.5, 0.5, 0.9)), ("Chair.002", (0, 0, 0.1), (0.5, 0.5, 0.9))],
+        ["Chair.001", "Chair.002"],
     ),
-    "a turned twin": ([("Sofa_a", (0, 0, 0), (2, 0.9, 0.8)), ("Sofa_b", (0.5, 0, 0), (0.9, 2, 0.8))], ["Sofa_a", "Sofa_b"]),
+    "a turned twin": (
+        [("Sofa_a", (0, 0, 0), (2, 0.9, 0.8)), ("Sofa_b", (0.5, 0, 0), (0.9, 2, 0.8))],
+        ["Sofa_a", "Sofa_b"],
+    ),
     "too long for one": (
-        [("Sofa_a", (0, 0, 0), (3.9, 0.9, 0.8)), ("Sofa_b", (2.2, 0, 0), (3, 0.9, 0.7))], ["Sofa_a", "Sofa_b"],
+        [("Sofa_a", (0, 0, 0), (3.9, 0.9, 0.8)), ("Sofa_b", (2.2, 0, 0), (3, 0.9, 0.7))],
+        ["Sofa_a", "Sofa_b"],
     ),
     "a couch and its cushions": (
-        [("Sofa", (0, 0, 0), (2, 0.9, 0.8)), ("Sofa_cushion", (0.2, 0.1, 0.45), (0.5, 0.5, 0.15))], ["Sofa"],
+        [("Sofa", (0, 0, 0), (2, 0.9, 0.8)), ("Sofa_cushion", (0.2, 0.1, 0.45), (0.5, 0.5, 0.15))],
+        ["Sofa"],
     ),
     "a plant in its pot": (
-        [("Plant_pot", (0, 0, 0), (0.3, 0.3, 0.3)), ("Plant_leaves", (-0.2, -0.2, 0.3), (0.7, 0.7, 0.8))], ["Plant"],
+        [("Plant_pot", (0, 0, 0), (0.3, 0.3, 0.3)), ("Plant_leaves", (-0.2, -0.2, 0.3), (0.7, 0.7, 0.8))],
+        ["Plant"],
     ),
     "plants in a row": (
-        [(f"Plant_{i}", (0.3 * i, 0, 0), (0.3, 0.3, 0.5 + 0.1 * i)) for i in range(3)], ["Plant_0", "Plant_1", "Plant_2"],
+        [(f"Plant_{i}", (0.3 * i, 0, 0), (0.3, 0.3, 0.5 + 0.1 * i)) for i in range(3)],
+        ["Plant_0", "Plant_1", "Plant_2"],
     ),
     "no body to hang on": (CHAIR[1:3], ["Chair_back", "Chair_leg_0"]),
     "classes that differ": ([BED[0], ("Sofa_x", (0, 0, 0.3), (1.6, 2, 0.3))], ["Bed_frame", "Sofa_x"]),
     "a class without parts": (
-        [("Wall_a", (0, 0, 0), (4, 0.1, 2.5)), ("Wall_b", (0, 0, 0), (4, 0.1, 2.5))], ["Wall_a", "Wall_b"],
+        [("Wall_a", (0, 0, 0), (4, 0.1, 2.5)), ("Wall_b", (0, 0, 0), (4, 0.1, 2.5))],
+        ["Wall_a", "Wall_b"],
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from simulator.meshes.__main__ import main
-from simulator.sources import open_building
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.meshes.__main__ import main
+from surveilnav.simulator.sources import open_building
 
 
 def write_hall(path: Path, corners: np.ndarray, groups: tuple[str, ...] = ("Floor", "Ceiling", "Walls")) -> Path:

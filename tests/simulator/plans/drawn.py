@@ -91,23 +91,39 @@ FAULTS: dict[str, str] = {
     "walls without rooms": TWO_ROOMS + door(410, 210),
     "a room for a part only": TWO_ROOMS + door(410, 210) + room(10, 10, 400, 410),
     "rooms that end before the wall": TWO_ROOMS + door(410, 210) + room(15, 15, 390, 405) + room(430, 15, 805, 405),
-    "a doorway that a room covers in part": TWO_ROOMS + door(410, 210) + room(10, 10, 413, 410) + room(420, 10, 810, 410),
-    "a cellar below an undrawn hall": level("cellar", -262) + level("down", 0) + level("up", 262)
+    "a doorway that a room covers in part": TWO_ROOMS
+    + door(410, 210)
+    + room(10, 10, 413, 410)
+    + room(420, 10, 810, 410),
+    "a cellar below an undrawn hall": level("cellar", -262)
+    + level("down", 0)
+    + level("up", 262)
     + "".join(walls_around(0, 0, 820, 420, name) for name in ("cellar", "down", "up"))
-    + room(10, 10, 810, 410, "up") + stairs(250, "down") + stairs(600, "cellar")
+    + room(10, 10, 810, 410, "up")
+    + stairs(250, "down")
+    + stairs(600, "cellar")
     + room(10, 10, 500, 410, "down"),
-    "a false ceiling below the stairs' end": level("down", 0) + level("false ceiling", 242, 18) + level("up", 262)
-    + "".join(room(0, 0, 800, 400, name) for name in ("down", "false ceiling", "up")) + stairs(400, "down"),
-    "two levels at one altitude": level("walls", 0) + level("rooms", 0) + walls_around(0, 0, 420, 420, "walls")
+    "a false ceiling below the stairs' end": level("down", 0)
+    + level("false ceiling", 242, 18)
+    + level("up", 262)
+    + "".join(room(0, 0, 800, 400, name) for name in ("down", "false ceiling", "up"))
+    + stairs(400, "down"),
+    "two levels at one altitude": level("walls", 0)
+    + level("rooms", 0)
+    + walls_around(0, 0, 420, 420, "walls")
     + room(10, 10, 410, 200, "rooms"),
     "a leaf without a name": TWO_ROOMS + _ROOMS + door(410, 210, "model='door.obj' name='Porte'"),
-    "a front door indoors": TWO_ROOMS + _ROOMS + door(410, 210, "model='door.obj' name='Haustür' catalogId='eTeks#frontDoor'"),
-    "a bed in another language": walls_around(0, 0, 420, 420) + room(10, 10, 410, 410)
+    "a front door indoors": TWO_ROOMS
+    + _ROOMS
+    + door(410, 210, "model='door.obj' name='Haustür' catalogId='eTeks#frontDoor'"),
+    "a bed in another language": walls_around(0, 0, 420, 420)
+    + room(10, 10, 410, 410)
     + "<pieceOfFurniture name='Кровать' x='300' y='300' width='90' depth='200' height='50'/>",
-    "a piece nine kilometres away": walls_around(0, 0, 420, 420) + room(10, 10, 410, 410)
+    "a piece nine kilometres away": walls_around(0, 0, 420, 420)
+    + room(10, 10, 410, 410)
     + "<pieceOfFurniture name='Box' x='900000' y='0' width='50' depth='50' height='50'/>",
     "walls that span 150 m": walls_around(0, 0, 15_000, 3_000),
-}  # fmt: skip
+}
 
 
 def plan_of(body: str) -> bytes:

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator.plans import javastream
-from simulator.plans.javahome import home_element
-from simulator.plans.javastream import MAGIC, JavaObject, read_java
-from simulator.plans.sweethome import Home, read_home
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.plans import javastream
+from surveilnav.simulator.plans.javahome import home_element
+from surveilnav.simulator.plans.javastream import MAGIC, JavaObject, read_java
+from surveilnav.simulator.plans.sweethome import Home, read_home
 
 HOMES = Path(__file__).parent / "homes"
 MODEL = "com.eteks.sweethome3d.model."
@@ -92,9 +92,12 @@ def test_a_version_without_ids_levels_and_groups() -> None:
     joined = "F:xStart F:yStart F:xEnd F:yEnd F:thickness L:wallAtEnd"
     first = thing(f"{MODEL}Wall", joined, *map(number, (0, 0, 100, 0, 10)), NULL)
     piece = thing(
-        f"{MODEL}HomePieceOfFurniture", "L:name F:x F:y F:width F:depth F:height Z:doorOrWindow", text("Door"),
-        *map(number, (50, 0, 90, 10, 200)), b"\x01",
-    )  # fmt: skip
+        f"{MODEL}HomePieceOfFurniture",
+        "L:name F:x F:y F:width F:depth F:height Z:doorOrWindow",
+        text("Door"),
+        *map(number, (50, 0, 90, 10, 200)),
+        b"\x01",
+    )
     plan = read_home(home("F:wallHeight L:walls L:furniture", number(240), listing(first), listing(piece)), "1.0")
     assert (plan.wall_height_m, plan.levels, plan.rooms) == (2.4, (), ())
     assert [(wall.id, wall.end_m, wall.height_m) for wall in plan.walls] == [("wall0", (1.0, -0.0), None)]
@@ -105,20 +108,34 @@ def test_values_of_every_kind() -> None:
     value = read_java(
         MAGIC
         + thing(
-            "T", "B:b C:c D:d F:f I:i J:j S:s Z:z [:a L:e L:o L:k L:t",
+            "T",
+            "B:b C:c D:d F:f I:i J:j S:s Z:z [:a L:e L:o L:k L:t",
             struct.pack(">bHdfiqh?", -1, 65, 0.5, 1.5, -2, 3, 4, True),
-            array("[S", 2, b"\0\1\xff\xff"), b"\x7e" + described("E", flags=0x12) + text("ON"), NULL,
-            b"\x76" + described("K"), b"\x74\x00\x03a\xc0\x80",
+            array("[S", 2, b"\0\1\xff\xff"),
+            b"\x7e" + described("E", flags=0x12) + text("ON"),
+            NULL,
+            b"\x76" + described("K"),
+            b"\x74\x00\x03a\xc0\x80",
         ),
         "test",
-    )  # fmt: skip
+    )
     assert isinstance(value, JavaObject)
     fields = dict(value.fields)
     assert fields.pop("k").fields == {"name": "K"}
     assert fields == {
-        "b": -1, "c": 65, "d": 0.5, "f": 1.5, "i": -2, "j": 3, "s": 4, "z": True, "a": [1, -1], "e": "ON", "o": None,
+        "b": -1,
+        "c": 65,
+        "d": 0.5,
+        "f": 1.5,
+        "i": -2,
+        "j": 3,
+        "s": 4,
+        "z": True,
+        "a": [1, -1],
+        "e": "ON",
+        "o": None,
         "t": "a ",
-    }  # fmt: skip
+    }
 
 
 def test_walls_that_all_hang_on_each_other_take_no_recursion() -> None:
@@ -191,32 +208,44 @@ HOSTILE: dict[str, tuple[bytes | Callable[[], bytes], str]] = {
     "walls that are text": (home("L:walls", text("walls")), "'walls' of a Home can't be 'walls'"),
     "walls that are a map": (home("L:walls", thing("java.util.HashMap")), "can't be java.util.HashMap"),
     "a wall that is text": (home("L:walls", listing(text("wall"))), "'walls' of a Home can't be 'wall'"),
-    "a list that holds itself": (home("L:walls", thing("java.util.Collections$List", "L:list", reference(5))), "'walls'"),
+    "a list that holds itself": (
+        home("L:walls", thing("java.util.Collections$List", "L:list", reference(5))),
+        "'walls'",
+    ),
     "not a number": (home("L:furniture", listing(thing(PIECE, BOX, box(float("nan"), 0, 1, 1, 1)))), "'x' of <pieceOf"),
     "far away": (home("L:furniture", listing(thing(PIECE, BOX, box(1e30, 0, 1, 1, 1)))), "'x' of <pieceOf"),
     "beyond float": (home("D:wallHeight", struct.pack(">d", 1e300)), "'wallHeight'"),
     "text for a number": (home("L:wallHeight", text("tall")), "'wallHeight' .* must be a number"),
     "a size that is missing": (home("L:furniture", listing(thing(PIECE))), "is missing"),
     "a model nowhere": (
-        home("L:furniture", listing(thing(PIECE, "L:model", thing("a.URLContent", "L:url", NULL)))), "'url' of a a.URLContent",
+        home("L:furniture", listing(thing(PIECE, "L:model", thing("a.URLContent", "L:url", NULL)))),
+        "'url' of a a.URLContent",
     ),
     "a point of one number": (
-        home("L:rooms", listing(thing(f"{MODEL}Room", "[:points", array("[[F", 1, array("[F", 1, number(1)))))), "'points'",
+        home("L:rooms", listing(thing(f"{MODEL}Room", "[:points", array("[[F", 1, array("[F", 1, number(1)))))),
+        "'points'",
     ),
-    "points that are text": (home("L:rooms", listing(thing(f"{MODEL}Room", "[:points", text("p")))), "'points' of a Room"),
+    "points that are text": (
+        home("L:rooms", listing(thing(f"{MODEL}Room", "[:points", text("p")))),
+        "'points' of a Room",
+    ),
     "a crooked rotation": (
-        home("L:furniture", listing(thing(PIECE, "[:modelRotation", array("[[F", 1, NULL)))), "'modelRotation'",
+        home("L:furniture", listing(thing(PIECE, "[:modelRotation", array("[[F", 1, NULL)))),
+        "'modelRotation'",
     ),
     "a group that holds itself": (
         # Handles: class Home 0, "Lx;" 1, home 2, class ArrayList 3, list 4, class group 5, "Lx;" 6, group 7.
-        home("L:furniture", listing(thing(f"{MODEL}HomeFurnitureGroup", "L:furniture", reference(4)))), "things nested",
+        home("L:furniture", listing(thing(f"{MODEL}HomeFurnitureGroup", "L:furniture", reference(4)))),
+        "things nested",
     ),
     "a texture of itself": (
         # ... class piece 5, "Lx;" 6, piece 7, class texture 8, "Lx;" 9, texture 10.
-        home("L:furniture", listing(thing(PIECE, "L:texture", thing(f"{MODEL}HomeTexture", "L:texture", reference(10))))),
+        home(
+            "L:furniture", listing(thing(PIECE, "L:texture", thing(f"{MODEL}HomeTexture", "L:texture", reference(10))))
+        ),
         "things nested",
     ),
-}  # fmt: skip
+}
 
 
 def _parents(count: int) -> bytes:

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulator.furniture.catalog import Furniture
-from simulator.furniture.placing import placed
-from simulator.plans.assembly import Mesh, MeshBuilder
-from simulator.plans.leaves import without_leaf
-from simulator.plans.openings import is_moving_part
-from simulator.plans.sweethome import Piece
-from simulator.world.scene import Material
+from surveilnav.simulator.furniture.catalog import Furniture
+from surveilnav.simulator.furniture.placing import placed
+from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.plans.leaves import without_leaf
+from surveilnav.simulator.plans.openings import is_moving_part
+from surveilnav.simulator.plans.sweethome import Piece
+from surveilnav.simulator.world.scene import Material
 
 GREY = Material("grey", (0.5, 0.5, 0.5))
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -43,9 +43,11 @@ def extent(mesh: Mesh) -> set[tuple[float, ...]]:
 def frame(width: float, height: float = 2.1) -> list[Box]:
     half = width / 2
     return [
-        ((-half, -0.1, 0), (0.05 - half, 0.1, height)), ((half - 0.05, -0.1, 0), (half, 0.1, height)),
-        ((0.05 - half, -0.1, height - 0.05), (half - 0.05, 0.1, height)), ((0.05 - half, -0.1, 0), (half - 0.05, 0.1, 0.02)),
-    ]  # fmt: skip
+        ((-half, -0.1, 0), (0.05 - half, 0.1, height)),
+        ((half - 0.05, -0.1, 0), (half, 0.1, height)),
+        ((0.05 - half, -0.1, height - 0.05), (half - 0.05, 0.1, height)),
+        ((0.05 - half, -0.1, 0), (half - 0.05, 0.1, 0.02)),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from simulator.plans.homes import build_home
-from simulator.plans.sweethome import read_home
+from surveilnav.simulator.plans.homes import build_home
+from surveilnav.simulator.plans.sweethome import read_home
 
 HOME = """<home version='7000' wallHeight='250'><room><point x='0' y='0'/><point x='900' y='0'/><point x='900' y='600'/>
 <point x='0' y='600'/></room>{}</home>"""

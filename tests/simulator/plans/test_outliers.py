@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from simulator.plans.homes import build_home
-from simulator.plans.outliers import without_outliers
-from simulator.plans.sweethome import read_home
-from simulator.world.navigation import NavigationMap
+from surveilnav.simulator.plans.homes import build_home
+from surveilnav.simulator.plans.outliers import without_outliers
+from surveilnav.simulator.plans.sweethome import read_home
+from surveilnav.simulator.world.navigation import NavigationMap
 
 ROOM = "<room><point x='0' y='0'/><point x='600' y='0'/><point x='600' y='400'/><point x='0' y='400'/></room>"
 WALL = "<wall id='w' xStart='0' yStart='0' xEnd='600' yEnd='0' thickness='10'/>"

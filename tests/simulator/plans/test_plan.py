@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulator.plans.assembly import Mesh
-from simulator.plans.plan import Opening, Wall, build_wall, wall_outline
-from simulator.plans.slabs import build_slab
-from simulator.world.scene import Material
+from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.plans.plan import Opening, Wall, build_wall, wall_outline
+from surveilnav.simulator.plans.slabs import build_slab
+from surveilnav.simulator.world.scene import Material
 
 PAINT = Material("paint", (1, 1, 1))
 
@@ -44,9 +44,14 @@ def hit(mesh: Mesh, origin: tuple[float, float, float], direction: tuple[float, 
 
 
 @given(
-    angle=st.floats(0, 2 * math.pi), length=st.floats(1, 8), thickness=st.floats(0.05, 0.4),
-    at=st.floats(0.2, 0.8), width=st.floats(0.1, 0.5), low=st.floats(0, 1.0), tall=st.floats(0.2, 1.4),
-)  # fmt: skip
+    angle=st.floats(0, 2 * math.pi),
+    length=st.floats(1, 8),
+    thickness=st.floats(0.05, 0.4),
+    at=st.floats(0.2, 0.8),
+    width=st.floats(0.1, 0.5),
+    low=st.floats(0, 1.0),
+    tall=st.floats(0.2, 1.4),
+)
 def test_a_wall_with_an_opening_is_closed_and_lacks_exactly_the_opening(
     angle: float, length: float, thickness: float, at: float, width: float, low: float, tall: float
 ) -> None:

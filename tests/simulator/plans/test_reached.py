@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from simulator.archive import Archive
-from simulator.plans.homes import build_home
-from simulator.plans.sweethome import read_home
-from simulator.world.navigation import NavigationMap
-from simulator.world.reach import reach_of
-from simulator.world.scene import Scene
+from surveilnav.simulator.archive import Archive
+from surveilnav.simulator.plans.homes import build_home
+from surveilnav.simulator.plans.sweethome import read_home
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.reach import reach_of
+from surveilnav.simulator.world.scene import Scene
 from tests.simulator.plans.drawn import (
     FAULTS,
     LEAF_DOOR,

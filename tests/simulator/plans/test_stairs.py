@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from simulator.furniture.parametric import stair_flight
-from simulator.plans.assembly import Mesh, MeshBuilder
-from simulator.plans.stairs import find_transit, treads
-from simulator.world.scene import Material
+from surveilnav.simulator.furniture.parametric import stair_flight
+from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.plans.stairs import find_transit, treads
+from surveilnav.simulator.world.scene import Material
 
 GREY = Material("grey", (0.5, 0.5, 0.5))
 

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from simulator.plans.openings import path_points, stands_open
-from simulator.plans.sweethome import Home, read_home
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.plans.openings import path_points, stands_open
+from surveilnav.simulator.plans.sweethome import Home, read_home
 
 
 def home(body: str, attributes: str = "") -> Home:
@@ -139,7 +139,7 @@ def test_cut_out_paths(path: str, points: list[tuple[float, float]]) -> None:
 
 
 def test_an_arc_wall_bulges_the_right_way() -> None:
-    from simulator.plans.straight_walls import arc_points
+    from surveilnav.simulator.plans.straight_walls import arc_points
 
     # Sweet Home 3D: from (0, 0) to (100, 0) with a positive extent of pi, in a plan whose y looks down.
     (wall,) = home(

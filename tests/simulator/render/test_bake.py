@@ -7,14 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simulator.render import bake as bake_module
-from simulator.render.bake import bake, load_or_bake
-from simulator.render.light_map import starts_of, steps_of
-from simulator.render.lights import lights_of
-from simulator.render.surfaces import surfaces_of
-from simulator.render.tones import LIGHT_OF_BYTE
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Floor, Instance, Material, Room, Scene
+from surveilnav.simulator.render import bake as bake_module
+from surveilnav.simulator.render.bake import bake, load_or_bake
+from surveilnav.simulator.render.light_map import starts_of, steps_of
+from surveilnav.simulator.render.lights import lights_of
+from surveilnav.simulator.render.surfaces import surfaces_of
+from surveilnav.simulator.render.tones import LIGHT_OF_BYTE
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Floor, Instance, Material, Room, Scene
 
 
 def _box(low, high):
@@ -29,14 +29,18 @@ def scene_of(*boxes, windows=(), name="baked") -> Scene:
     faces = np.concatenate([f + 8 * i for i, (_, f) in enumerate(parts)])
     low, high, _ = boxes[0]
     return Scene(
-        name, np.concatenate([v for v, _ in parts]), faces, np.zeros((len(faces), 3, 2), np.float32),
+        name,
+        np.concatenate([v for v, _ in parts]),
+        faces,
+        np.zeros((len(faces), 3, 2), np.float32),
         np.repeat(np.arange(len(boxes), dtype=np.int32), 12),
         np.repeat(np.arange(1, len(boxes) + 1, dtype=np.uint16), 12),
         tuple(Material(f"m{i}", color) for i, (_, _, color) in enumerate(boxes)),
         tuple(Instance(100 + i, "window", "window", "0", *w) for i, w in enumerate(windows)),
         (Room("room", "0", ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))),),
-        (Floor("0", "ground", low[2], high[2] - low[2]),), content_hash=name,
-    )  # fmt: skip
+        (Floor("0", "ground", low[2], high[2] - low[2]),),
+        content_hash=name,
+    )
 
 
 ROOM = ((0.0, 0.0, 0.0), (4.0, 4.0, 2.6), (0.85, 0.85, 0.85))
@@ -83,10 +87,13 @@ def test_a_red_wall_tints_the_floor_beside_it():
 def test_a_window_lets_daylight_in():
     window = ((-0.1, 1.2, 0.9), (0.1, 2.8, 2.1))
     hole = [  # a wall at x = 0 with an opening, and the room's other sides
-        ((-0.1, 0.0, 0.0), (0.0, 4.0, 0.9), (0.8, 0.8, 0.8)), ((-0.1, 0.0, 2.1), (0.0, 4.0, 2.6), (0.8, 0.8, 0.8)),
-        ((-0.1, 0.0, 0.9), (0.0, 1.2, 2.1), (0.8, 0.8, 0.8)), ((-0.1, 2.8, 0.9), (0.0, 4.0, 2.1), (0.8, 0.8, 0.8)),
-        ((0.0, 0.0, -0.1), (4.0, 4.0, 0.0), (0.8, 0.8, 0.8)), ((0.0, 0.0, 2.6), (4.0, 4.0, 2.7), (0.8, 0.8, 0.8)),
-    ]  # fmt: skip
+        ((-0.1, 0.0, 0.0), (0.0, 4.0, 0.9), (0.8, 0.8, 0.8)),
+        ((-0.1, 0.0, 2.1), (0.0, 4.0, 2.6), (0.8, 0.8, 0.8)),
+        ((-0.1, 0.0, 0.9), (0.0, 1.2, 2.1), (0.8, 0.8, 0.8)),
+        ((-0.1, 2.8, 0.9), (0.0, 4.0, 2.1), (0.8, 0.8, 0.8)),
+        ((0.0, 0.0, -0.1), (4.0, 4.0, 0.0), (0.8, 0.8, 0.8)),
+        ((0.0, 0.0, 2.6), (4.0, 4.0, 2.7), (0.8, 0.8, 0.8)),
+    ]
     dark = scene_of(*hole)
     lit = dataclasses.replace(dark, instances=scene_of(ROOM, windows=[window]).instances)
     gain = []
@@ -151,9 +158,12 @@ def test_lamps_hang_in_rooms_and_not_in_the_open():
     assert 2.0 < lamp[2] < 2.5
     left = [i for i in range(12) if i not in (2, 3)]  # without the ceiling
     no_ceiling = dataclasses.replace(
-        scene, triangles=scene.triangles[left], uvs=scene.uvs[left],
-        material_of_triangle=scene.material_of_triangle[left], instance_of_triangle=scene.instance_of_triangle[left],
-    )  # fmt: skip
+        scene,
+        triangles=scene.triangles[left],
+        uvs=scene.uvs[left],
+        material_of_triangle=scene.material_of_triangle[left],
+        instance_of_triangle=scene.instance_of_triangle[left],
+    )
     assert not len(lights_of(no_ceiling, RayCaster(no_ceiling)).position)
     big = scene_of(((0.0, 0.0, 0.0), (12.0, 8.0, 2.6), (1, 1, 1)))
     lamps = lights_of(big, RayCaster(big)).position
@@ -166,8 +176,11 @@ def test_a_building_without_rooms_or_triangles_is_baked_too():
     scene = dataclasses.replace(scene_of(ROOM), rooms=())
     assert len(lights_of(scene, RayCaster(scene)).position)
     empty = dataclasses.replace(
-        scene, triangles=np.zeros((0, 3), np.int32), uvs=np.zeros((0, 3, 2), np.float32),
-        material_of_triangle=np.zeros(0, np.int32), instance_of_triangle=np.zeros(0, np.uint16),
-    )  # fmt: skip
+        scene,
+        triangles=np.zeros((0, 3), np.int32),
+        uvs=np.zeros((0, 3, 2), np.float32),
+        material_of_triangle=np.zeros(0, np.int32),
+        instance_of_triangle=np.zeros(0, np.uint16),
+    )
     caster = RayCaster(empty)
     assert bake(empty, caster, surfaces_of(empty, caster.triangle_index)).light.shape == (1, 2, 3)

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from simulator.render.depth_noise import DepthNoise
 from surveilnav.geometry import Pinhole
+from surveilnav.simulator.render.depth_noise import DepthNoise
 
 CAMERA = Pinhole.from_hfov(320, 240, math.radians(79))
 

@@ -51,13 +51,14 @@ def test_kernels_call_only_kernels_of_their_own_file(name):
 
 
 @pytest.mark.parametrize(
-    "way", ["from simulator.render.shading import sky as look", "from simulator.render import shading"]
+    "way",
+    ["from surveilnav.simulator.render.shading import sky as look", "from surveilnav.simulator.render import shading"],
 )
 def test_a_planted_call_is_found(way):
     call = "look(0.0, 0.0, 1.0)" if "sky" in way else "shading.sky(0.0, 0.0, 1.0)"
     planted = f"{way}\n@njit(cache=True)\ndef kernel():\n    return {call}\n"
-    assert foreign_calls(planted, FILES) == {"kernel calls simulator.render.shading.sky"}
+    assert foreign_calls(planted, FILES) == {"kernel calls surveilnav.simulator.render.shading.sky"}
 
 
 def test_there_are_files_to_look_at():
-    assert {"simulator.render.shading", "simulator.render.hashed"} <= set(FILES)
+    assert {"surveilnav.simulator.render.shading", "surveilnav.simulator.render.hashed"} <= set(FILES)

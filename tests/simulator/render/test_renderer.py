@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.render.raster import Rasteriser
-from simulator.render.renderer import Renderer
-from simulator.world.raycast import NOTHING, RayCaster
-from simulator.world.scene import Floor, Instance, Material, Room, Scene
 from surveilnav.geometry import Pinhole, camera_pose, transform_points
+from surveilnav.simulator.render.raster import Rasteriser
+from surveilnav.simulator.render.renderer import Renderer
+from surveilnav.simulator.world.raycast import NOTHING, RayCaster
+from surveilnav.simulator.world.scene import Floor, Instance, Material, Room, Scene
 
 CAMERA = Pinhole.from_hfov(96, 72, math.radians(79))
 BOXES = (  # corner, corner, label, material
@@ -44,22 +44,31 @@ def room_scene(**changes) -> Scene:
     stripes[::8] = 255
     faces = np.concatenate(triangles)
     scene = Scene(
-        "room", np.concatenate(vertices), faces, np.tile(np.float32([[0, 0], [1, 0], [1, 1]]), (len(faces), 1, 1)),
-        np.array(materials, np.int32), np.array(instances, np.uint16),
+        "room",
+        np.concatenate(vertices),
+        faces,
+        np.tile(np.float32([[0, 0], [1, 0], [1, 1]]), (len(faces), 1, 1)),
+        np.array(materials, np.int32),
+        np.array(instances, np.uint16),
         (Material("paint", (0.9, 0.88, 0.85)), Material("stripes", (1, 1, 1), stripes), Material("r", (0.7, 0.2, 0.1))),
-        tuple(pieces), (Room("room", "0", ((0, 0), (5, 0), (5, 4), (0, 4))),), (Floor("0", "ground", 0.0, 2.6),),
+        tuple(pieces),
+        (Room("room", "0", ((0, 0), (5, 0), (5, 4), (0, 4))),),
+        (Floor("0", "ground", 0.0, 2.6),),
         content_hash="room-for-tests",
-    )  # fmt: skip
+    )
     return dataclasses.replace(scene, **changes)
 
 
 def triangles_scene(corners: np.ndarray) -> Scene:
     count = len(corners)
     return room_scene(
-        vertices=corners.reshape(-1, 3), triangles=np.arange(3 * count, dtype=np.int32).reshape(-1, 3),
-        uvs=np.zeros((count, 3, 2), np.float32), material_of_triangle=np.zeros(count, np.int32),
-        instance_of_triangle=np.ones(count, np.uint16), rooms=(),
-    )  # fmt: skip
+        vertices=corners.reshape(-1, 3),
+        triangles=np.arange(3 * count, dtype=np.int32).reshape(-1, 3),
+        uvs=np.zeros((count, 3, 2), np.float32),
+        material_of_triangle=np.zeros(count, np.int32),
+        instance_of_triangle=np.ones(count, np.uint16),
+        rooms=(),
+    )
 
 
 def test_depth_of_planes_is_exact():
@@ -109,7 +118,7 @@ def test_rasteriser_sees_what_rays_hit(seed):
     drawn = Rasteriser(corners)
     seen = drawn.cast(R, origin, CAMERA)
     with pytest.MonkeyPatch.context() as patch:  # alone, only what isn't hidden is brought into the camera's frame
-        patch.setattr("simulator.render.bands._threads", 1)
+        patch.setattr("surveilnav.simulator.render.bands._threads", 1)
         alone = drawn.cast(R, origin, CAMERA)
     for name in ("t", "triangle", "uv"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(seen, name))
@@ -201,7 +210,7 @@ def test_threads_do_not_change_a_picture(monkeypatch):
     renderer = Renderer(room_scene(), lighting="flat")
     pictures = []
     for cores in (1, 2, 5):
-        monkeypatch.setattr("simulator.render.bands._threads", cores)
+        monkeypatch.setattr("surveilnav.simulator.render.bands._threads", cores)
         rendered = renderer.render(T, CAMERA)
         pictures.append((rendered.rgb.tobytes(), rendered.depth_m.tobytes(), rendered.instance_ids.tobytes()))
     assert pictures[0] == pictures[1] == pictures[2]
@@ -235,9 +244,12 @@ def test_sloppy_data_is_tolerated():
     uvs[20], uvs[21] = np.nan, 1e9
     triangles[30] = 17
     bad = dataclasses.replace(
-        scene, vertices=vertices, uvs=uvs, triangles=triangles,
+        scene,
+        vertices=vertices,
+        uvs=uvs,
+        triangles=triangles,
         materials=(*scene.materials[:2], Material("none", (2.0, float("nan"), -1.0), np.zeros((0, 4, 3), np.uint8))),
-    )  # fmt: skip
+    )
     for lighting in ("flat", "baked", "shadowed"):
         rendered = Renderer(bad, lighting=lighting).render(camera_pose((0.5, 0.5, 1.2), 0.7, -0.3), CAMERA)
         assert np.isfinite(rendered.depth_m).all()

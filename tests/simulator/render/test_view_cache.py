@@ -9,12 +9,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from simulator.render.depth_noise import DepthNoise
-from simulator.render.picture import Rendered
-from simulator.render.renderer import Renderer
-from simulator.render.view_cache import ViewCache
-from simulator.world.scene import Floor, Instance, Material, Scene
 from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.simulator.render.depth_noise import DepthNoise
+from surveilnav.simulator.render.picture import Rendered
+from surveilnav.simulator.render.renderer import Renderer
+from surveilnav.simulator.render.view_cache import ViewCache
+from surveilnav.simulator.world.scene import Floor, Instance, Material, Scene
 
 CAMERA = Pinhole.from_hfov(96, 72, math.radians(79))
 POSE = camera_pose((0.5, 0.5, 1.2), 0.7, -0.3)
@@ -25,11 +25,18 @@ def a_scene() -> Scene:
     quads = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
     f = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32)
     return Scene(
-        "box", v, f, np.zeros((12, 3, 2), np.float32), np.zeros(12, np.int32),
-        np.repeat(np.arange(1, 7, dtype=np.uint16), 2), (Material("paint", (0.8, 0.7, 0.6)),),
-        tuple(Instance(i, "w", "wall", "0", (0, 0, 0), (5, 4, 2.6)) for i in range(1, 7)), (),
-        (Floor("0", "ground", 0.0, 2.6),), content_hash="box",
-    )  # fmt: skip
+        "box",
+        v,
+        f,
+        np.zeros((12, 3, 2), np.float32),
+        np.zeros(12, np.int32),
+        np.repeat(np.arange(1, 7, dtype=np.uint16), 2),
+        (Material("paint", (0.8, 0.7, 0.6)),),
+        tuple(Instance(i, "w", "wall", "0", (0, 0, 0), (5, 4, 2.6)) for i in range(1, 7)),
+        (),
+        (Floor("0", "ground", 0.0, 2.6),),
+        content_hash="box",
+    )
 
 
 SCENE = a_scene()

@@ -7,15 +7,15 @@ import pytest
 from msgspec.structs import replace as structs_replace
 from scipy.special import ndtr
 
-from simulator.furniture.labels import TARGETS
-from simulator.truth.backends import Oracle, Simulated
-from simulator.truth.error_model import FEATURES, SIGHTS, Haze, error_model, features
-from simulator.truth.visible import candidates, visible_things
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import TrueInstances, box_cells
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.truth.backends import Oracle, Simulated
+from surveilnav.simulator.truth.error_model import FEATURES, SIGHTS, Haze, error_model, features
+from surveilnav.simulator.truth.visible import candidates, visible_things
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.3)
 RGB = np.zeros((120, 160, 3), np.uint8)
@@ -35,8 +35,9 @@ def test_oracle_says_what_is_there() -> None:
     depth, truth = scene()
     seen = Oracle().perceive(RGB, depth, CAMERA, truth=truth)
     assert [(d.label, d.score, d.box_px) for d in seen.detections] == [
-        ("couch", 1.0, (10.0, 20.0, 110.0, 100.0)), ("tv", 1.0, (40.0, 40.0, 50.0, 60.0)),
-    ], "lamps aren't COCO's, ten pixels of bed are too few"  # fmt: skip
+        ("couch", 1.0, (10.0, 20.0, 110.0, 100.0)),
+        ("tv", 1.0, (40.0, 40.0, 50.0, 60.0)),
+    ], "lamps aren't COCO's, ten pixels of bed are too few"
     couch = seen.detections[0]
     assert couch.mask is not None
     assert couch.mask.sum() == 100 * 80 - 20 * 10
@@ -173,7 +174,7 @@ def test_a_false_alarm_is_called_nothing_that_its_size_cannot_be() -> None:
 
 def test_what_fits_no_name_is_no_false_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
     depth, truth, camera = one("lamp", 2)
-    monkeypatch.setattr("simulator.truth.backends._fits", lambda *of: False)
+    monkeypatch.setattr("surveilnav.simulator.truth.backends._fits", lambda *of: False)
     for n in range(60):
         told = TrueInstances(truth.ids, {**truth.labels, 1000 + n: "box"})
         assert not Simulated(harder=2.0).perceive(RGB, depth, camera, truth=told, key=("robot/a", 0, n)).detections
@@ -193,7 +194,7 @@ def test_simulated_boxes_and_masks_stay_in_the_picture() -> None:
 
 def test_the_error_model_is_complete_and_says_where_it_comes_from() -> None:
     model = error_model()
-    assert "benchmark.studies.calibration" in model.source
+    assert "surveilnav.benchmark.studies.calibration" in model.source
     assert set(model.kinds) == {"thing", "other", "place"}
     for kind in model.kinds.values():
         assert {len(row) for row in [*kind.weights.values(), *kind.own.values()]} == {len(FEATURES)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulator.truth.error_model import SIGHTS, Draws, Kind, Luck, features, hashed, sights, uniforms
+from surveilnav.simulator.truth.error_model import SIGHTS, Draws, Kind, Luck, features, hashed, sights, uniforms
 
 LUCK = Luck(instance=0.2, field=0.5, angle_rad=0.5, range_ratio=2.0)
 IDS = np.arange(1, 20_001, dtype=np.uint64)

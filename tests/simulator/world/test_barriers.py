@@ -6,9 +6,9 @@ import dataclasses
 
 import pytest
 
-from simulator.world.navigation import NavigationMap
-from simulator.world.reach import reach_of
-from simulator.world.scene import Room
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.reach import reach_of
+from surveilnav.simulator.world.scene import Room
 
 HALL = Room("Hall", "0", ((0, 0), (4, 0), (4, 4), (0, 4)))
 GARAGE = Room("Garage", "0", ((4.1, 0), (7.1, 0), (7.1, 4), (4.1, 4)))
@@ -63,7 +63,11 @@ CASES = {
         "the door 'door-10' between Hall and Garage stays shut and has a sill of 0.12 m",
     ),
     "an open door over a sill": (
-        [*wall_between(*WIDE), box("wall", 4, 1.5, 4.1, 2.5, high=0.12), box("door", 4, 1.5, 4.1, 2.5, low=0.12, high=0.15)],
+        [
+            *wall_between(*WIDE),
+            box("wall", 4, 1.5, 4.1, 2.5, high=0.12),
+            box("door", 4, 1.5, 4.1, 2.5, low=0.12, high=0.15),
+        ],
         "the door 'door-10' between Hall and Garage has a sill of 0.12 m",
     ),
     "furniture before a door": (
@@ -76,12 +80,13 @@ CASES = {
     ),
     "furniture in a passage": ([*wall_between(*WIDE), box("chair", 4.1, 1.4, 4.6, 2.6)], "furniture stands in the way"),
     "furniture near a passage": (
-        [*wall_between(*WIDE), box("chair", 4.25, 1.2, 4.7, 2.8)], f"furniture leaves about 0.2 m, {ROBOT}"
+        [*wall_between(*WIDE), box("chair", 4.25, 1.2, 4.7, 2.8)],
+        f"furniture leaves about 0.2 m, {ROBOT}",
     ),
     "a gap": (wall_between(1.49, 1.81), f"the gap that leads there leaves about 0.3 m, {ROBOT}"),
     "a door elsewhere": ([*wall_between(), box("door", 1, 0, 2, 0.05)], "walls stand between"),
     "a door in a corner": ([*wall_between(), box("door", 3.0, 0, 3.9, 0.05)], "walls stand between"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from simulator.world.cameras import AZIMUTHS, CAMERA, _spread_count, place_cameras
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Floor, Stair
 from surveilnav.contract import CAMERA_INFO
 from surveilnav.errors import ConfigError
+from surveilnav.simulator.world.cameras import AZIMUTHS, CAMERA, _spread_count, place_cameras
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Floor, Stair
 
 TWO_FLOORS = (Floor("0", "ground", 0.0, 2.5), Floor("attic", "attic", 2.7, 2.5))
 

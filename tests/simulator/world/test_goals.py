@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from simulator.world.goals import find_goals, judge, sample_start
-from simulator.world.navigation import NavigationMap
-from simulator.world.raycast import RayCaster
-from simulator.world.scene import Floor, Stair
 from surveilnav.errors import TargetError
+from surveilnav.simulator.world.goals import find_goals, judge, sample_start
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.raycast import RayCaster
+from surveilnav.simulator.world.scene import Floor, Stair
 
 COUCH_LOW, COUCH_HIGH = (9.0, 1.0, 0.0), (9.9, 3.0, 0.8)
 

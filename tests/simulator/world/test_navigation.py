@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
-from simulator.world.geodesic import first_blocked, mark_triangles, spread
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Floor, Stair
 from surveilnav.errors import BuildingError
+from surveilnav.simulator.world.geodesic import first_blocked, mark_triangles, spread
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Floor, Stair
 
 TWO_FLOORS = (Floor("0", "ground", 0.0, 2.5), Floor("1", "upper", 2.7, 2.5))
 

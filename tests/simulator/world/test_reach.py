@@ -4,9 +4,9 @@ import dataclasses
 
 import pytest
 
-from simulator.world.navigation import NavigationMap
-from simulator.world.reach import reach_of, survey
-from simulator.world.scene import Floor, Room, Stair
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.reach import reach_of, survey
+from surveilnav.simulator.world.scene import Floor, Room, Stair
 
 LEVELS = (Floor("0", "ground", 0.0, 2.5), Floor("1", "first", 2.7, 2.5), Floor("2", "attic", 5.4, 2.5))
 STAIR = Stair("0", "1", (1.0, 1.0, 0.0), (3.0, 1.0, 2.7), 4.0)

@@ -104,9 +104,10 @@ def test_the_best_places_inside_answer_and_a_tiny_object_gets_one() -> None:
     points, _ = places(64, 96)
     boxes = boxes_of(torch.full((1, len(points), 4), 16.0), points)
     targets = Targets(
-        torch.tensor([[[10.0, 10, 50, 50], [70, 20, 72, 22], [0, 0, 0, 0]]]), torch.tensor([[2, 1, 0]]),
+        torch.tensor([[[10.0, 10, 50, 50], [70, 20, 72, 22], [0, 0, 0, 0]]]),
+        torch.tensor([[2, 1, 0]]),
         torch.tensor([[True, True, False]]),
-    )  # fmt: skip
+    )
     logits = torch.zeros(1, len(points), 5)
     assigned = assign(logits, boxes, points, targets)
     owners = assigned.owner[assigned.positive]

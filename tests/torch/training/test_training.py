@@ -46,9 +46,18 @@ def test_depth_is_that_of_the_lens_that_the_varied_view_would_have(seed: int) ->
     depth_m = (2.0 / (lens.rays() @ slope)).astype(np.float32)
     nothing = np.zeros(0, np.int64)
     view = TrainingView(
-        "robot", "flat", 1.38, np.zeros((240, 320, 3), np.uint8), depth_m, np.zeros((240, 320), np.uint8),
-        np.zeros((0, 4), np.float32), nothing, nothing, np.zeros(len(NAMES.names), bool), -1,
-    )  # fmt: skip
+        "robot",
+        "flat",
+        1.38,
+        np.zeros((240, 320, 3), np.uint8),
+        depth_m,
+        np.zeros((240, 320), np.uint8),
+        np.zeros((0, 4), np.float32),
+        nothing,
+        nothing,
+        np.zeros(len(NAMES.names), bool),
+        -1,
+    )
     shot = _framed(view, CANVAS["robot"], rng)
     channels = shot.channels()
     normals = channels[..., 4:7][channels[..., 4:7].any(axis=-1)]

@@ -18,9 +18,11 @@ def tally(*views: tuple[list[tuple[tuple, float]], list[tuple[tuple, bool]]]) ->
     out = ClassTally()
     for found, true in views:
         out.add(
-            np.array([b for b, _ in found], np.float32).reshape(-1, 4), np.array([s for _, s in found], np.float32),
-            np.array([b for b, _ in true], np.float32).reshape(-1, 4), np.array([c for _, c in true], bool),
-        )  # fmt: skip
+            np.array([b for b, _ in found], np.float32).reshape(-1, 4),
+            np.array([s for _, s in found], np.float32),
+            np.array([b for b, _ in true], np.float32).reshape(-1, 4),
+            np.array([c for _, c in true], bool),
+        )
     return out
 
 

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from simulator.furniture.labels import TARGETS
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.models.card import Card, card_of, save_card
+from surveilnav.simulator.furniture.labels import TARGETS
 from training.detector import classes
 from training.detector.card import page
 from training.detector.evaluate import Tally, measured
@@ -34,9 +34,18 @@ def found() -> Card:
     boxes = np.array([[10, 10, 50, 50]], np.float32)
     for (kind, name), tally in tallies.items():
         view = TrainingView(
-            kind, "flat", 1.0, np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.float32),  # type: ignore[arg-type]
-            np.zeros((64, 64), np.uint8), boxes, np.array([NAMES.index("bed")]), np.array([1600]), np.zeros(len(NAMES), bool), -1,
-        )  # fmt: skip
+            kind,
+            "flat",
+            1.0,
+            np.zeros((64, 64, 3), np.uint8),
+            np.zeros((64, 64), np.float32),  # type: ignore[arg-type]
+            np.zeros((64, 64), np.uint8),
+            boxes,
+            np.array([NAMES.index("bed")]),
+            np.array([1600]),
+            np.zeros(len(NAMES), bool),
+            -1,
+        )
         scores = np.zeros((1, len(NAMES)), np.float32)
         scores[0, NAMES.index("bed")] = 0.9
         right = (kind, name) == ("robot", "compact")

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from simulator.furniture.labels import KINDS, TARGETS
 from surveilnav.nouns import phrases_of
 from surveilnav.perception.vocabulary import Vocabulary
+from surveilnav.simulator.furniture.labels import KINDS, TARGETS
 from training.detector import classes
 
 NAMES = classes.load()

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator.furniture.parametric import SIZES_M
-from simulator.sources import open_building
-from simulator.world.scene import Scene
+from surveilnav.simulator.furniture.parametric import SIZES_M
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.scene import Scene
 from training.detector.furniture import DRAWN, drawn_piece
 from training.detector.variation import varied_scene
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator.sources import open_building
-from simulator.world.navigation import NavigationMap
 from surveilnav.errors import PerceptionError
+from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.navigation import NavigationMap
 from training.detector import classes
 from training.detector.pack import Pack, read_pack, read_packs, write_pack
 from training.detector.views import DEPTH_RANGE_M, MIN_AREA_PX, TrainingView, ViewSource, objects_in

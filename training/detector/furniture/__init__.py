@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simulator.plans.assembly import Mesh
+from surveilnav.simulator.plans.assembly import Mesh
 from training.detector.furniture.beds import bed
 from training.detector.furniture.drawing import Drawing
 from training.detector.furniture.plants import plant
@@ -18,8 +18,13 @@ from training.detector.furniture.toilets import toilet
 from training.detector.furniture.tvs import tv
 
 _MAKERS: dict[str, Callable[[Drawing], None]] = {
-    "bed": bed, "couch": couch, "chair": chair, "toilet": toilet, "tv": tv, "potted plant": plant,
-}  # fmt: skip
+    "bed": bed,
+    "couch": couch,
+    "chair": chair,
+    "toilet": toilet,
+    "tv": tv,
+    "potted plant": plant,
+}
 
 #: The classes that pieces are drawn of.
 DRAWN: tuple[str, ...] = tuple(_MAKERS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulator.world.scene import Material
+from surveilnav.simulator.world.scene import Material
 from training.detector.furniture.drawing import Drawing
 
 
@@ -58,8 +58,12 @@ def _lying(p: Drawing, frame: Material, low: float, top: float, head: float, foo
     if p.chance(0.85):
         reach, over = p.between(0.35, 1.0), p.between(-0.04, 0.03)
         hangs = p.between(0.1, 0.2) if p.chance(0.7) else p.between(0.2, 1.0) * (top - low)
-        p.box((-p.w / 2 - over, p.w / 2 + over), (y[0] - over, y[0] + reach * (y[1] - y[0])), (top - hangs, top + 0.02),
-              p.fabric())  # fmt: skip
+        p.box(
+            (-p.w / 2 - over, p.w / 2 + over),
+            (y[0] - over, y[0] + reach * (y[1] - y[0])),
+            (top - hangs, top + 0.02),
+            p.fabric(),
+        )
     if p.chance(0.2):
         return
     n, pillow = 1 if p.w < 1.15 else int(p.rng.integers(1, 5)), p.linen() if p.chance(0.7) else p.fabric()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulator.furniture.parametric import prism
-from simulator.plans.assembly import MeshBuilder
-from simulator.world.scene import Material
+from surveilnav.simulator.furniture.parametric import prism
+from surveilnav.simulator.plans.assembly import MeshBuilder
+from surveilnav.simulator.world.scene import Material
 from training.detector.materials import painted, patterned
 
 METAL = Material("metal", (0.62, 0.63, 0.65), shininess=0.5)
@@ -15,7 +15,7 @@ METAL = Material("metal", (0.62, 0.63, 0.65), shininess=0.5)
 class Drawing:
     """The mesh of a piece, the size ``w``, ``d``, ``h`` [m] that it fills, and the chance that shapes it.
 
-    Local frame as in ``simulator.furniture.parametric``: x to the right, y to the back, z up, standing on z = 0.
+    Local frame as in ``surveilnav.simulator.furniture.parametric``: x to the right, y to the back, z up, standing on z = 0.
     """
 
     def __init__(self, size_m: tuple[float, float, float], rng: np.random.Generator) -> None:

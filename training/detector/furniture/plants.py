@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from simulator.furniture.parametric import prism
-from simulator.world.scene import Material
+from surveilnav.simulator.furniture.parametric import prism
+from surveilnav.simulator.world.scene import Material
 from training.detector.furniture.drawing import Drawing
 from training.detector.materials import glossy, painted, patterned
 

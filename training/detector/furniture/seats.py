@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from simulator.furniture.parametric import prism
-from simulator.world.scene import Material
+from surveilnav.simulator.furniture.parametric import prism
+from surveilnav.simulator.world.scene import Material
 from training.detector.furniture.drawing import Drawing
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from simulator.furniture.parametric import prism
-from simulator.world.scene import Material
+from surveilnav.simulator.furniture.parametric import prism
+from surveilnav.simulator.world.scene import Material
 from training.detector.furniture.drawing import METAL, Drawing
 from training.detector.materials import glossy
 

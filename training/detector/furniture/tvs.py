@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simulator.world.scene import Material
+from surveilnav.simulator.world.scene import Material
 from training.detector.furniture.drawing import Drawing
 from training.detector.materials import glossy, patterned
 
@@ -31,5 +31,8 @@ def tv(p: Drawing) -> None:
     screen = patterned(p.rng, "scene") if on else Material("screen", tuple(p.rng.uniform(0.02, 0.2, 3)), shininess=0.8)
     low, high, y0 = foot + p.between(0, 0.05) + bezel, p.h - bezel, y[0] - 0.003
     half = p.w / 2 - bezel
-    p.mesh.quad([(-half, y0, low), (half, y0, low), (half, y0, high), (-half, y0, high)], screen,
-                [(0, 0), (1, 0), (1, 1), (0, 1)])  # fmt: skip
+    p.mesh.quad(
+        [(-half, y0, low), (half, y0, low), (half, y0, high), (-half, y0, high)],
+        screen,
+        [(0, 0), (1, 0), (1, 1), (0, 1)],
+    )

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
-from services.gateway.core.resources.base import Resource
-from services.gateway.core.resources.camera import Camera
-from services.gateway.core.resources.floor import Floor
-from services.gateway.core.resources.mission import Mission
-from services.gateway.core.resources.robot import Robot
 from surveilnav.messages import FINISHED_STATES
+from surveilnav.services.gateway.core.resources.base import Resource
+from surveilnav.services.gateway.core.resources.camera import Camera
+from surveilnav.services.gateway.core.resources.floor import Floor
+from surveilnav.services.gateway.core.resources.mission import Mission
+from surveilnav.services.gateway.core.resources.robot import Robot
 
 
 class Building(Resource):
@@ -24,14 +24,25 @@ class Building(Resource):
 
     @classmethod
     def of(
-        cls, id: str, floors: Sequence[Floor], cameras: Sequence[Camera], robots: Sequence[Robot],
-        missions: Sequence[Mission], *, ready: bool,
-    ) -> Building:  # fmt: skip
+        cls,
+        id: str,
+        floors: Sequence[Floor],
+        cameras: Sequence[Camera],
+        robots: Sequence[Robot],
+        missions: Sequence[Mission],
+        *,
+        ready: bool,
+    ) -> Building:
         """A building by what is in it; stale if all of that is."""
         inside: list[Resource] = [*floors, *cameras, *robots]
         times = [r.last_seen.timestamp() for r in inside if r.last_seen]
         return cls(
-            id=id, floors=[f.id for f in floors], cameras=len(cameras), robots=len(robots),
-            missions=sum(m.state not in FINISHED_STATES for m in missions), ready=ready,
-            last_seen=int(max(times, default=0.0) * 1e9), stale=all(r.stale for r in inside),
-        )  # fmt: skip
+            id=id,
+            floors=[f.id for f in floors],
+            cameras=len(cameras),
+            robots=len(robots),
+            missions=sum(m.state not in FINISHED_STATES for m in missions),
+            ready=ready,
+            last_seen=int(max(times, default=0.0) * 1e9),
+            stale=all(r.stale for r in inside),
+        )

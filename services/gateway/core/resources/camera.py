@@ -8,10 +8,10 @@ from functools import lru_cache
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.gateway.core.resources import examples
-from services.gateway.core.resources.base import ROOT, Number, Resource, finite
 from surveilnav.geometry import Pose
 from surveilnav.messages import CameraInfo, CameraUse, CameraViewInfo
+from surveilnav.services.gateway.core.resources import examples
+from surveilnav.services.gateway.core.resources.base import ROOT, Number, Resource, finite
 
 
 class CameraView(BaseModel):

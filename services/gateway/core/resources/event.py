@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import BaseModel, Field
 
-from services.gateway.core.changes import CameraState, Change, RobotSituation
-from services.gateway.core.resources.base import Number, Text, Time
 from surveilnav.messages import MissionStatus, ObjectRecord, ServiceState
+from surveilnav.services.gateway.core.changes import CameraState, Change, RobotSituation
+from surveilnav.services.gateway.core.resources.base import Number, Text, Time
 
 #: Remote text is cut: as many events are kept as fit, however long a stranger's messages are.
 _LONGEST = 500
@@ -47,18 +47,34 @@ class Event(BaseModel):
         """A mission came to another state or phase."""
         s = change.now
         return cls(
-            id=s.mission, what=change.what, time=now_ns, floor=s.floor, target=_cut(s.target), robot=s.robot, state=s.state,
-            phase=_cut(s.phase), step=s.step, found=s.found, error=_cut(s.error), message=_cut(s.message),
-        )  # fmt: skip
+            id=s.mission,
+            what=change.what,
+            time=now_ns,
+            floor=s.floor,
+            target=_cut(s.target),
+            robot=s.robot,
+            state=s.state,
+            phase=_cut(s.phase),
+            step=s.step,
+            found=s.found,
+            error=_cut(s.error),
+            message=_cut(s.message),
+        )
 
     @classmethod
     def of_object(cls, change: Change[ObjectRecord], now_ns: int) -> Event:
         """An object was confirmed, rejected, or is open again."""
         o = change.now
         return cls(
-            id=str(o.id), what=change.what, time=now_ns, floor=o.floor, label=_cut(o.label), confidence=o.confidence,
-            center_m=o.center_m, message=_cut(o.reason),
-        )  # fmt: skip
+            id=str(o.id),
+            what=change.what,
+            time=now_ns,
+            floor=o.floor,
+            label=_cut(o.label),
+            confidence=o.confidence,
+            center_m=o.center_m,
+            message=_cut(o.reason),
+        )
 
     @classmethod
     def of_camera(cls, change: Change[CameraState], now_ns: int) -> Event:
@@ -69,9 +85,7 @@ class Event(BaseModel):
     def of_robot(cls, change: Change[RobotSituation], now_ns: int) -> Event:
         """A robot came or fell silent, or does something else."""
         r = change.now
-        return cls(
-            id=change.id, what=change.what, time=now_ns, floor=r.floor, state=r.state, message=_cut(r.message)
-        )  # fmt: skip
+        return cls(id=change.id, what=change.what, time=now_ns, floor=r.floor, state=r.state, message=_cut(r.message))
 
     @classmethod
     def of_process(cls, change: Change[ServiceState], now_ns: int) -> Event:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import msgspec
 from pydantic import BaseModel, Field
 
-from services.gateway.core.resources.base import ROOT, Number, Resource
 from surveilnav.messages import Revision
 from surveilnav.sensing.layers import GRID_LAYERS
+from surveilnav.services.gateway.core.resources.base import ROOT, Number, Resource
 
 
 class FloorCamera(BaseModel):
@@ -32,9 +32,15 @@ class Floor(Resource):
 
     @classmethod
     def from_revision(
-        cls, id: str, revision: Revision | None, robots: Sequence[str], cameras: Sequence[str], seen_ns: int | None,
-        alive: bool, root: str = ROOT,
-    ) -> Floor:  # fmt: skip
+        cls,
+        id: str,
+        revision: Revision | None,
+        robots: Sequence[str],
+        cameras: Sequence[str],
+        seen_ns: int | None,
+        alive: bool,
+        root: str = ROOT,
+    ) -> Floor:
         """``robots`` and ``cameras`` say that they are there; the revision may not exist yet."""
         mapped = msgspec.structs.asdict(revision) if revision else {"floor_z_m": None, "revision": None, "cameras": []}
         facts = {

@@ -6,8 +6,8 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, Field
 
-from services.gateway.core.layers import Drawn, transform
-from services.gateway.core.resources.base import ROOT, Number
+from surveilnav.services.gateway.core.layers import Drawn, transform
+from surveilnav.services.gateway.core.resources.base import ROOT, Number
 
 
 class Layer(BaseModel):
@@ -35,7 +35,17 @@ class Layer(BaseModel):
         address = f"{root}/floors/{floor}/layers/{layer}"
         asked = f"?target={quote(target)}" if target else ""
         return cls(
-            floor=floor, layer=layer, target=target, revision=revision, rows=drawn.grid.rows, cols=drawn.grid.cols,
-            resolution_m=drawn.grid.resolution_m, T_world_cell=transform(drawn.grid), low=drawn.low, high=drawn.high,
-            views_left_out=drawn.views_left_out, picture=f"{address}.png{asked}", array=f"{address}.npy{asked}",
-        )  # fmt: skip
+            floor=floor,
+            layer=layer,
+            target=target,
+            revision=revision,
+            rows=drawn.grid.rows,
+            cols=drawn.grid.cols,
+            resolution_m=drawn.grid.resolution_m,
+            T_world_cell=transform(drawn.grid),
+            low=drawn.low,
+            high=drawn.high,
+            views_left_out=drawn.views_left_out,
+            picture=f"{address}.png{asked}",
+            array=f"{address}.npy{asked}",
+        )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.gateway.core.resources import examples
-from services.gateway.core.resources.base import Number, Resource, Text, Time
 from surveilnav.contract import ID_PATTERN
 from surveilnav.messages import FINISHED_STATES, MissionAck, MissionStatus, Plan
+from surveilnav.services.gateway.core.resources import examples
+from surveilnav.services.gateway.core.resources.base import Number, Resource, Text, Time
 
 #: A shorter way so far tells no pace.
 _LEAST_WAY_M = 1.0

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.gateway.core.resources import examples
-from services.gateway.core.resources.base import Number, Resource, Time
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.gateway.core.resources import examples
+from surveilnav.services.gateway.core.resources.base import Number, Resource, Time
 
 
 class ObjectEvent(BaseModel):

@@ -8,10 +8,10 @@ from pydantic import BaseModel, Field
 
 #: What must be there before a mission makes sense, and how to start it.
 NEEDED: tuple[tuple[Literal["robot", "perception", "fusion", "planner"], str], ...] = (
-    ("robot", "python -m services.robot_node"),
-    ("perception", "python -m services.perception"),
-    ("fusion", "python -m services.fusion"),
-    ("planner", "python -m services.planner"),
+    ("robot", "python -m surveilnav.services.robot_node"),
+    ("perception", "python -m surveilnav.services.perception"),
+    ("fusion", "python -m surveilnav.services.fusion"),
+    ("planner", "python -m surveilnav.services.planner"),
 )
 
 

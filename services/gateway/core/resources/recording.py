@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.gateway.core.resources import examples
-from services.gateway.core.resources.base import ROOT, Resource, Text, Time
 from surveilnav.messages import FASTEST_REPLAY, SLOWEST_REPLAY, RecorderStatus, ReplayStatus
 from surveilnav.messages import Recording as Kept
+from surveilnav.services.gateway.core.resources import examples
+from surveilnav.services.gateway.core.resources.base import ROOT, Resource, Text, Time
 
 
 class Recording(BaseModel):
@@ -30,10 +30,17 @@ class Recording(BaseModel):
     def of(cls, kept: Kept, recorder: str, root: str = ROOT) -> Recording:
         """A file that a recorder tells of."""
         return cls(
-            id=kept.id, mission=kept.mission, target=kept.target, state=kept.state, n_bytes=kept.n_bytes,
-            started=kept.started_ns, changed=kept.changed_ns, recorder=recorder, cameras=kept.cameras,
+            id=kept.id,
+            mission=kept.mission,
+            target=kept.target,
+            state=kept.state,
+            n_bytes=kept.n_bytes,
+            started=kept.started_ns,
+            changed=kept.changed_ns,
+            recorder=recorder,
+            cameras=kept.cameras,
             file=f"{root}/recordings/{kept.id}/file",
-        )  # type: ignore[arg-type]  # fmt: skip
+        )  # type: ignore[arg-type]
 
 
 class Recorder(Resource):

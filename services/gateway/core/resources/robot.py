@@ -5,11 +5,11 @@ from __future__ import annotations
 from msgspec.structs import asdict
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.gateway.core.resources import examples
-from services.gateway.core.resources.base import Number, Resource
 from surveilnav.geometry import yaw_of
 from surveilnav.histogram import quantile_ms
 from surveilnav.messages import RobotStatus, WorkerLoad
+from surveilnav.services.gateway.core.resources import examples
+from surveilnav.services.gateway.core.resources.base import Number, Resource
 
 
 class Robot(Resource):

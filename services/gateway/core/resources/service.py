@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from services.gateway.core.resources.base import Resource, Text, Time
 from surveilnav.messages import ServiceState
+from surveilnav.services.gateway.core.resources.base import Resource, Text, Time
 
 
 class Service(Resource):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pydantic import BaseModel, Field
 
-from services.gateway.core import traffic as sums
-from services.gateway.core.costs import Cost
-from services.gateway.core.resources.base import Number, Resource
 from surveilnav.messages import MissionStatus
+from surveilnav.services.gateway.core import traffic as sums
+from surveilnav.services.gateway.core.costs import Cost
+from surveilnav.services.gateway.core.resources.base import Number, Resource
 
 
 class NodeTraffic(Resource):
@@ -56,10 +56,17 @@ class MissionTraffic(Resource):
         """What a mission has cost so far."""
         spent = cost.spent
         return cls(
-            mission=cost.mission, offered_bytes=spent.offered, delivered_bytes=spent.delivered, wire_sent_bytes=spent.wire,
-            alone=cost.alone, whole=cost.whole, per_step_bytes=cost.per_step, at_most_bytes=cost.at_most(status),
-            last_seen=seen_ns, stale=False,
-        )  # fmt: skip
+            mission=cost.mission,
+            offered_bytes=spent.offered,
+            delivered_bytes=spent.delivered,
+            wire_sent_bytes=spent.wire,
+            alone=cost.alone,
+            whole=cost.whole,
+            per_step_bytes=cost.per_step,
+            at_most_bytes=cost.at_most(status),
+            last_seen=seen_ns,
+            stale=False,
+        )
 
 
 class Traffic(BaseModel):

@@ -8,10 +8,10 @@ from __future__ import annotations
 import itertools
 import math
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.goals import objects
-from services.planner.core.state import FloorMemory
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.state import FloorMemory
 
 _NEW = FloorMemory()
 
@@ -73,7 +73,8 @@ def what_was_barred(context: StepContext) -> str:
     if surely_here(context):
         return ""
     barred = [
-        f"{memory.stair_name(*s.at_m[:2])} to floor {s.to_floor}" for s in context.robot.stairs
+        f"{memory.stair_name(*s.at_m[:2])} to floor {s.to_floor}"
+        for s in context.robot.stairs
         if s.floor == context.state.floor and not memory_of(context, s.to_floor).exhausted
-    ]  # fmt: skip
+    ]
     return f"the stairs at {', '.join(sorted(barred))} couldn't be reached or taken" if barred else ""

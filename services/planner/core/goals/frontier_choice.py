@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from services.planner.core import memory
-from services.planner.core.context import FrontierChoice, StepContext
-from services.planner.core.goals.frontiers import Frontier, rank
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import FrontierChoice, StepContext
+from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
 
 
 def best_frontier(context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.motion.terrain import Terrain
-from services.planner.core.state import MapView
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.motion.terrain import Terrain
+from surveilnav.services.planner.core.state import MapView
 
 #: Where the value alone ranks frontiers, a metre of way costs so little that it decides only between equals.
 _WAY_PRICE = 1e-6

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.motion.terrain import Terrain, clear_lines
-from services.planner.core.state import RobotView
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.motion.terrain import Terrain, clear_lines
+from surveilnav.services.planner.core.state import RobotView
 
 #: Higher than this above the floor an object stands on something, which reaches at most so far from it.
 _RAISED_M = 0.3
@@ -67,9 +67,13 @@ def footprint(record: ObjectRecord, floor_z_m: float) -> NDArray[np.float64]:
 
 
 def goal_region(
-    terrain: Terrain, travel_time_m: NDArray[np.float64], record: ObjectRecord, robot: RobotView, config: PlannerConfig,
+    terrain: Terrain,
+    travel_time_m: NDArray[np.float64],
+    record: ObjectRecord,
+    robot: RobotView,
+    config: PlannerConfig,
     floor_z_m: float = 0.0,
-) -> GoalRegion | None:  # fmt: skip
+) -> GoalRegion | None:
     """Where to stand before an object; None if no way leads within ``farthest_stop_m`` of it.
 
     Rings are tried from near to far, one farther off only if the way there is clearly shorter. ``travel_time_m``: from the
@@ -121,10 +125,17 @@ def _grounds(
     roomy, nearly = (clearance_m >= config.robot_radius_m - short_m for short_m in (0.0, a_cell_m))
     rings_m = config.standoff_m, config.stop_m, _RING_M
     return (
-        (rings_m, first & known & roomy), (rings_m, over & known & roomy), ((_RING_M,), sight & roomy),
-        (rings_m, sight & known & nearly), (rings_m, over & known & nearly), (rings_m, sight & known),
-        ((_RING_M,), sight), ((config.farthest_stop_m,), over & known), ((1.0,), known & roomy), ((1.0,), known),
-    )  # fmt: skip
+        (rings_m, first & known & roomy),
+        (rings_m, over & known & roomy),
+        ((_RING_M,), sight & roomy),
+        (rings_m, sight & known & nearly),
+        (rings_m, over & known & nearly),
+        (rings_m, sight & known),
+        ((_RING_M,), sight),
+        ((config.farthest_stop_m,), over & known),
+        ((1.0,), known & roomy),
+        ((1.0,), known),
+    )
 
 
 class _Part(NamedTuple):

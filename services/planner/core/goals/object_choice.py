@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from services.planner.core import memory
-from services.planner.core.context import Choice, StepContext
-from services.planner.core.goals import objects
-from services.planner.core.goals.reach import is_hard, is_reachable, way_to
 from surveilnav.messages import Candidate, ObjectRecord
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import Choice, StepContext
+from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.goals.reach import is_hard, is_reachable, way_to
 
 
 @dataclass(frozen=True, slots=True)

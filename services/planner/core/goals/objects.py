@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 
-from services.planner.core import memory
-from services.planner.core.config import PlannerConfig
-from services.planner.core.state import MissionState
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.state import MissionState
 
 #: An object that the robot is on its way to stays promising down to this share of what made it so.
 _HELD = 0.6

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from services.planner.core.context import StepContext
-from services.planner.core.goals import objects
-from services.planner.core.goals.object_choice import is_doubtful, is_left_alone, worth_of
-from services.planner.core.goals.reach import is_reachable
 from surveilnav.messages import Candidate, ObjectRecord
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.goals.object_choice import is_doubtful, is_left_alone, worth_of
+from surveilnav.services.planner.core.goals.reach import is_reachable
 
 _SHOWN = 12
 

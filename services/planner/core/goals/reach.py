@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from services.planner.core.context import StepContext
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core.context import StepContext
 
 
 def way_to(context: StepContext, record: ObjectRecord) -> float:

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.goals.floors import memory_of
-from services.planner.core.motion.terrain import clear_lines
 from surveilnav.messages import Stair
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals.floors import memory_of
+from surveilnav.services.planner.core.motion.terrain import clear_lines
 
 #: A stair's end counts as seen if a cell so near to it is explored.
 _SEEN_M = 0.3

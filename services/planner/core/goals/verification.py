@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.goals.objects import chance, is_confirmed, robot_sees
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.goals.objects import chance, is_confirmed, robot_sees
 
 #: What the joint map says of an object that the robot is at or on its way to.
 Verification = Literal["verified", "open", "contradicted"]

@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.motion.terrain import Terrain, travel_time_m
-from services.planner.core.state import RobotView
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.motion.terrain import Terrain, travel_time_m
+from surveilnav.services.planner.core.state import RobotView
 
 #: Headings that the robot can turn to, in turns: left positive, a full circle.
 HEADINGS = np.arange(-5, 7)
@@ -94,10 +94,19 @@ def next_action(terrain: Terrain, field: NDArray[np.float64], robot: RobotView, 
     bumps = (terrain.bumps - (grid.origin_x_m, grid.origin_y_m, 0.0)) / (r, r, 1.0)
     best = int(
         _look_ahead(
-            terrain.speed, field / r, terrain.revisit_m / r, u, v, robot.yaw_rad, bumps, config.step_m / r, config.turn_rad,
-            config.turn_cost_m / r, _SAME_SPOT_M / r,
+            terrain.speed,
+            field / r,
+            terrain.revisit_m / r,
+            u,
+            v,
+            robot.yaw_rad,
+            bumps,
+            config.step_m / r,
+            config.turn_rad,
+            config.turn_cost_m / r,
+            _SAME_SPOT_M / r,
         )
-    )  # fmt: skip
+    )
     return "move_forward" if best == 0 else "turn_left" if best > 0 else "turn_right"
 
 

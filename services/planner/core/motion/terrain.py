@@ -15,11 +15,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.planner.core.config import PlannerConfig
-from services.planner.core.motion.marching import march
-from services.planner.core.state import MapView, MissionState, RobotView
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import clearance_m, fits
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.motion.marching import march
+from surveilnav.services.planner.core.state import MapView, MissionState, RobotView
 
 #: Travel time to a cell that the front never reached.
 UNREACHED = np.inf
@@ -75,9 +75,12 @@ class Terrain:
 
 
 def build_terrain(
-    maps: MapView, robot: RobotView, state: MissionState, config: PlannerConfig,
+    maps: MapView,
+    robot: RobotView,
+    state: MissionState,
+    config: PlannerConfig,
     places_m: Sequence[tuple[float, float]] = (),
-) -> Terrain:  # fmt: skip
+) -> Terrain:
     """Crops the map to what is known and to ``places_m`` (plus a margin) and rates every cell.
 
     Where the robot stands and has stood is never blocked, so a robot that starts inside a grown obstacle can leave it.
@@ -222,9 +225,11 @@ def _known_window(
     rows, cols = np.append(rows, cells[:, 0]), np.append(cols, cells[:, 1])
     margin = round(config.crop_margin_m / maps.grid.resolution_m)
     return (
-        max(0, int(rows.min()) - margin), min(maps.grid.rows, int(rows.max()) + margin + 1),
-        max(0, int(cols.min()) - margin), min(maps.grid.cols, int(cols.max()) + margin + 1),
-    )  # fmt: skip
+        max(0, int(rows.min()) - margin),
+        min(maps.grid.rows, int(rows.max()) + margin + 1),
+        max(0, int(cols.min()) - margin),
+        min(maps.grid.cols, int(cols.max()) + margin + 1),
+    )
 
 
 def _paint(

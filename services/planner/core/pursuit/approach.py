@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from services.planner.core import memory
-from services.planner.core.context import Choice, StepContext
-from services.planner.core.goals import objects
-from services.planner.core.goals.goal_region import GoalRegion, goal_region
-from services.planner.core.goals.verification import Verification, good_enough, verify
-from services.planner.core.motion.drive import bearing_error_rad, turn_towards
-from services.planner.core.pursuit.follow import follow, level
-from services.planner.core.state import Decision
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import Choice, StepContext
+from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.goals.goal_region import GoalRegion, goal_region
+from surveilnav.services.planner.core.goals.verification import Verification, good_enough, verify
+from surveilnav.services.planner.core.motion.drive import bearing_error_rad, turn_towards
+from surveilnav.services.planner.core.pursuit.follow import follow, level
+from surveilnav.services.planner.core.state import Decision
 
 
 def approach(context: StepContext, record: ObjectRecord, choice: Choice) -> Decision | None:

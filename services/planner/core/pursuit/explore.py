@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from services.planner.core import memory
-from services.planner.core.context import Choice, StepContext
-from services.planner.core.goals.frontiers import Frontier, unknown_side
-from services.planner.core.motion.drive import turn_towards
-from services.planner.core.pursuit.follow import follow, level
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import Choice, StepContext
+from surveilnav.services.planner.core.goals.frontiers import Frontier, unknown_side
+from surveilnav.services.planner.core.motion.drive import turn_towards
+from surveilnav.services.planner.core.pursuit.follow import follow, level
+from surveilnav.services.planner.core.state import Decision
 
 
 def explore(context: StepContext, frontier: Frontier, choice: Choice) -> Decision | None:

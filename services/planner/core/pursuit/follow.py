@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from services.planner.core import memory
-from services.planner.core.context import Choice, StepContext
-from services.planner.core.motion.drive import Route
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import Choice, StepContext
+from surveilnav.services.planner.core.motion.drive import Route
+from surveilnav.services.planner.core.state import Decision
 
 
 def follow(context: StepContext, goals: NDArray[np.bool_]) -> Route | None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from services.planner.core import memory
-from services.planner.core.context import Choice, StepContext
-from services.planner.core.goals.stairs import foot, reach_m
-from services.planner.core.pursuit.follow import follow, level
-from services.planner.core.state import Decision, FloorGoal
 from surveilnav.messages import Candidate, Stair
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import Choice, StepContext
+from surveilnav.services.planner.core.goals.stairs import foot, reach_m
+from surveilnav.services.planner.core.pursuit.follow import follow, level
+from surveilnav.services.planner.core.state import Decision, FloorGoal
 
 
 def take_stair(context: StepContext, stair: Stair, goal: FloorGoal) -> Decision | None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from services.planner.core.context import StepContext
-from services.planner.core.goals.object_choice import any_object
-from services.planner.core.stages.objects import go_to
-from services.planner.core.stages.stage import Retry
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals.object_choice import any_object
+from surveilnav.services.planner.core.stages.objects import go_to
+from surveilnav.services.planner.core.stages.stage import Retry
+from surveilnav.services.planner.core.state import Decision
 
 
 def any_candidate(context: StepContext) -> Decision | Retry | None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.goals.object_choice import lost_promise, promising_object
-from services.planner.core.stages.exploring import put_off, weigh_exploring
-from services.planner.core.stages.objects import go_to_promising, least_worth
-from services.planner.core.stages.stage import Retry
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals.object_choice import lost_promise, promising_object
+from surveilnav.services.planner.core.stages.exploring import put_off, weigh_exploring
+from surveilnav.services.planner.core.stages.objects import go_to_promising, least_worth
+from surveilnav.services.planner.core.stages.stage import Retry
+from surveilnav.services.planner.core.state import Decision
 
 
 def confirmed_target(context: StepContext) -> Decision | Retry | None:

@@ -6,15 +6,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from services.planner.core import memory
-from services.planner.core.context import Choice, FrontierChoice, StepContext
-from services.planner.core.goals.frontier_choice import all_frontiers
-from services.planner.core.goals.frontiers import Frontier, rank
-from services.planner.core.goals.reach import is_hard
-from services.planner.core.pursuit.explore import explore
-from services.planner.core.stages.stage import RETRY, Retry
-from services.planner.core.state import Decision
 from surveilnav.messages import Candidate
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import Choice, FrontierChoice, StepContext
+from surveilnav.services.planner.core.goals.frontier_choice import all_frontiers
+from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
+from surveilnav.services.planner.core.goals.reach import is_hard
+from surveilnav.services.planner.core.pursuit.explore import explore
+from surveilnav.services.planner.core.stages.stage import RETRY, Retry
+from surveilnav.services.planner.core.state import Decision
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from services.planner.core.context import StepContext
-from services.planner.core.stages.exploring import explore_chosen, put_off_hard_frontiers
-from services.planner.core.stages.stage import Retry
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.stages.exploring import explore_chosen, put_off_hard_frontiers
+from surveilnav.services.planner.core.stages.stage import Retry
+from surveilnav.services.planner.core.state import Decision
 
 
 def frontier(context: StepContext) -> Decision | Retry | None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from services.planner.core.context import StepContext
-from services.planner.core.goals.frontier_choice import all_frontiers
-from services.planner.core.stages.exploring import explore_chosen
-from services.planner.core.stages.stage import Retry
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals.frontier_choice import all_frontiers
+from surveilnav.services.planner.core.stages.exploring import explore_chosen
+from surveilnav.services.planner.core.stages.stage import Retry
+from surveilnav.services.planner.core.state import Decision
 
 
 def hard_frontier(context: StepContext) -> Decision | Retry | None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.goals.floors import may_visit, memory_of
-from services.planner.core.goals.object_choice import likeliest_last_resort
-from services.planner.core.goals.reach import way_to
-from services.planner.core.goals.stairs import ways
-from services.planner.core.stages.stage import RETRY, Retry
-from services.planner.core.state import FloorGoal
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals.floors import may_visit, memory_of
+from surveilnav.services.planner.core.goals.object_choice import likeliest_last_resort
+from surveilnav.services.planner.core.goals.reach import way_to
+from surveilnav.services.planner.core.goals.stairs import ways
+from surveilnav.services.planner.core.stages.stage import RETRY, Retry
+from surveilnav.services.planner.core.state import FloorGoal
 
 
 def last_resort(context: StepContext) -> Retry | None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.goals import objects
-from services.planner.core.goals.reach import way_to
-from services.planner.core.stages.other_floor import other_floor
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.goals.reach import way_to
+from surveilnav.services.planner.core.stages.other_floor import other_floor
+from surveilnav.services.planner.core.state import Decision
 
 _LIKELY = 0.5
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.goals import objects
-from services.planner.core.goals.floors import evidence, may_visit, memory_of, surely_here
-from services.planner.core.goals.stairs import ways
-from services.planner.core.stages.stage import RETRY, Retry
-from services.planner.core.state import FloorGoal
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.goals.floors import evidence, may_visit, memory_of, surely_here
+from surveilnav.services.planner.core.goals.stairs import ways
+from surveilnav.services.planner.core.stages.stage import RETRY, Retry
+from surveilnav.services.planner.core.state import FloorGoal
 
 
 def next_floor(context: StepContext) -> Retry | None:

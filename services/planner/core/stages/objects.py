@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.goals.object_choice import ObjectGoal, floor_goal_worth, promising_object
-from services.planner.core.pursuit.approach import approach
-from services.planner.core.stages.exploring import put_off, weigh_exploring
-from services.planner.core.stages.stage import RETRY, Retry
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals.object_choice import ObjectGoal, floor_goal_worth, promising_object
+from surveilnav.services.planner.core.pursuit.approach import approach
+from surveilnav.services.planner.core.stages.exploring import put_off, weigh_exploring
+from surveilnav.services.planner.core.stages.stage import RETRY, Retry
+from surveilnav.services.planner.core.state import Decision
 
 
 def go_to_promising(context: StepContext, *, confirmed: bool) -> Decision | Retry | None:

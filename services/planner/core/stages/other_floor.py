@@ -7,13 +7,13 @@ Nor is one left while views of its own cameras are still to come: they may show 
 
 from __future__ import annotations
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.goals.floors import chance_here, evidence, evidence_here, memory_of, surely_here
-from services.planner.core.goals.stairs import ways
-from services.planner.core.pursuit.stairs import take_stair
-from services.planner.core.stages.exploring import put_off, weigh_exploring
-from services.planner.core.state import Decision, FloorGoal
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.goals.floors import chance_here, evidence, evidence_here, memory_of, surely_here
+from surveilnav.services.planner.core.goals.stairs import ways
+from surveilnav.services.planner.core.pursuit.stairs import take_stair
+from surveilnav.services.planner.core.stages.exploring import put_off, weigh_exploring
+from surveilnav.services.planner.core.state import Decision, FloorGoal
 
 
 def other_floor(context: StepContext) -> Decision | None:

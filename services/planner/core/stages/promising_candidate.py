@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from services.planner.core.context import StepContext
-from services.planner.core.stages.objects import go_to_promising
-from services.planner.core.stages.stage import Retry
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.stages.objects import go_to_promising
+from surveilnav.services.planner.core.stages.stage import Retry
+from surveilnav.services.planner.core.state import Decision
 
 
 def promising_candidate(context: StepContext) -> Decision | Retry | None:

@@ -6,19 +6,19 @@ Ours adds other floors, and what is left when all is explored.
 
 from __future__ import annotations
 
-from services.planner.core.context import StepContext
-from services.planner.core.stages.any_candidate import any_candidate
-from services.planner.core.stages.confirmed_target import confirmed_target
-from services.planner.core.stages.frontier import frontier
-from services.planner.core.stages.hard_frontier import hard_frontier
-from services.planner.core.stages.last_resort import last_resort
-from services.planner.core.stages.next_floor import next_floor
-from services.planner.core.stages.other_floor import other_floor
-from services.planner.core.stages.promising_candidate import promising_candidate
-from services.planner.core.stages.second_chance import second_chance
-from services.planner.core.stages.second_look import second_look
-from services.planner.core.stages.stage import Retry, Stage
-from services.planner.core.state import Decision
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.stages.any_candidate import any_candidate
+from surveilnav.services.planner.core.stages.confirmed_target import confirmed_target
+from surveilnav.services.planner.core.stages.frontier import frontier
+from surveilnav.services.planner.core.stages.hard_frontier import hard_frontier
+from surveilnav.services.planner.core.stages.last_resort import last_resort
+from surveilnav.services.planner.core.stages.next_floor import next_floor
+from surveilnav.services.planner.core.stages.other_floor import other_floor
+from surveilnav.services.planner.core.stages.promising_candidate import promising_candidate
+from surveilnav.services.planner.core.stages.second_chance import second_chance
+from surveilnav.services.planner.core.stages.second_look import second_look
+from surveilnav.services.planner.core.stages.stage import Retry, Stage
+from surveilnav.services.planner.core.state import Decision
 
 #: Rounds of stages. A round is tried from its first stage until one decides; a stage that gave something up has its round
 #: begin again; when a round has nothing left, the next begins. Every retry is counted in the mission's memory, so each ends.

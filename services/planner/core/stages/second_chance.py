@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.stages.stage import RETRY, Retry
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.stages.stage import RETRY, Retry
 
 
 def second_chance(context: StepContext) -> Retry | None:

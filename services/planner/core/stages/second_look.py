@@ -7,11 +7,11 @@ import math
 import cv2
 import numpy as np
 
-from services.planner.core import memory
-from services.planner.core.context import StepContext
-from services.planner.core.pursuit.follow import follow, level
-from services.planner.core.state import Decision
 from surveilnav.messages import Candidate
+from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.pursuit.follow import follow, level
+from surveilnav.services.planner.core.state import Decision
 
 _SMOOTHED_M = 1.0
 _GOAL_RADIUS_M = 0.2

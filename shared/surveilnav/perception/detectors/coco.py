@@ -57,7 +57,7 @@ def load(path: Path, family: str, runtime: Runtime) -> Network:
 @dataclass(frozen=True, slots=True)
 class Agreement:
     """When boxes are one thing. Chosen on rendered Sweet Home 3D homes (206 robot views, 50 camera views;
-    ``benchmark.studies.detectors``).
+    ``surveilnav.benchmark.studies.detectors``).
 
     Attributes:
         same_thing_iou: boxes of one network that overlap so much are one thing.
@@ -120,9 +120,11 @@ def _in_tile(network: Network, rgb: NDArray[np.uint8], tile: tuple[int, int, int
     height, width = rgb.shape[:2]
     b = found.xyxy
     cut = (
-        ((b[:, 0] < 3) & (x0 > 0)) | ((b[:, 1] < 3) & (y0 > 0))
-        | ((b[:, 2] > x1 - x0 - 3) & (x1 < width)) | ((b[:, 3] > y1 - y0 - 3) & (y1 < height))
-    )  # fmt: skip
+        ((b[:, 0] < 3) & (x0 > 0))
+        | ((b[:, 1] < 3) & (y0 > 0))
+        | ((b[:, 2] > x1 - x0 - 3) & (x1 < width))
+        | ((b[:, 3] > y1 - y0 - 3) & (y1 < height))
+    )
     return found.scored(found.scores * np.where(cut, 0.5, 1.0)[:, None].astype(np.float32)).shifted(x0, y0)
 
 

@@ -82,8 +82,9 @@ class CompactNetwork:
     def __init__(self, session: onnxruntime.InferenceSession, side_px: int | None = None) -> None:
         self._session, self._side = session, side_px
         for what, wanted, there in (
-            ("output", self._outputs, session.get_outputs()), ("input", ("picture", "depth"), session.get_inputs()),
-        ):  # fmt: skip
+            ("output", self._outputs, session.get_outputs()),
+            ("input", ("picture", "depth"), session.get_inputs()),
+        ):
             found = {one.name for one in there}
             if missing := [name for name in wanted if name not in found]:
                 raise PerceptionError(
@@ -117,9 +118,16 @@ class CompactNetwork:
         ltrb = out["ltrb"]
         xyxy = np.concatenate([points - ltrb[:, :2], points + ltrb[:, 2:]], axis=1) / ratio
         return Answer(
-            out["scores"], xyxy.astype(np.float32), out["coefficients"], out["embeddings"], out["prototypes"],
-            out["image"], out["near"], ratio, view.depth_m,
-        )  # fmt: skip
+            out["scores"],
+            xyxy.astype(np.float32),
+            out["coefficients"],
+            out["embeddings"],
+            out["prototypes"],
+            out["image"],
+            out["near"],
+            ratio,
+            view.depth_m,
+        )
 
     _outputs = ("scores", "ltrb", "coefficients", "embeddings", "prototypes", "image", "near")
 

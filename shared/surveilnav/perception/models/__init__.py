@@ -10,6 +10,18 @@ from surveilnav.perception.models.pull import pull
 from surveilnav.perception.models.small import small_weights
 
 __all__ = [
-    "CATALOGUE", "COCO_DETECTORS", "Card", "Model", "Seen", "card_of", "family", "find", "is_here", "model_called", "model_id",
-    "pull", "small_weights", "survey",
-]  # fmt: skip
+    "CATALOGUE",
+    "COCO_DETECTORS",
+    "Card",
+    "Model",
+    "Seen",
+    "card_of",
+    "family",
+    "find",
+    "is_here",
+    "model_called",
+    "model_id",
+    "pull",
+    "small_weights",
+    "survey",
+]

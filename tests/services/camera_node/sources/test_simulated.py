@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from services.camera_node.sources.simulated import SimulatedSource
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.geometry import Pinhole, Pose, camera_pose
+from surveilnav.services.camera_node.sources.simulated import SimulatedSource
 
 VIEWS = [Pose.from_matrix(camera_pose((1.0, 2.0, 1.8), k, math.radians(-30))) for k in range(2)]
 CAMERA = PlannedCamera("c1", "0", (1.0, 2.0, 1.8), VIEWS)

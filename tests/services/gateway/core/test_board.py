@@ -7,7 +7,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.board import _MOST_GONE, Board
+from surveilnav.services.gateway.core.board import _MOST_GONE, Board
 
 CHANGES = st.lists(
     st.tuples(st.sampled_from(["robot", "camera"]), st.sampled_from("abc"), st.one_of(st.none(), st.integers(0, 3))),

@@ -7,19 +7,33 @@ import json
 import msgspec
 import pytest
 
-from services.gateway.core import changes
-from services.gateway.core.changes import CameraState, Change, RobotSituation, Tracked
-from services.gateway.core.resources.event import Event
 from surveilnav.messages import MissionStatus, ObjectRecord, ServiceState
+from surveilnav.services.gateway.core import changes
+from surveilnav.services.gateway.core.changes import CameraState, Change, RobotSituation, Tracked
+from surveilnav.services.gateway.core.resources.event import Event
 
 MISSION = MissionStatus(
     stamp_ns=1, mission="m", target="tv", robot="r1", state="active", phase="exploring", step=1, max_steps=9, path_m=1.0
 )
 OBJECT = ObjectRecord(
-    id=3, floor="0", label="tv", status="candidate", confidence=float("nan"), confidence_robot=0.0, confidence_surveillance=0.0,
-    label_robot="", label_surveillance="", n_detections=1, n_points=1, center_m=(1.0, float("inf"), 0.0), size_m=(1, 1, 1),
-    first_seen_ns=1, last_seen_ns=1, sources=[], reason="r" * 5000,
-)  # fmt: skip
+    id=3,
+    floor="0",
+    label="tv",
+    status="candidate",
+    confidence=float("nan"),
+    confidence_robot=0.0,
+    confidence_surveillance=0.0,
+    label_robot="",
+    label_surveillance="",
+    n_detections=1,
+    n_points=1,
+    center_m=(1.0, float("inf"), 0.0),
+    size_m=(1, 1, 1),
+    first_seen_ns=1,
+    last_seen_ns=1,
+    sources=[],
+    reason="r" * 5000,
+)
 CAMERA = CameraState("0", online=True, invoked=False)
 ROBOT = RobotSituation(online=True, state="ready", floor="0")
 PROCESS = ServiceState("fusion", True)

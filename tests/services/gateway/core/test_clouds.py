@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.gateway.core.clouds import thinned
+from surveilnav.services.gateway.core.clouds import thinned
 
 CLOUD = np.random.default_rng(0).random((5000, 6), np.float32) * np.array([8, 6, 2.5, 1, 1, 1], np.float32)
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.cones import RANGE_M, floor_outline
 from surveilnav.geometry import Pinhole, Pose, camera_pose
+from surveilnav.services.gateway.core.cones import RANGE_M, floor_outline
 
 CAMERA = Pinhole.from_hfov(640, 480, math.radians(90))
 

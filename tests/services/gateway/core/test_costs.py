@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import pytest
 
-from services.gateway.core.costs import _MOST_MISSIONS, Costs, Sums
 from surveilnav.messages import MissionStatus
+from surveilnav.services.gateway.core.costs import _MOST_MISSIONS, Costs, Sums
 
 
 def status(mission: str = "m", step: int = 0, state: str = "active", max_steps: int = 100) -> MissionStatus:
     return MissionStatus(
-        stamp_ns=1, mission=mission, target="tv", robot="r", state=state, phase="", step=step, max_steps=max_steps, path_m=0.0,
+        stamp_ns=1,
+        mission=mission,
+        target="tv",
+        robot="r",
+        state=state,
+        phase="",
+        step=step,
+        max_steps=max_steps,
+        path_m=0.0,
         started_ns=1,
-    )  # fmt: skip
+    )
 
 
 def test_only_what_is_sent_while_it_runs_counts():

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.crops import _MOST_PX, crop
+from surveilnav.services.gateway.core.crops import _MOST_PX, crop
 
 _PICTURE = np.zeros((300, 400, 3), np.uint8)
 _PICTURE[100:200, 150:250] = (0, 0, 255)

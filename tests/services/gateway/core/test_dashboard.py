@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from prometheus_client import generate_latest
 
-from services.gateway.core.metrics import Heard
-from services.gateway.core.resources.traffic import Traffic
+from surveilnav.services.gateway.core.metrics import Heard
+from surveilnav.services.gateway.core.resources.traffic import Traffic
 
 ROOT = Path(__file__).parents[4]
 DASHBOARD = json.loads((ROOT / "docs/operate/grafana/surveilnav.json").read_text(encoding="utf-8"))
@@ -19,9 +19,18 @@ ALERTS = re.findall(r"\| `(.*surveilnav_.*)` \|", (ROOT / "docs/operate/promethe
 
 
 NOTHING = Heard(
-    cameras=[], floors=[], robots=[], missions=[], processes=[], workers={}, recorders=[], ready=False, event_streams=0, events=0,
+    cameras=[],
+    floors=[],
+    robots=[],
+    missions=[],
+    processes=[],
+    workers={},
+    recorders=[],
+    ready=False,
+    event_streams=0,
+    events=0,
     traffic=Traffic(offered_bytes=0, delivered_bytes=0, wire_sent_bytes=None, nodes=[], cameras=[], robots=[]),
-)  # fmt: skip
+)
 #: Type by name; a building without anything tells of all families.
 KNOWN = dict(re.findall(r"^# TYPE (\S+) (\w+)$", generate_latest(NOTHING).decode(), re.MULTILINE))
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.event_log import EventLog
+from surveilnav.services.gateway.core.event_log import EventLog
 
 
 def log_of(n: int, capacity: int = 10) -> EventLog:

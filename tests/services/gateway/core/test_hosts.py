@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from services.gateway.config import GatewaySettings
-from services.gateway.core.hosts import foreign, foreign_origin
+from surveilnav.services.gateway.config import GatewaySettings
+from surveilnav.services.gateway.core.hosts import foreign, foreign_origin
 
 
 def names(host="127.0.0.1", **settings):
@@ -23,11 +23,29 @@ def test_loopback_is_answered_with_any_port(host):
 @pytest.mark.parametrize(
     "host",
     [
-        "evil.example", "evil.example:8080", "localhost.evil.example", "evil.localhost", "127.0.0.1.evil.example", "::1",
-        "localhost:8080:8080", "localhost:x", "localhost@evil.example", "localhost/", "[", "[::1", "[::1]evil", "", ":8080",
-        "localhost,evil.example", " localhost", "localhost\n", "127.1", "0.0.0.0:8080", "\udcff",
+        "evil.example",
+        "evil.example:8080",
+        "localhost.evil.example",
+        "evil.localhost",
+        "127.0.0.1.evil.example",
+        "::1",
+        "localhost:8080:8080",
+        "localhost:x",
+        "localhost@evil.example",
+        "localhost/",
+        "[",
+        "[::1",
+        "[::1]evil",
+        "",
+        ":8080",
+        "localhost,evil.example",
+        " localhost",
+        "localhost\n",
+        "127.1",
+        "0.0.0.0:8080",
+        "\udcff",
     ],
-)  # fmt: skip
+)
 def test_any_other_is_named(host):
     assert foreign([host], names("0.0.0.0")) == host
     assert foreign(["localhost", host], names("0.0.0.0")) == host

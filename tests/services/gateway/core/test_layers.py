@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.layers import COLOURS, as_array, colour_values, render, transform
 from surveilnav.geometry import Grid
 from surveilnav.sensing.layers import GRID_LAYERS
+from surveilnav.services.gateway.core.layers import COLOURS, as_array, colour_values, render, transform
 
 
 def decode(png: bytes) -> np.ndarray:

@@ -8,21 +8,31 @@ from hypothesis import strategies as st
 from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
-from services.gateway.core import metrics
-from services.gateway.core.metrics import Heard, seconds_buckets
-from services.gateway.core.resources import Camera, Floor, Mission, Service
-from services.gateway.core.resources.traffic import NodeTraffic, SourceTraffic, Traffic
 from surveilnav.histogram import EDGES_MS, Histogram
 from surveilnav.messages import WorkerLoad
+from surveilnav.services.gateway.core import metrics
+from surveilnav.services.gateway.core.metrics import Heard, seconds_buckets
+from surveilnav.services.gateway.core.resources import Camera, Floor, Mission, Service
+from surveilnav.services.gateway.core.resources.traffic import NodeTraffic, SourceTraffic, Traffic
 
 COUNTS = {"offered_bytes": 5, "delivered_bytes": 4, "frame_bytes": 3, "frames": 1, "viewer_bytes": 2, "by_stream": {}}
 
 
 def camera(id: str, **facts) -> Camera:
     known = {
-        "camera": id, "floor": "0", "position_m": (0, 0, 0), "mounting_offset_m": 2.0, "hfov_rad": 1.0, "width_px": 1,
-        "height_px": 1, "tier": "jpeg+depth", "paused": False, "invoked": True, "views": [], "stale": False,
-    }  # fmt: skip
+        "camera": id,
+        "floor": "0",
+        "position_m": (0, 0, 0),
+        "mounting_offset_m": 2.0,
+        "hfov_rad": 1.0,
+        "width_px": 1,
+        "height_px": 1,
+        "tier": "jpeg+depth",
+        "paused": False,
+        "invoked": True,
+        "views": [],
+        "stale": False,
+    }
     return Camera.model_validate(known | facts)
 
 
@@ -32,9 +42,17 @@ def source(id: str, wire: int | None = 6) -> SourceTraffic:
 
 def heard(**facts) -> Heard:
     known = {
-        "cameras": [], "floors": [], "robots": [], "missions": [], "processes": [], "recorders": [], "workers": {}, "ready": True,
-        "event_streams": 2, "events": 3,
-    }  # fmt: skip
+        "cameras": [],
+        "floors": [],
+        "robots": [],
+        "missions": [],
+        "processes": [],
+        "recorders": [],
+        "workers": {},
+        "ready": True,
+        "event_streams": 2,
+        "events": 3,
+    }
     cameras = facts.pop("sources", [])
     nodes = facts.pop("nodes", [])
     traffic = Traffic(offered_bytes=0, delivered_bytes=0, wire_sent_bytes=None, nodes=nodes, cameras=cameras, robots=[])
@@ -52,9 +70,16 @@ def samples(of: Heard) -> dict[tuple[str, ...], float]:
 
 def test_a_camera_has_its_three_numbers_and_its_views():
     floor = Floor(
-        id="0", floor_z_m=0.0, revision=1, robots=[], cameras=["c1"], layers={}, stale=False, pending_views=4,
+        id="0",
+        floor_z_m=0.0,
+        revision=1,
+        robots=[],
+        cameras=["c1"],
+        layers={},
+        stale=False,
+        pending_views=4,
         invoked=[{"camera": "c1", "views_processed": 7, "views": 13}],
-    )  # fmt: skip
+    )
     told = samples(heard(cameras=[camera("c1"), camera("c2", stale=True)], sources=[source("c1")], floors=[floor]))
     assert told["camera_offered_bytes_total", "c1"] == 5
     assert told["camera_delivered_bytes_total", "c1"] == 4
@@ -79,9 +104,16 @@ def test_only_cameras_that_announced_themselves_and_not_too_many_have_labels(mon
 def test_stale_nodes_missions_and_restarts():
     common = {"offered_messages": 1, "delivered_messages": 1, "simulation_bytes": 0, "wire_received_bytes": None}
     node = NodeTraffic(
-        node="f1", kind="fusion", offered_bytes=1, delivered_bytes=2, wire_sent_bytes=3, rejected={"a": 2, "b": 3}, stale=True,
-        last_seen=1_700_000_000_000_000_000, **common,
-    )  # fmt: skip
+        node="f1",
+        kind="fusion",
+        offered_bytes=1,
+        delivered_bytes=2,
+        wire_sent_bytes=3,
+        rejected={"a": 2, "b": 3},
+        stale=True,
+        last_seen=1_700_000_000_000_000_000,
+        **common,
+    )
     missions = [
         Mission(mission=str(i), target="tv", robot="r", state=s, stale=False, found=s == "done")
         for i, s in enumerate(["done", "done", "failed", "active"])
@@ -130,9 +162,15 @@ def test_counts_that_are_none_are_left_out(counts):
 
 def test_times_of_a_worker():
     load = WorkerLoad(
-        stamp_ns=1, worker="w", backend="b", why="", queued=0, capacity=8, latency_ms=1.0,
+        stamp_ns=1,
+        worker="w",
+        backend="b",
+        why="",
+        queued=0,
+        capacity=8,
+        latency_ms=1.0,
         times={f"stage{i}": [0] * 20 + [3] + [0] * (len(EDGES_MS) - 20) for i in range(50)},
-    )  # fmt: skip
+    )
     told = samples(heard(workers={"w": (load, True)}))
     assert told["perception_seconds_bucket", "0.008", "stage0", "w"] == 3
     assert told["perception_seconds_bucket", "0.004", "stage0", "w"] == 0

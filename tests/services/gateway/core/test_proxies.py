@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.config import GatewaySettings
-from services.gateway.core.proxies import client_address, networks
+from surveilnav.services.gateway.config import GatewaySettings
+from surveilnav.services.gateway.core.proxies import client_address, networks
 
 TRUSTED = networks("10.0.0.0/24, ::1, 192.168.7.7")
 

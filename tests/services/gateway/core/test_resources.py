@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.core.cursors import page_after
-from services.gateway.core.problems import Problem, invalid, refusal
-from services.gateway.core.resources import (
+from surveilnav.geometry import Pose
+from surveilnav.messages import MissionStatus, RobotStatus
+from surveilnav.services.gateway.core.cursors import page_after
+from surveilnav.services.gateway.core.problems import Problem, invalid, refusal
+from surveilnav.services.gateway.core.resources import (
     NEEDED,
     Camera,
     Mission,
@@ -23,9 +25,7 @@ from services.gateway.core.resources import (
     Robot,
     examples,
 )
-from services.gateway.core.resources.base import utc
-from surveilnav.geometry import Pose
-from surveilnav.messages import MissionStatus, RobotStatus
+from surveilnav.services.gateway.core.resources.base import utc
 
 
 def status(**changes: object) -> MissionStatus:
@@ -72,10 +72,13 @@ def test_a_finished_mission_is_never_stale(state, planner, stale):
 @pytest.mark.parametrize(
     ("state", "found", "judged", "said"),
     [
-        ("done", True, True, True), ("done", True, False, False), ("done", True, None, None),
-        ("cancelled", False, False, None), ("active", False, True, None),
+        ("done", True, True, True),
+        ("done", True, False, False),
+        ("done", True, None, None),
+        ("cancelled", False, False, None),
+        ("active", False, True, None),
     ],
-)  # fmt: skip
+)
 def test_a_verdict_counts_where_a_mission_ended_by_its_stop(state, found, judged, said):
     assert Mission.from_status(status(state=state, found=found), 1, True, judged).judged is said
 
@@ -162,10 +165,14 @@ def test_times_of_a_mission(facts, elapsed, remaining):
 @pytest.mark.parametrize(
     ("model", "example"),
     [
-        (NewMission, examples.NEW_MISSION), (Mission, examples.MISSION), (MissionPlan, examples.PLAN), (Object, examples.OBJECT),
-        (Robot, examples.ROBOT), (Camera, examples.CAMERA),
+        (NewMission, examples.NEW_MISSION),
+        (Mission, examples.MISSION),
+        (MissionPlan, examples.PLAN),
+        (Object, examples.OBJECT),
+        (Robot, examples.ROBOT),
+        (Camera, examples.CAMERA),
     ],
-)  # fmt: skip
+)
 def test_examples_are_what_resources_look_like(model, example):
     assert set(example) == set(model.model_fields)
     renamed = {model.model_fields[k].validation_alias or k: stamped(v) for k, v in example.items()}

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from services.gateway.core.traffic import sum_traffic
 from surveilnav import contract
 from surveilnav.messages import TrafficReport, TrafficRow
+from surveilnav.services.gateway.core.traffic import sum_traffic
 
 FRAME = contract.CAMERA_FRAME.key_for(building="b", floor="0", camera="c1", view=3)
 SUMMARY = contract.CAMERA_SUMMARY.key_for(building="b", floor="0", camera="c1")

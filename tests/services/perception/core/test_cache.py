@@ -7,15 +7,22 @@ import tracemalloc
 import msgspec
 import pytest
 
-from services.perception.core.answer import Known, to_bytes
-from services.perception.core.cache import AnswerCache, ByteCache, content_key, text_key
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import Detection, InferReply, InferRequest, ModelIds, Part
+from surveilnav.services.perception.core.answer import Known, to_bytes
+from surveilnav.services.perception.core.cache import AnswerCache, ByteCache, content_key, text_key
 
 ASKED = InferRequest(
-    stamp_ns=1, source="robot/r", view=0, seq=1, camera=Pinhole.from_hfov(64, 48, 1.2), image=Part("jpeg", 3),
-    depth=Part("depth-invq-zstd", 2), depth_range_m=(0.5, 5.0), prompts=["tv"],
-)  # fmt: skip
+    stamp_ns=1,
+    source="robot/r",
+    view=0,
+    seq=1,
+    camera=Pinhole.from_hfov(64, 48, 1.2),
+    image=Part("jpeg", 3),
+    depth=Part("depth-invq-zstd", 2),
+    depth_range_m=(0.5, 5.0),
+    prompts=["tv"],
+)
 MODELS = ModelIds("d", "s", "e")
 
 

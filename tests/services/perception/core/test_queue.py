@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from services.perception.core.queue import Job, StageQueues, Turned
+from surveilnav.services.perception.core.queue import Job, StageQueues, Turned
 
 MS = 1_000_000
 LATE = 10_000 * MS

@@ -12,13 +12,13 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from services.recorder.core.drawer import Drawer, Heard
-from services.recorder.core.line import read_bus_line, stream_of
 from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.contract import MAP_LAYER, MISSION_PLAN, MISSION_STATUS, VIEW_LOG
 from surveilnav.geometry import Grid, Pinhole, Pose
 from surveilnav.sensing.packing import pack_array
+from surveilnav.services.recorder.core.drawer import Drawer, Heard
+from surveilnav.services.recorder.core.line import read_bus_line, stream_of
 
 GRID = Grid(-1.0, -2.0, 0.5, 3, 4)
 UPRIGHT = Pose((1.0, 2.0, 2.2), (0.0, 0.0, 0.0, 1.0))
@@ -102,16 +102,26 @@ def test_a_layer_that_isnt_what_its_header_says_is_left_out():
 def info(name):
     views = [m.CameraViewInfo(0, UPRIGHT), m.CameraViewInfo(1, UPRIGHT)]
     return m.CameraInfo(
-        stamp_ns=1, camera=name, floor="0", position_m=(1.0, 2.0, 2.2), mounting_offset_m=2.2, views=views,
+        stamp_ns=1,
+        camera=name,
+        floor="0",
+        position_m=(1.0, 2.0, 2.2),
+        mounting_offset_m=2.2,
+        views=views,
         intrinsics=Pinhole.from_hfov(64, 64, 1.7),
-    )  # fmt: skip
+    )
 
 
 def revision(*cameras, stamp_ns=1):
     return m.Revision(
-        stamp_ns=stamp_ns, floor="0", revision=1, floor_z_m=0.3, robots={}, pending_views=0,
+        stamp_ns=stamp_ns,
+        floor="0",
+        revision=1,
+        floor_z_m=0.3,
+        robots={},
+        pending_views=0,
         cameras=[m.CameraUse(c, 1, 2) for c in cameras],
-    )  # fmt: skip
+    )
 
 
 def test_cameras_are_drawn_when_they_or_their_use_change():
@@ -138,10 +148,24 @@ def test_cameras_are_drawn_when_they_or_their_use_change():
 
 def record(id, status):
     return m.ObjectRecord(
-        id=id, floor="0", label="couch", status=status, confidence=0.8, confidence_robot=0.8, confidence_surveillance=0.0,
-        label_robot="couch", label_surveillance="", n_detections=1, n_points=9, center_m=(1.0, 2.0, 0.4), size_m=(2.0, 1.0, 0.0),
-        first_seen_ns=1, last_seen_ns=2, sources=["robot/r1"], reason="seen",
-    )  # fmt: skip
+        id=id,
+        floor="0",
+        label="couch",
+        status=status,
+        confidence=0.8,
+        confidence_robot=0.8,
+        confidence_surveillance=0.0,
+        label_robot="couch",
+        label_surveillance="",
+        n_detections=1,
+        n_points=9,
+        center_m=(1.0, 2.0, 0.4),
+        size_m=(2.0, 1.0, 0.0),
+        first_seen_ns=1,
+        last_seen_ns=2,
+        sources=["robot/r1"],
+        reason="seen",
+    )
 
 
 def test_objects_are_boxes_with_words():
@@ -149,8 +173,9 @@ def test_objects_are_boxes_with_words():
     scene = drawn(SceneUpdate, Drawer().lines(heard(contract.OBJECTS, objects, floor="0")), "/objects/0")
     assert len(scene.deletions) == 1
     assert [(e.id, e.texts[0].text) for e in scene.entities] == [
-        ("object_0_7", "couch 0.80"), ("object_0_8", "couch 0.80"),
-    ]  # fmt: skip
+        ("object_0_7", "couch 0.80"),
+        ("object_0_8", "couch 0.80"),
+    ]
     assert scene.entities[0].cubes[0].size.z > 0, "what is flat is seen, too"
     assert scene.entities[0].cubes[0].color != scene.entities[1].cubes[0].color
 
@@ -158,9 +183,18 @@ def test_objects_are_boxes_with_words():
 def plan(why="to a frontier", action="move_forward"):
     ahead = m.Candidate("frontier", 4.0, 2.0, 0.41, True)
     return m.Plan(
-        stamp_ns=9, mission="m1", robot="r1", floor="0", step=1, seq=1, action=action, waypoint=ahead, why=why,
-        path_m=[(1.0, 2.0), (4.0, 2.0)], candidates=[ahead, m.Candidate("candidate", 6.0, 1.0, 0.02)],
-    )  # fmt: skip
+        stamp_ns=9,
+        mission="m1",
+        robot="r1",
+        floor="0",
+        step=1,
+        seq=1,
+        action=action,
+        waypoint=ahead,
+        why=why,
+        path_m=[(1.0, 2.0), (4.0, 2.0)],
+        candidates=[ahead, m.Candidate("candidate", 6.0, 1.0, 0.02)],
+    )
 
 
 def test_a_plan_is_drawn_on_its_floor_and_logged_once():
@@ -176,8 +210,16 @@ def test_a_plan_is_drawn_on_its_floor_and_logged_once():
 
 def test_a_failure_is_an_error_in_the_log():
     status = m.MissionStatus(
-        stamp_ns=1, mission="m1", target="tv", robot="r1", state="failed", phase="finished", step=3, max_steps=9, path_m=1.0,
+        stamp_ns=1,
+        mission="m1",
+        target="tv",
+        robot="r1",
+        state="failed",
+        phase="finished",
+        step=3,
+        max_steps=9,
+        path_m=1.0,
         message="no way leads there",
-    )  # fmt: skip
+    )
     log = drawn(Log, Drawer().lines(heard(MISSION_STATUS, status, mission="m1")), "/decisions")
     assert (log.level, log.name, log.message) == (Log.ERROR, "m1", "failed: no way leads there")

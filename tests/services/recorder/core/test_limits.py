@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.recorder.core.limits import Kept, Limits, to_delete
+from surveilnav.services.recorder.core.limits import Kept, Limits, to_delete
 
 DAY_NS = 86_400 * 10**9
 

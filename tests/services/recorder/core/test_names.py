@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.recorder.core.names import parts_of, recording_id
 from surveilnav.contract import ID
+from surveilnav.services.recorder.core.names import parts_of, recording_id
 
 TIMES = st.integers(0, 4 * 10**18).map(lambda ns: ns // 10**6 * 10**6)
 
@@ -27,10 +27,18 @@ def test_names_sort_by_time(a, b):
 @pytest.mark.parametrize(
     "id",
     [
-        "", "notes", "../../etc/passwd", "20261125T143519250Z_", "20261125T143519250Z_../x", "20261125T143519250Z_a/b",
-        "20261341T143519250Z_m1", "20261125T143519Z_m1", "20261125T143519.250Z_m1", "20261125T143519250Z_m1\n",
+        "",
+        "notes",
+        "../../etc/passwd",
+        "20261125T143519250Z_",
+        "20261125T143519250Z_../x",
+        "20261125T143519250Z_a/b",
+        "20261341T143519250Z_m1",
+        "20261125T143519Z_m1",
+        "20261125T143519.250Z_m1",
+        "20261125T143519250Z_m1\n",
         "20261125T143519250Z_" + "m" * 65,
     ],
-)  # fmt: skip
+)
 def test_what_is_no_name(id):
     assert parts_of(id) is None

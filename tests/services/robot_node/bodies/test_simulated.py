@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from services.robot_node import core
-from services.robot_node.bodies.kept import _FORMAT
-from services.robot_node.bodies.simulated import SimulatedBody, SimulatedJudge, simulated_body, start_state
-from services.robot_node.config import RobotSettings
-from simulator.simulation import SimulatedBuilding, SimulationSettings
-from simulator.world.goals import find_goals
 from surveilnav.errors import ConfigError
 from surveilnav.robot_body import DEPTH_RANGE_M
+from surveilnav.services.robot_node import core
+from surveilnav.services.robot_node.bodies.kept import _FORMAT
+from surveilnav.services.robot_node.bodies.simulated import SimulatedBody, SimulatedJudge, simulated_body, start_state
+from surveilnav.services.robot_node.config import RobotSettings
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.world.goals import find_goals
 from surveilnav.stored import write_parts
 
 
@@ -46,9 +46,10 @@ class Building:
     def robot_view(self, T_world_camera, camera, depth_range_m, seq):
         shape = camera.height_px, camera.width_px
         return SimpleNamespace(
-            rgb=np.full((*shape, 3), seq, np.uint8), depth_m=np.ones(shape, np.float32),
+            rgb=np.full((*shape, 3), seq, np.uint8),
+            depth_m=np.ones(shape, np.float32),
             instance_ids=np.full(shape, 5, np.uint16),
-        )  # fmt: skip
+        )
 
 
 def test_it_moves_by_the_core_and_sees_where_it_stands():
@@ -63,8 +64,10 @@ def test_it_moves_by_the_core_and_sees_where_it_stands():
     assert (look.rgb == 1).all(), "the noise of the picture belongs to the sequence number"
     assert (look.T_world_camera == core.camera_pose_of(body.state)).all()
     assert (look.camera, look.mounting_offset_m, look.depth_range_m) == (
-        core.CAMERA, core.CAMERA_HEIGHT_M, DEPTH_RANGE_M,
-    )  # fmt: skip
+        core.CAMERA,
+        core.CAMERA_HEIGHT_M,
+        DEPTH_RANGE_M,
+    )
     assert (look.truth.ids == 5).all()
     assert look.truth.labels == {5: "bed"}
     assert (look.truth.T_world_camera == look.T_world_camera).all()

@@ -91,8 +91,11 @@ def test_with_a_table_its_detections_have_chances(network: CompactNetwork) -> No
 def test_its_words_are_understood_and_rooms_have_near_classes(network: CompactNetwork) -> None:
     backend = OneNetwork("compact", "in a test", network, "compact@0")
     assert [backend.understood(word) for word in ("Kommode", "Bett", "télé", "Couchtisch")] == [
-        "chest of drawers", "bed", "tv", "",
-    ]  # fmt: skip
+        "chest of drawers",
+        "bed",
+        "tv",
+        "",
+    ]
     assert (backend.embed_texts(["Bett"]) == backend.embed_texts(["bed"])).all()
     assert "nearest are oven" in backend.refuses("kitchen")
     assert "nearest are table" in backend.refuses("Couchtisch")
@@ -120,9 +123,11 @@ def test_a_file_that_is_none_of_its_kind_is_refused(tmp_path: Path, more: dict[s
 def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
     value = helper.make_tensor_value_info
     graph = helper.make_graph(
-        [helper.make_node("Identity", ["x"], ["y"])], "other",
-        [value("x", TensorProto.FLOAT, [1])], [value("y", TensorProto.FLOAT, [1])],
-    )  # fmt: skip
+        [helper.make_node("Identity", ["x"], ["y"])],
+        "other",
+        [value("x", TensorProto.FLOAT, [1])],
+        [value("y", TensorProto.FLOAT, [1])],
+    )
     path = tmp_path / "other.onnx"
     path.write_bytes(
         helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8).SerializeToString()

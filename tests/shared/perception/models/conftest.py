@@ -136,9 +136,14 @@ FOLDER = {
 def one_file(machine: Path, served: Served, monkeypatch: pytest.MonkeyPatch) -> Served:
     """The model ``fake``: one file whose size and hash are known."""
     add(
-        monkeypatch, name="fake", kind="detector", family="yolox", licence="none", url=f"{served.address}/fake.onnx",
+        monkeypatch,
+        name="fake",
+        kind="detector",
+        family="yolox",
+        licence="none",
+        url=f"{served.address}/fake.onnx",
         files=(File("fake.onnx", len(DATA), sha256(DATA)),),
-    )  # fmt: skip
+    )
     served.files["/fake.onnx"] = DATA
     return served
 
@@ -148,9 +153,15 @@ def of_the_hub(machine: Path, served: Served, monkeypatch: pytest.MonkeyPatch) -
     """The model ``hubbed``: a folder of which nobody knows hashes. The hub says the commit ``c0ffee``."""
     monkeypatch.setenv("HF_ENDPOINT", served.address + "/")
     add(
-        monkeypatch, name="hubbed", kind="embedder", family="clip", licence="none", repo="some/one", revision="main",
+        monkeypatch,
+        name="hubbed",
+        kind="embedder",
+        family="clip",
+        licence="none",
+        repo="some/one",
+        revision="main",
         files=(*map(File, FOLDER), File("merges.txt", optional=True)),
-    )  # fmt: skip
+    )
     for revision in ("main", "c0ffee"):
         served.files |= {f"/some/one/resolve/{revision}/{name}": data for name, data in FOLDER.items()}
     served.headers["X-Repo-Commit"] = "c0ffee"

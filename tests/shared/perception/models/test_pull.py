@@ -116,9 +116,13 @@ def test_another_file_than_expected_is_not_used(length, machine, one_file):
 
 def test_a_size_is_held_to_where_no_hash_is_known(one_file, monkeypatch):
     of_unknown_hash = Model(
-        name="sized", kind="detector", family="yolox", licence="none", url=f"{one_file.address}/fake.onnx",
+        name="sized",
+        kind="detector",
+        family="yolox",
+        licence="none",
+        url=f"{one_file.address}/fake.onnx",
         files=(File("sized.onnx", len(DATA) + 1),),
-    )  # fmt: skip
+    )
     monkeypatch.setitem(models.CATALOGUE, "sized", of_unknown_hash)
     with pytest.raises(PerceptionError, match=r"5,120 bytes .* not 5,121"):
         models.find("sized")

@@ -6,18 +6,29 @@ from itertools import pairwise
 
 import numpy as np
 
-from simulator.generated.floor_plan import FloorPlan
-from simulator.generated.layout import Body, Rect, Strip, snap
+from surveilnav.simulator.procedural.floor_plan import FloorPlan
+from surveilnav.simulator.procedural.layout import Body, Rect, Strip, snap
 
 #: Types of office rooms: least and largest width along the corridor [m].
 _OFFICE_WIDTHS: dict[str, tuple[float, float]] = {
-    "office": (2.8, 4.6), "open office": (6.0, 8.5), "meeting": (4.0, 5.6), "kitchenette": (2.8, 3.6),
-    "lounge": (4.2, 5.6), "toilets": (2.7, 3.2), "storage": (1.6, 2.4), "first aid": (2.7, 3.2),
-}  # fmt: skip
+    "office": (2.8, 4.6),
+    "open office": (6.0, 8.5),
+    "meeting": (4.0, 5.6),
+    "kitchenette": (2.8, 3.6),
+    "lounge": (4.2, 5.6),
+    "toilets": (2.7, 3.2),
+    "storage": (1.6, 2.4),
+    "first aid": (2.7, 3.2),
+}
 _TITLES = {
-    "office": "Office", "open office": "Open office", "meeting": "Meeting room", "kitchenette": "Kitchenette",
-    "lounge": "Lounge", "storage": "Storage", "first aid": "First aid room",
-}  # fmt: skip
+    "office": "Office",
+    "open office": "Open office",
+    "meeting": "Meeting room",
+    "kitchenette": "Kitchenette",
+    "lounge": "Lounge",
+    "storage": "Storage",
+    "first aid": "First aid room",
+}
 #: A strip shorter than this can't hold a flat [m].
 _MIN_FLAT_M = 5.4
 

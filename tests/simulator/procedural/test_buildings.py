@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator import sources
-from simulator.furniture.labels import TARGETS
-from simulator.plans.polygons import contains
-from simulator.sources import list_buildings, open_building
-from simulator.world.navigation import NavigationMap
-from simulator.world.scene import Scene
 from surveilnav.errors import AssetError, BuildingError
+from surveilnav.simulator import sources
+from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.plans.polygons import contains
+from surveilnav.simulator.sources import list_buildings, open_building
+from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.scene import Scene
 
 
 @pytest.fixture
@@ -80,11 +80,13 @@ def test_the_statistics_are_those_of_the_train_homes() -> None:
     import json
     from importlib import resources
 
-    from simulator.furniture.catalog import Furniture
-    from simulator.generated.measure import TRAIN_HOMES, measure
-    from simulator.sources import read_example
+    from surveilnav.simulator.furniture.catalog import Furniture
+    from surveilnav.simulator.procedural.measure import TRAIN_HOMES, measure
+    from surveilnav.simulator.sources import read_example
 
-    committed = json.loads(resources.files("simulator.generated").joinpath("data/room_statistics.json").read_text())
+    committed = json.loads(
+        resources.files("surveilnav.simulator.procedural").joinpath("data/room_statistics.json").read_text()
+    )
     with Furniture(sources.ensure_assets(), None) as furniture:
         rooms = measure(read_example(name, furniture) for name in TRAIN_HOMES)
     assert tuple(committed["homes"]) == TRAIN_HOMES

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.generated.floor_plan import Hole, free_edges
-from simulator.generated.layout import Rect
-from simulator.generated.walls import HALF_M
+from surveilnav.simulator.procedural.floor_plan import Hole, free_edges
+from surveilnav.simulator.procedural.layout import Rect
+from surveilnav.simulator.procedural.walls import HALF_M
 
 #: A door's swing and step: nothing stands there [m].
 _DOOR_ZONE_M = 0.8
@@ -79,9 +79,17 @@ class RoomSpace:
     # -- finding places -------------------------------------------------------------------------------------------
 
     def at_wall(
-        self, kind: str, size_m: tuple[float, float, float], rng: np.random.Generator, *, front_m: float = 0.5,
-        corner: bool = False, z_m: float = 0.0, facing: Placed | None = None, tries: int = 8,
-    ) -> Placed | None:  # fmt: skip
+        self,
+        kind: str,
+        size_m: tuple[float, float, float],
+        rng: np.random.Generator,
+        *,
+        front_m: float = 0.5,
+        corner: bool = False,
+        z_m: float = 0.0,
+        facing: Placed | None = None,
+        tries: int = 8,
+    ) -> Placed | None:
         """Places a piece with its back to a wall.
 
         Args:

@@ -48,37 +48,63 @@ _CHAIR: Size = (0.42, 0.45, 0.9)
 #: Types that no train home has: the type that they start from, what they don't have of it, and what they have besides
 #: (share of rooms, number of pieces, or m2 per piece where negative, size).
 _ASSUMED: dict[str, tuple[str, tuple[str, ...], dict[str, tuple[float, float, Size]]]] = {
-    "office": ("study", ("table", "chair", "sofa", "low table", "bookcase", "floor lamp"), {
-        "desk": (1.0, -9.0, _DESK), "office chair": (1.0, -9.0, _OFFICE_CHAIR),
-        "bookcase": (0.7, 1.5, (1.02, 0.4, 2.11)),
-        "chair": (0.3, 1.5, _CHAIR), "sofa": (0.08, 1.0, (1.7, 0.85, 0.87)), "plant": (0.25, 1.2, _PLANT),
-        "plant on top": (0.15, 1.0, (0.24, 0.22, 0.49)), "tv": (0.04, 1.0, _TV),
-    }),
-    "open office": ("study", ("table", "chair", "sofa", "low table", "bookcase", "floor lamp"), {
-        "desk": (1.0, -7.0, _DESK), "office chair": (1.0, -7.0, _OFFICE_CHAIR),
-        "bookcase": (0.8, 2.0, (1.02, 0.4, 2.11)),
-        "plant": (0.5, 1.5, _PLANT), "tv": (0.1, 1.0, _TV),
-    }),
-    "meeting": ("", (), {
-        "table": (1.0, 1.0, (2.2, 1.0, 0.74)), "chair": (1.0, 7.0, _CHAIR), "tv": (0.5, 1.0, _TV),
-        "plant": (0.3, 1.2, _PLANT), "chest": (0.4, 1.0, (1.2, 0.5, 0.8)),
-    }),
+    "office": (
+        "study",
+        ("table", "chair", "sofa", "low table", "bookcase", "floor lamp"),
+        {
+            "desk": (1.0, -9.0, _DESK),
+            "office chair": (1.0, -9.0, _OFFICE_CHAIR),
+            "bookcase": (0.7, 1.5, (1.02, 0.4, 2.11)),
+            "chair": (0.3, 1.5, _CHAIR),
+            "sofa": (0.08, 1.0, (1.7, 0.85, 0.87)),
+            "plant": (0.25, 1.2, _PLANT),
+            "plant on top": (0.15, 1.0, (0.24, 0.22, 0.49)),
+            "tv": (0.04, 1.0, _TV),
+        },
+    ),
+    "open office": (
+        "study",
+        ("table", "chair", "sofa", "low table", "bookcase", "floor lamp"),
+        {
+            "desk": (1.0, -7.0, _DESK),
+            "office chair": (1.0, -7.0, _OFFICE_CHAIR),
+            "bookcase": (0.8, 2.0, (1.02, 0.4, 2.11)),
+            "plant": (0.5, 1.5, _PLANT),
+            "tv": (0.1, 1.0, _TV),
+        },
+    ),
+    "meeting": (
+        "",
+        (),
+        {
+            "table": (1.0, 1.0, (2.2, 1.0, 0.74)),
+            "chair": (1.0, 7.0, _CHAIR),
+            "tv": (0.5, 1.0, _TV),
+            "plant": (0.3, 1.2, _PLANT),
+            "chest": (0.4, 1.0, (1.2, 0.5, 0.8)),
+        },
+    ),
     "lounge": ("living", ("piano", "bookcase"), {}),
     "kitchenette": ("kitchen", ("washing machine", "wardrobe"), {}),
     "washroom": ("", (), {"washbasin": (1.0, 2.0, (0.56, 0.47, 0.97))}),
-    "first aid": ("", (), {
-        "single bed": (1.0, 1.0, (0.95, 2.0, 0.7)), "chair": (0.8, 1.0, _CHAIR),
-        "washbasin": (1.0, 1.0, (0.56, 0.47, 0.97)),
-        "wardrobe": (0.5, 1.0, (0.9, 0.5, 1.7)),
-    }),
+    "first aid": (
+        "",
+        (),
+        {
+            "single bed": (1.0, 1.0, (0.95, 2.0, 0.7)),
+            "chair": (0.8, 1.0, _CHAIR),
+            "washbasin": (1.0, 1.0, (0.56, 0.47, 0.97)),
+            "wardrobe": (0.5, 1.0, (0.9, 0.5, 1.7)),
+        },
+    ),
     "corridor": ("hall", (), {"plant": (0.35, 1.5, _PLANT), "chair": (0.15, 2.0, _CHAIR)}),
-}  # fmt: skip
+}
 
 
 @lru_cache(maxsize=1)
 def room_statistics() -> dict[str, RoomStatistics]:
     """The table by type of room."""
-    text = resources.files("simulator.generated").joinpath("data/room_statistics.json").read_text("utf-8")
+    text = resources.files("surveilnav.simulator.procedural").joinpath("data/room_statistics.json").read_text("utf-8")
     return {
         type_: RoomStatistics(
             row["area_m2"]["mean"],

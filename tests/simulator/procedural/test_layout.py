@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.furniture.placing import seeded
-from simulator.generated.buildings import KINDS, flight_rect, furnished, generated_home, plan
-from simulator.generated.floor_plan import OUTSIDE, FloorPlan, Hole, shared_edge
-from simulator.generated.layout import Body, Rect
-from simulator.generated.space import Placed, RoomSpace
-from simulator.generated.statistics import draw, room_statistics
-from simulator.generated.walls import HALF_M, INNER_M, inset, raster_of
-from simulator.plans.polygons import signed_area
+from surveilnav.simulator.furniture.placing import seeded
+from surveilnav.simulator.plans.polygons import signed_area
+from surveilnav.simulator.procedural.buildings import KINDS, flight_rect, furnished, generated_home, plan
+from surveilnav.simulator.procedural.floor_plan import OUTSIDE, FloorPlan, Hole, shared_edge
+from surveilnav.simulator.procedural.layout import Body, Rect
+from surveilnav.simulator.procedural.space import Placed, RoomSpace
+from surveilnav.simulator.procedural.statistics import draw, room_statistics
+from surveilnav.simulator.procedural.walls import HALF_M, INNER_M, inset, raster_of
 
 numbers = st.integers(0, 10**9)
 kinds = st.sampled_from(sorted(KINDS))
@@ -61,9 +61,13 @@ def test_every_room_is_reached_from_the_corridor(kind: str, number: int) -> None
             ]
             s, at = (hole.x, hole.y) if hole.along_x else (hole.y, hole.x)
             assert any(
-                e is not None and e[0] == hole.along_x and abs(e[1] - at) < 1e-6
-                and e[2] < s - hole.width_m / 2 and s + hole.width_m / 2 < e[3] for e in edges
-            )  # fmt: skip
+                e is not None
+                and e[0] == hole.along_x
+                and abs(e[1] - at) < 1e-6
+                and e[2] < s - hole.width_m / 2
+                and s + hole.width_m / 2 < e[3]
+                for e in edges
+            )
             if 0 in hole.rooms:  # nobody falls out of a door into the stairs
                 flights = [flight_rect(body, f) for f in (level - 1, level) if 0 <= f < len(floors) - 1]
                 assert not any(way(hole, 0.8).overlaps(flight) for flight in flights)

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.generated.floor_plan import OUTSIDE, Space
-from simulator.generated.layout import Rect
+from surveilnav.simulator.procedural.floor_plan import OUTSIDE, Space
+from surveilnav.simulator.procedural.layout import Rect
 
 INNER_M, OUTER_M = 0.12, 0.25
 HALF_M = INNER_M / 2
@@ -45,9 +45,11 @@ class Raster:
         for i, j in np.argwhere(inside):
             # Cell (i, j) lies between lines i - 1 and i, j - 1 and j; its side is the room's where the next isn't.
             for di, dj, a, b in (
-                (0, -1, (i - 1, j - 1), (i, j - 1)), (1, 0, (i, j - 1), (i, j)),
-                (0, 1, (i, j), (i - 1, j)), (-1, 0, (i - 1, j), (i - 1, j - 1)),
-            ):  # fmt: skip
+                (0, -1, (i - 1, j - 1), (i, j - 1)),
+                (1, 0, (i, j - 1), (i, j)),
+                (0, 1, (i, j), (i - 1, j)),
+                (-1, 0, (i - 1, j), (i - 1, j - 1)),
+            ):
                 if not inside[i + di, j + dj]:
                     following[int(a[0]), int(a[1])] = (int(b[0]), int(b[1]))
         first = at = min(following)

@@ -4,25 +4,70 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulator.generated.space import FRONTS, Placed, RoomSpace
-from simulator.generated.statistics import Size, Wanted
+from surveilnav.simulator.procedural.space import FRONTS, Placed, RoomSpace
+from surveilnav.simulator.procedural.statistics import Size, Wanted
 
 #: Ground before a piece that stays free of others [m]; 0.4 for what isn't named.
 _FRONT_M = {
-    "double bed": 0.45, "single bed": 0.3, "bunk bed": 0.4, "sofa": 0.9, "toilet": 0.45, "washbasin": 0.5,
-    "vanity": 0.5, "wardrobe": 0.6, "bath": 0.35, "plant": 0.0, "floor lamp": 0.0, "bedside table": 0.0, "chair": 0.15,
-    "stool": 0.0, "armchair": 0.4, "tv on a stand": 0.8, "piano": 0.7, "upper cabinet": 0.0, "low table": 0.0,
-}  # fmt: skip
+    "double bed": 0.45,
+    "single bed": 0.3,
+    "bunk bed": 0.4,
+    "sofa": 0.9,
+    "toilet": 0.45,
+    "washbasin": 0.5,
+    "vanity": 0.5,
+    "wardrobe": 0.6,
+    "bath": 0.35,
+    "plant": 0.0,
+    "floor lamp": 0.0,
+    "bedside table": 0.0,
+    "chair": 0.15,
+    "stool": 0.0,
+    "armchair": 0.4,
+    "tv on a stand": 0.8,
+    "piano": 0.7,
+    "upper cabinet": 0.0,
+    "low table": 0.0,
+}
 _IN_CORNERS = ("plant", "floor lamp", "shower", "single bed", "bunk bed", "wardrobe", "toilet")
 #: What a small thing may stand on, the best first.
 _TOPS = ("chest", "low table", "bedside table", "table", "desk", "kitchen cabinet", "vanity")
 #: Large and important pieces first: a room may be too small for all.
 _ORDER = (
-    "bath", "shower", "toilet", "vanity", "washbasin", "refrigerator", "kitchen sink", "oven", "dishwasher",
-    "kitchen cabinet", "double bed", "bunk bed", "single bed", "bedside table", "sofa", "tv on a stand", "chest", "tv",
-    "table", "desk", "low table", "armchair", "wardrobe", "bookcase", "piano", "washing machine", "office chair",
-    "chair", "stool", "plant", "floor lamp", "plant on top", "upper cabinet",
-)  # fmt: skip
+    "bath",
+    "shower",
+    "toilet",
+    "vanity",
+    "washbasin",
+    "refrigerator",
+    "kitchen sink",
+    "oven",
+    "dishwasher",
+    "kitchen cabinet",
+    "double bed",
+    "bunk bed",
+    "single bed",
+    "bedside table",
+    "sofa",
+    "tv on a stand",
+    "chest",
+    "tv",
+    "table",
+    "desk",
+    "low table",
+    "armchair",
+    "wardrobe",
+    "bookcase",
+    "piano",
+    "washing machine",
+    "office chair",
+    "chair",
+    "stool",
+    "plant",
+    "floor lamp",
+    "plant on top",
+    "upper cabinet",
+)
 _KITCHEN = ("refrigerator", "kitchen sink", "oven", "dishwasher", "kitchen cabinet")
 #: Where a table is to work at, not to dine at.
 _DESK_ROOMS = ("bedroom", "study", "office", "open office")
@@ -55,9 +100,13 @@ def furnish(space: RoomSpace, type_: str, wanted: list[Wanted], rng: np.random.G
                     continue  # chairs that found no place at a table don't all line the walls
             facing = next((p for p in space.pieces if p.kind == "sofa"), None) if want.kind == "tv on a stand" else None
             space.at_wall(
-                want.kind, want.size_m, rng, front_m=_FRONT_M.get(want.kind, 0.4), corner=want.kind in _IN_CORNERS,
+                want.kind,
+                want.size_m,
+                rng,
+                front_m=_FRONT_M.get(want.kind, 0.4),
+                corner=want.kind in _IN_CORNERS,
                 facing=facing,
-            )  # fmt: skip
+            )
 
 
 def _local(piece: Placed, right: float, front: float) -> tuple[float, float]:

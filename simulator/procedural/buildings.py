@@ -8,10 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from simulator.furniture.placing import seeded
-from simulator.generated.floor_plan import OUTSIDE, FloorPlan, Hole, add_windows
-from simulator.generated.furnish import furnish
-from simulator.generated.layout import (
+from surveilnav.simulator.furniture.placing import seeded
+from surveilnav.simulator.plans.sweethome import Home, Level, Piece, PlanRoom, PlanWall
+from surveilnav.simulator.procedural.floor_plan import OUTSIDE, FloorPlan, Hole, add_windows
+from surveilnav.simulator.procedural.furnish import furnish
+from surveilnav.simulator.procedural.layout import (
     STAIR_RUN_M,
     STAIR_WIDTH_M,
     Body,
@@ -19,11 +20,10 @@ from simulator.generated.layout import (
     flats_body,
     office_body,
 )
-from simulator.generated.rooms import flats_floor, office_floor
-from simulator.generated.space import FRONTS, Placed, RoomSpace
-from simulator.generated.statistics import Wanted, draw
-from simulator.generated.walls import HALF_M, INNER_M, OUTER_M, Raster, inset, raster_of
-from simulator.plans.sweethome import Home, Level, Piece, PlanRoom, PlanWall
+from surveilnav.simulator.procedural.rooms import flats_floor, office_floor
+from surveilnav.simulator.procedural.space import FRONTS, Placed, RoomSpace
+from surveilnav.simulator.procedural.statistics import Wanted, draw
+from surveilnav.simulator.procedural.walls import HALF_M, INNER_M, OUTER_M, Raster, inset, raster_of
 
 #: What can be asked for: name -> (least and largest area of a floor without outer walls [m2], what it is).
 KINDS: dict[str, tuple[tuple[float, float], str]] = {
@@ -39,24 +39,47 @@ _RAIL_M = 0.9
 
 #: The catalogue entry of each kind: what ``furniture.kind_of`` swaps for a model of that kind.
 _CATALOG = {
-    "double bed": "eTeks#bed", "single bed": "eTeks#bed90x190", "bunk bed": "eTeks#bunkBed90x190", "sofa": "eTeks#sofa",
-    "armchair": "eTeks#armchair", "chair": "eTeks#chair", "stool": "eTeks#stool", "toilet": "eTeks#toiletUnit",
-    "tv": "eTeks#flatTV", "tv on a stand": "eTeks#tvUnit", "plant": "eTeks#plant", "table": "eTeks#squareTable",
-    "low table": "eTeks#squareTable", "bedside table": "eTeks#bedsideTable", "refrigerator": "eTeks#fridgeFreezer",
-    "oven": "eTeks#cooker", "kitchen sink": "eTeks#sink", "dishwasher": "eTeks#dishwasher",
-    "kitchen cabinet": "eTeks#kitchenCabinet", "upper cabinet": "eTeks#kitchenUpperCabinet",
-    "washbasin": "eTeks#washbasin", "vanity": "eTeks#washbasinWithCabinet", "bath": "eTeks#fittedBath",
-    "shower": "eTeks#shower", "washing machine": "eTeks#clothesWasher", "bookcase": "eTeks#bookcase",
-    "wardrobe": "eTeks#wardrobe", "chest": "eTeks#chest", "piano": "eTeks#piano", "floor lamp": "eTeks#floorUplight",
-    "desk": "Blend Swap CC-BY#officeTable", "office chair": "Scopia#office_chair",
-}  # fmt: skip
+    "double bed": "eTeks#bed",
+    "single bed": "eTeks#bed90x190",
+    "bunk bed": "eTeks#bunkBed90x190",
+    "sofa": "eTeks#sofa",
+    "armchair": "eTeks#armchair",
+    "chair": "eTeks#chair",
+    "stool": "eTeks#stool",
+    "toilet": "eTeks#toiletUnit",
+    "tv": "eTeks#flatTV",
+    "tv on a stand": "eTeks#tvUnit",
+    "plant": "eTeks#plant",
+    "table": "eTeks#squareTable",
+    "low table": "eTeks#squareTable",
+    "bedside table": "eTeks#bedsideTable",
+    "refrigerator": "eTeks#fridgeFreezer",
+    "oven": "eTeks#cooker",
+    "kitchen sink": "eTeks#sink",
+    "dishwasher": "eTeks#dishwasher",
+    "kitchen cabinet": "eTeks#kitchenCabinet",
+    "upper cabinet": "eTeks#kitchenUpperCabinet",
+    "washbasin": "eTeks#washbasin",
+    "vanity": "eTeks#washbasinWithCabinet",
+    "bath": "eTeks#fittedBath",
+    "shower": "eTeks#shower",
+    "washing machine": "eTeks#clothesWasher",
+    "bookcase": "eTeks#bookcase",
+    "wardrobe": "eTeks#wardrobe",
+    "chest": "eTeks#chest",
+    "piano": "eTeks#piano",
+    "floor lamp": "eTeks#floorUplight",
+    "desk": "Blend Swap CC-BY#officeTable",
+    "office chair": "Scopia#office_chair",
+}
 #: Catalogue entry, depth, foot and height of what goes into a wall.
 _HOLES = {
-    "door": ("eTeks#door", "Door", 0.145, 0.0, 2.085), "frame": ("eTeks#doorFrame", "Door frame", 0.14, 0.0, 2.1),
+    "door": ("eTeks#door", "Door", 0.145, 0.0, 2.085),
+    "frame": ("eTeks#doorFrame", "Door frame", 0.14, 0.0, 2.1),
     "front": ("eTeks#frontDoor", "Front door", 0.27, 0.0, 2.085),
     "window": ("eTeks#doubleWindow126x123", "Window", 0.35, 0.9, 1.35),
     "small window": ("eTeks#fixedWindow85x123", "Small window", 0.27, 1.35, 0.75),
-}  # fmt: skip
+}
 
 
 def is_generated(name: str) -> bool:
@@ -155,9 +178,15 @@ def _walls(raster: Raster, level: str) -> list[PlanWall]:
 
 
 def _wall(
-    id_: str, level: str, start: tuple[float, float], end: tuple[float, float], thickness: float,
-    height: float | None = None, before: str = "", after: str = "",
-) -> PlanWall:  # fmt: skip
+    id_: str,
+    level: str,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    thickness: float,
+    height: float | None = None,
+    before: str = "",
+    after: str = "",
+) -> PlanWall:
     return PlanWall(id_, level, start, end, thickness, height, height, 0.0, before, after, None, None, None, None)
 
 
@@ -185,14 +214,37 @@ def _piece(placed: Placed, level: str) -> Piece:
 
 
 def _plain(
-    title: str, level: str, catalog: str, x: float, y: float, z: float, size: tuple[float, float, float], yaw: float,
-    *, opening: bool = False, cut: str = "",
-) -> Piece:  # fmt: skip
+    title: str,
+    level: str,
+    catalog: str,
+    x: float,
+    y: float,
+    z: float,
+    size: tuple[float, float, float],
+    yaw: float,
+    *,
+    opening: bool = False,
+    cut: str = "",
+) -> Piece:
     return Piece(
-        name=title, level=level, catalog_id=catalog, model="", x_m=x, y_m=y, z_m=z, size_m=size, yaw_rad=yaw,
-        pitch_rad=0.0, roll_rad=0.0, mirrored=False, rotation=None, color=None, picture=None, is_opening=opening,
+        name=title,
+        level=level,
+        catalog_id=catalog,
+        model="",
+        x_m=x,
+        y_m=y,
+        z_m=z,
+        size_m=size,
+        yaw_rad=yaw,
+        pitch_rad=0.0,
+        roll_rad=0.0,
+        mirrored=False,
+        rotation=None,
+        color=None,
+        picture=None,
+        is_opening=opening,
         stair_cut=cut,
-    )  # fmt: skip
+    )
 
 
 #: Flights lie side by side in the stair hall, those from even floors in the first lane: (from, to) along the corridor.
@@ -213,9 +265,16 @@ def _stair_piece(body: Body, floor: int, level: str) -> Piece:
     r = flight_rect(body, floor)
     quarter = {"south": 0, "east": 1, "north": 2, "west": 3}[body.stair_hall.corridor]
     return _plain(
-        "Staircase", level, "eTeks#staircase", (r.x0 + r.x1) / 2, (r.y0 + r.y1) / 2, 0.0,
-        (STAIR_WIDTH_M, STAIR_RUN_M, _FLOOR_M + 1.0), quarter * math.pi / 2, cut="M0,0 v1 h1 v-1 z",
-    )  # fmt: skip
+        "Staircase",
+        level,
+        "eTeks#staircase",
+        (r.x0 + r.x1) / 2,
+        (r.y0 + r.y1) / 2,
+        0.0,
+        (STAIR_WIDTH_M, STAIR_RUN_M, _FLOOR_M + 1.0),
+        quarter * math.pi / 2,
+        cut="M0,0 v1 h1 v-1 z",
+    )
 
 
 def _rails(body: Body, floor: int, floors: int, level: str) -> list[PlanWall]:

@@ -1,6 +1,6 @@
 """What stands in the rooms of the train homes: writes ``data/room_statistics.json``.
 
-``python -m simulator.generated.measure`` prints the table; ``> room_statistics.json`` keeps it.
+``python -m surveilnav.simulator.procedural.measure`` prints the table; ``> room_statistics.json`` keeps it.
 """
 
 from __future__ import annotations
@@ -13,33 +13,50 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from simulator.furniture.assets import ensure_assets
-from simulator.furniture.catalog import Furniture
-from simulator.furniture.placing import kind_of
-from simulator.plans.polygons import contains, signed_area
-from simulator.plans.sweethome import Home, Piece, PlanRoom
-from simulator.sources import TRAIN_HOMES, read_example
 from surveilnav.config import cache_dir
+from surveilnav.simulator.furniture.assets import ensure_assets
+from surveilnav.simulator.furniture.catalog import Furniture
+from surveilnav.simulator.furniture.placing import kind_of
+from surveilnav.simulator.plans.polygons import contains, signed_area
+from surveilnav.simulator.plans.sweethome import Home, Piece, PlanRoom
+from surveilnav.simulator.sources import TRAIN_HOMES, read_example
 
-COMMAND = "python -m simulator.generated.measure"
+COMMAND = "python -m surveilnav.simulator.procedural.measure"
 
 #: Types by a room's name, then by what stands in it.
 _BY_NAME = (
-    (r"terrace|balcony|garage|roof", ""), (r"living", "living"), (r"dining", "dining"), (r"kitchen", "kitchen"),
-    (r"bedro", "bedroom"), (r"bath", "bath"), (r"hall|corridor|entrance", "hall"), (r"office|study", "study"),
+    (r"terrace|balcony|garage|roof", ""),
+    (r"living", "living"),
+    (r"dining", "dining"),
+    (r"kitchen", "kitchen"),
+    (r"bedro", "bedroom"),
+    (r"bath", "bath"),
+    (r"hall|corridor|entrance", "hall"),
+    (r"office|study", "study"),
     (r"dressing|storage|cellar", "storage"),
-)  # fmt: skip
+)
 _BY_CONTENT = (
-    ("bath", "bath"), ("shower", "bath"), ("toilet", "toilet"), ("double bed", "bedroom"), ("sofa", "living"),
-    ("bookcase", "storage"), ("washing machine", "laundry"),
-)  # fmt: skip
+    ("bath", "bath"),
+    ("shower", "bath"),
+    ("toilet", "toilet"),
+    ("double bed", "bedroom"),
+    ("sofa", "living"),
+    ("bookcase", "storage"),
+    ("washing machine", "laundry"),
+)
 #: Catalogue entries that are never swapped, and what we call them.
 _OTHERS = {
-    "eTeks#kitchenCabinet": "kitchen cabinet", "eTeks#kitchenUpperCabinet": "upper cabinet",
-    "eTeks#dishwasher": "dishwasher", "eTeks#fittedBath": "bath", "eTeks#bath": "bath", "eTeks#shower": "shower",
-    "eTeks#floorUplight": "floor lamp", "eTeks#stool": "stool", "eTeks#cornerBunkBed90x190": "bunk bed",
+    "eTeks#kitchenCabinet": "kitchen cabinet",
+    "eTeks#kitchenUpperCabinet": "upper cabinet",
+    "eTeks#dishwasher": "dishwasher",
+    "eTeks#fittedBath": "bath",
+    "eTeks#bath": "bath",
+    "eTeks#shower": "shower",
+    "eTeks#floorUplight": "floor lamp",
+    "eTeks#stool": "stool",
+    "eTeks#cornerBunkBed90x190": "bunk bed",
     "eTeks#loftBed140x190": "bunk bed",
-}  # fmt: skip
+}
 _SAME = {"corner sofa": "sofa", "round table": "table", "flowers": "plant", "small plant": "plant"}
 _LOW_TABLES = ("eTeks#squareTable", "eTeks#roundTable", "eTeks#bedsideTable")
 #: A plant that stands higher than this stands on something [m].
@@ -85,7 +102,7 @@ def measure(homes: Iterable[Home]) -> dict[str, dict]:
                 }
                 for kind in sorted({k for c in rooms for k in c})
             },
-        }  # fmt: skip
+        }
     return table
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simulator.generated.layout import Rect, snap
+from surveilnav.simulator.procedural.layout import Rect, snap
 
 OUTSIDE = -1
 DOOR_WIDTH_M = 0.95
@@ -62,9 +62,14 @@ class FloorPlan:
         return len(self.spaces) - 1
 
     def connect(
-        self, a: int, b: int, rng: np.random.Generator, what: str = "door", width_m: float = DOOR_WIDTH_M,
+        self,
+        a: int,
+        b: int,
+        rng: np.random.Generator,
+        what: str = "door",
+        width_m: float = DOOR_WIDTH_M,
         sides: tuple[Rect, ...] = (),
-    ) -> bool:  # fmt: skip
+    ) -> bool:
         """A door somewhere in the wall between two rooms (of ``sides`` of the first, if given).
 
         False where there is no wall long enough that has no door yet.
