@@ -185,8 +185,8 @@ def table(records: Sequence[dict[str, Any]]) -> str:
         "# The target is on another floor",
         "",
         "Made by `python -m surveilnav.benchmark.studies.floors`. Every example home with stairs, every target that the start's "
-        f"floor lacks; perception {', '.join(sorted({r['perception'] for r in records}))} on rendered pixels. Success: `stop` within "
-        "0.1 m (geodesic) of a viewpoint. With summaries every camera of the building says, in one message of at most 512 "
+        f"floor lacks; perception {', '.join(sorted({r['perception'] for r in records}))} on rendered pixels. Success: `stop` "
+        "within 0.1 m (geodesic) of a viewpoint. With summaries every camera of the building says, in one message of at most 512 "
         "bytes, which labels it last saw how surely; without them a robot searches its own floor first. The cameras of "
         "the floor that the robot is on work in both.",
         "",
