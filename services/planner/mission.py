@@ -13,7 +13,7 @@ from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
 from surveilnav.services.planner.config import PlannerSettings
-from surveilnav.services.planner.core import Decision, MapView, MissionState, RobotView, memory, step
+from surveilnav.services.planner.core import Decision, MapView, MissionState, RobotView, step
 from surveilnav.services.planner.pausing import Pause, PausedError
 from surveilnav.services.planner.store import Pending, SavedMission, Store, StoreError
 from surveilnav.services.planner.summaries import Summaries
@@ -306,7 +306,7 @@ class Mission:
         if pending.finished:
             if self._concluded(pending):
                 return True
-            memory.reopen(self._memory)  # the robot stands elsewhere than we thought: look again
+            self._memory.reopen()  # the robot stands elsewhere than we thought: look again
             return False
         self._act(pending)
         return False
