@@ -16,7 +16,7 @@ from surveilnav.services.fusion.perception_client import PerceptionClient
 from surveilnav.services.fusion.replies import Replies
 from surveilnav.services.fusion.robot_places import RobotPlaces
 from surveilnav.services.fusion.store import Store
-from surveilnav.services.recorder.recorded import Maps
+from surveilnav.services.recorder.recorded import RecordedMaps
 
 
 class MapsAgain:
@@ -33,7 +33,7 @@ class MapsAgain:
         node.serve(OBJECTS, lambda request: self._ready().objects(request))
         node.serve(VIEW_PICTURE, lambda request: self._ready().picture(request))
 
-    def begin(self, maps: Maps) -> None:
+    def begin(self, maps: RecordedMaps) -> None:
         """Goes on from a snapshot; the maps of before are gone."""
         maps_of(maps)  # what can't be read is said, and nothing is begun anew in its place
         self.close()
