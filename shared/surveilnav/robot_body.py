@@ -34,8 +34,10 @@ def clearance_m(blocked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.f
     ``blocked``: (rows, cols), cells that something reaches into.
     """
     free = np.ascontiguousarray(~np.asarray(blocked, dtype=np.bool_)).view(np.uint8)
-    away: NDArray[np.float32] = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return away * np.float32(resolution_m)
+    cells = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # OpenCV's last bit depends on where the array lies in memory; squared distances between cells are integers
+    exact: NDArray[np.float32] = np.sqrt(np.rint(cells * cells))
+    return exact * np.float32(resolution_m)
 
 
 def fits(clearance: NDArray[np.float32], radius_m: float = RADIUS_M, spare_m: float = 0.0) -> NDArray[np.bool_]:
