@@ -8,7 +8,7 @@ from typing import Protocol
 from surveilnav.benchmark.play.sight import Sight, Sighted
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap, active_cameras
-from surveilnav.services.fusion.core.view_order import FloorWedge, most_worth_first
+from surveilnav.services.fusion.core.views.order import FloorWedge, most_worth_first
 
 
 class Cameras(Protocol):

@@ -16,7 +16,7 @@ from surveilnav.benchmark.policies.policy import Searcher
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap
-from surveilnav.services.fusion.core.guard import ViewError
+from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.planner.core import Decision, MapView, RobotView
 from surveilnav.services.robot_node import core as robot
 from surveilnav.simulator.world.goals import Goals, Start, Verdict, judge

@@ -14,10 +14,10 @@ from surveilnav.contract import VIEW_LOG
 from surveilnav.errors import WireError
 from surveilnav.messages import LoggedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap
-from surveilnav.services.fusion.core.guard import ViewError
 from surveilnav.services.fusion.core.snapshot import SnapshotError, digest, freeze, thaw, unpack
-from surveilnav.services.fusion.journal import perceived_of
-from surveilnav.services.fusion.store import Entry
+from surveilnav.services.fusion.core.views.validation import ViewError
+from surveilnav.services.fusion.map_log.journal import perceived_of
+from surveilnav.services.fusion.map_log.store import Entry
 from surveilnav.services.recorder.reading import RecordingError
 from surveilnav.services.recorder.recorded import End, Heard, Maps, told
 

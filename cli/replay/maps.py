@@ -8,14 +8,14 @@ from surveilnav.bus import Node, Refused
 from surveilnav.cli.replay.check import config_of, entry_of, maps_of
 from surveilnav.contract import MAP_LAYER, OBJECTS, VIEW_PICTURE
 from surveilnav.messages import LoggedView
+from surveilnav.services.fusion.answers.replies import Replies
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig
-from surveilnav.services.fusion.durable_map import DurableMap
-from surveilnav.services.fusion.journal import perceived_of
-from surveilnav.services.fusion.perception_client import PerceptionClient
-from surveilnav.services.fusion.replies import Replies
+from surveilnav.services.fusion.intake.perception import PerceptionClient
+from surveilnav.services.fusion.map_log.journal import perceived_of
+from surveilnav.services.fusion.map_log.log import DurableMap
+from surveilnav.services.fusion.map_log.store import Store
 from surveilnav.services.fusion.robot_places import RobotPlaces
-from surveilnav.services.fusion.store import Store
 from surveilnav.services.recorder.recorded import Maps
 
 

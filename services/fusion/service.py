@@ -8,18 +8,18 @@ from collections.abc import Iterable
 from surveilnav.bus import Answer, Node, Received, Request, clock_ns
 from surveilnav.contract import FORGET_PICTURES, MAP_LAYER, MAP_REVISION, MAP_SNAPSHOT, OBJECTS, VIEW_LOG, VIEW_PICTURE
 from surveilnav.messages import FrameHeader, PicturesForgotten
+from surveilnav.services.fusion.answers.history import History
+from surveilnav.services.fusion.answers.replies import Replies
+from surveilnav.services.fusion.answers.revisions import Revisions
 from surveilnav.services.fusion.config import FusionSettings
-from surveilnav.services.fusion.durable_map import DurableMap
-from surveilnav.services.fusion.history import History
-from surveilnav.services.fusion.kept_pictures import KeptPictures
-from surveilnav.services.fusion.perception_client import PerceptionClient
+from surveilnav.services.fusion.intake.perception import PerceptionClient
+from surveilnav.services.fusion.intake.pictures import KeptPictures
+from surveilnav.services.fusion.intake.ranking import ViewChoice
+from surveilnav.services.fusion.intake.sources import Sources
+from surveilnav.services.fusion.intake.words import Words
+from surveilnav.services.fusion.map_log.log import DurableMap
 from surveilnav.services.fusion.records import PerceivedView
-from surveilnav.services.fusion.replies import Replies
-from surveilnav.services.fusion.revisions import Revisions
 from surveilnav.services.fusion.robot_places import RobotPlaces
-from surveilnav.services.fusion.sources import Sources
-from surveilnav.services.fusion.view_choice import ViewChoice
-from surveilnav.services.fusion.words import Words
 
 _WORDS_S = 0.2  # between two looks at what missions search for
 

@@ -28,10 +28,10 @@ from sklearn.cluster import DBSCAN
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
 from surveilnav.services.fusion.core import JointMap, MapConfig
-from surveilnav.services.fusion.core.cloud import VoxelCloud
-from surveilnav.services.fusion.core.clustering import dbscan
-from surveilnav.services.fusion.core.floor_map import _count_points, window_of
-from surveilnav.services.fusion.core.projection import world_points
+from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
+from surveilnav.services.fusion.core.maps.floor_map import _count_points, window_of
+from surveilnav.services.fusion.core.maps.projection import world_points
+from surveilnav.services.fusion.core.objects.clustering import dbscan
 
 ROOM_M, ROOMS, LAPS = 12.0, 4, 5
 CAMERA = Pinhole.from_hfov(640, 480, math.radians(79))

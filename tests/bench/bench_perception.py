@@ -39,7 +39,7 @@ from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.perception.presets import Networks, onnx_coco
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.sensing.views import Detected, ViewPerception
-from surveilnav.services.fusion.workers import Workers
+from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.service import PerceptionService
 

@@ -21,8 +21,8 @@ from surveilnav.services.fusion.core.config import (
     FalsePositiveConfig,
     PointsConfig,
 )
-from surveilnav.services.fusion.core.objects import ObjectMap
-from surveilnav.services.fusion.core.sightings import Sighting, locate_all
+from surveilnav.services.fusion.core.objects.localization import Sighting, locate_all
+from surveilnav.services.fusion.core.objects.object_map import ObjectMap
 
 SEED = 3  # of the furniture: neither that of the table of searches (0, 1) nor of the detectors' thresholds (7, 8)
 VOXEL_M = 0.025

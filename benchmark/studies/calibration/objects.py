@@ -35,9 +35,9 @@ from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
 from surveilnav.services.fusion.core import ObjectConfig
 from surveilnav.services.fusion.core.config import PosteriorConfig
-from surveilnav.services.fusion.core.evidence import Evidence
-from surveilnav.services.fusion.core.objects import ObjectMap
-from surveilnav.services.fusion.core.posterior_confirmation import PosteriorConfirmation
+from surveilnav.services.fusion.core.objects.evidence import Evidence
+from surveilnav.services.fusion.core.objects.object_map import ObjectMap
+from surveilnav.services.fusion.core.objects.posterior_confirmation import PosteriorConfirmation
 from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M
 

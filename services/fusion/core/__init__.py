@@ -13,8 +13,8 @@ warm_up               inner loops compiled before a robot waits for them
 """
 
 from surveilnav.services.fusion.core.config import FusionConfig, MapConfig, ObjectConfig, ValueConfig
-from surveilnav.services.fusion.core.invocation import active_cameras
 from surveilnav.services.fusion.core.joint_map import Integrated, JointMap, in_order
+from surveilnav.services.fusion.core.views.invocation import active_cameras
 
 __all__ = [
     "FusionConfig",

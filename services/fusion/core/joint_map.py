@@ -14,13 +14,13 @@ from surveilnav.geometry import Grid
 from surveilnav.messages.maps import DEFAULT_LAYERS, ObjectRecord
 from surveilnav.sensing.views import PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
-from surveilnav.services.fusion.core.floor_map import FloorMap
-from surveilnav.services.fusion.core.guard import Guard, ViewError, check
-from surveilnav.services.fusion.core.invocation import same_floor
-from surveilnav.services.fusion.core.map_object import ObjectChange
-from surveilnav.services.fusion.core.objects import ObjectMap
-from surveilnav.services.fusion.core.value import PendingLayer, ValueMap
-from surveilnav.services.fusion.core.walk import Walk
+from surveilnav.services.fusion.core.maps.climbing import Walk
+from surveilnav.services.fusion.core.maps.floor_map import FloorMap
+from surveilnav.services.fusion.core.maps.value import PendingLayer, ValueMap
+from surveilnav.services.fusion.core.objects.map_object import ObjectChange
+from surveilnav.services.fusion.core.objects.object_map import ObjectMap
+from surveilnav.services.fusion.core.views.invocation import same_floor
+from surveilnav.services.fusion.core.views.validation import Guard, ViewError, check
 
 _MAX_NAMES = 256  # of floors: a robot may say what it likes
 

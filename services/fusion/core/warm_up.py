@@ -15,7 +15,7 @@ from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.joint_map import JointMap
-from surveilnav.services.fusion.core.view_order import FloorWedge, most_worth_first
+from surveilnav.services.fusion.core.views.order import FloorWedge, most_worth_first
 
 _CAMERA = Pinhole.from_hfov(640, 480, math.radians(79.0))  # coarser, a thing has too few points for a cluster
 _RANGE_M = (0.2, 8.0)

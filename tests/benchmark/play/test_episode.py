@@ -19,7 +19,7 @@ from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.packing import pack_embedding, unpack_embedding
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap
-from surveilnav.services.fusion.core.guard import ViewError
+from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.planner.core import Decision
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings

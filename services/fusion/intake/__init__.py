@@ -1,0 +1,1 @@
+"""How views come in: who is listened to, which words perception looks for, and which view it is asked about next."""
