@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.services.fusion.core.maps import voxels
 from surveilnav.services.fusion.core.config import MapConfig
+from surveilnav.services.fusion.core.maps import voxels
 from surveilnav.services.fusion.core.maps.carving import Clearance
 from surveilnav.services.fusion.core.maps.provenance import MAX_SETS, SourceSets
 from surveilnav.services.fusion.core.maps.voxels import BITS, HALF, MASK, NEVER, VOXEL

@@ -9,11 +9,11 @@ import pytest
 
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import FrameHeader, Part
-from surveilnav.services.fusion.intake import ranking as view_choice
 from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.intake import ranking as view_choice
 from surveilnav.services.fusion.intake.ranking import ViewChoice
 from surveilnav.services.fusion.robot_places import RobotPlaces
-from tests.services.fusion.test_view_order import pose
+from tests.services.fusion.core.views.test_order import pose
 
 LENS = Pinhole.from_hfov(64, 64, 1.5)
 

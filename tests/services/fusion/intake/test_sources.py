@@ -11,9 +11,9 @@ from surveilnav import contract
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader
 from surveilnav.messages.view import Part
-from surveilnav.services.fusion.intake import sources as module
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import MapConfig
+from surveilnav.services.fusion.intake import sources as module
 from surveilnav.services.fusion.intake.sources import Sources
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.4)

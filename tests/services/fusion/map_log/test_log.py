@@ -14,9 +14,9 @@ from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import Detected
-from surveilnav.services.fusion.map_log import journal
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.snapshot import dump
+from surveilnav.services.fusion.map_log import journal
 from surveilnav.services.fusion.map_log.log import DurableMap
 from surveilnav.services.fusion.map_log.store import Store, StoreError
 from surveilnav.services.fusion.records import PerceivedView
