@@ -8,7 +8,7 @@ from typing import Protocol
 from surveilnav.benchmark.play.sight import Sight, Sighted
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap, active_cameras
-from surveilnav.services.fusion.core.views.order import FloorWedge, most_worth_first
+from surveilnav.services.fusion.core.views.order import ViewFootprint, highest_first
 
 
 class Cameras(Protocol):
@@ -38,7 +38,7 @@ class InvokedCameras:
         self._delay_steps, self._views_per_step = delay_steps, views_per_step
         self.offered_bytes: dict[str, int] = {}
         self._due: list[tuple[int, tuple[str, ...]]] = []
-        self._waiting: dict[tuple[str, int], tuple[FloorWedge, Sighted]] = {}  # by source and view
+        self._waiting: dict[tuple[str, int], tuple[ViewFootprint, Sighted]] = {}  # by source and view
         self._here: tuple[str, ...] = ()  # the cameras of the robot's floor
 
     def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
@@ -74,7 +74,7 @@ class InvokedCameras:
         keys = self._waiting_here()
         n = self._views_per_step or len(keys)
         if n < len(keys):
-            order = most_worth_first(joint, [self._waiting[key][0] for key in keys], [robot_m])
+            order = highest_first(joint.view_utilities([self._waiting[key][0] for key in keys], [robot_m]))
             keys = [keys[k] for k in order]
         return [self._waiting.pop(key)[1] for key in keys[:n]]
 
@@ -83,5 +83,5 @@ class InvokedCameras:
         here = {f"camera/{name}" for name in self._here}
         return [key for key in self._waiting if key[0] in here]
 
-    def _wedge(self, view: PosedView) -> FloorWedge:
-        return FloorWedge.of(view.T_world_camera, view.camera, view.floor_z_m, self._range_m)
+    def _wedge(self, view: PosedView) -> ViewFootprint:
+        return ViewFootprint.from_view(view.T_world_camera, view.camera, view.floor_z_m, self._range_m)

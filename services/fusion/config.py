@@ -24,7 +24,7 @@ class FusionSettings(BaseSettings):
     map: dict[str, Any] = Field(default={}, description="what differs from the preset, see core.config.MapConfig")
     value: dict[str, Any] = Field(default={}, description="... ValueConfig")
     objects: dict[str, Any] = Field(default={}, description="... ObjectConfig, by part")
-    guard: dict[str, Any] = Field(default={}, description="... GuardConfig")
+    validation: dict[str, Any] = Field(default={}, description="... ValidationConfig")
     views: dict[str, Any] = Field(default={}, description="... ViewOrderConfig")
     store: str = Field(
         default="", description="file that the maps survive in (SQLite); empty: they end with the process"
@@ -57,7 +57,7 @@ class FusionSettings(BaseSettings):
 
     def core(self) -> FusionConfig:
         """The preset with what was set on top. ConfigError: a name or a number that can't be."""
-        changes = {part: getattr(self, part) for part in ("map", "value", "objects", "guard", "views")}
+        changes = {part: getattr(self, part) for part in ("map", "value", "objects", "validation", "views")}
         try:
             return FusionConfig.preset(self.preset).changed(changes)
         except ValidationError as error:

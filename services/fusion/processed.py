@@ -53,7 +53,7 @@ class MapContents:
             self.troubles[perceived.key] = _trouble(perceived, refused)
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain values, for ``of_state``."""
+        """All of it, as plain values, for ``from_state``."""
         return {
             "robots": {name: [r.floor, r.seq, r.stamp_ns] for name, r in self.robots.items()},
             "views": {name: sorted(views) for name, views in self.views.items()},
@@ -62,8 +62,8 @@ class MapContents:
         }
 
     @classmethod
-    def of_state(cls, state: dict[str, Any]) -> MapContents:
-        """What ``state`` was taken of."""
+    def from_state(cls, state: dict[str, Any]) -> MapContents:
+        """What ``state`` describes."""
         contents = cls()
         contents.robots = {name: LastObservation(*fields) for name, fields in state["robots"].items()}
         contents.views = {name: set(views) for name, views in state["views"].items()}

@@ -69,7 +69,7 @@ class Player:
             name, z_m = seen.view.floor, seen.view.floor_z_m
             floor = maps.setdefault(name, ObjectMap(name, z_m, VOXEL_M, config))
             began_s = time.process_time()
-            floor.add(seen.view, _detections(seen), sightings)
+            floor.add_located(seen.view, _detections(seen), sightings)
             cpu_ms.append(1e3 * (time.process_time() - began_s))
         objects = [(o, self._truths_of(o)) for m in maps.values() for o in m.records()]
         return MapResult(objects, cpu_ms, sum(m.shape_bytes for m in maps.values()))

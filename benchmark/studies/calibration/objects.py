@@ -85,7 +85,7 @@ def claims_of(number: int, building: Looks, table: ChanceTable, config: ObjectCo
         z_m = max((z for z in floors_m if z < look.T_world_camera.matrix()[2, 3] - 0.3), default=floors_m[0])
         view = _view(look, z_m, building)
         found = with_chances(_seen(look, view, names), view.depth_m, view.camera, table, is_camera=look.is_camera)
-        maps[z_m].integrate(view, found.detections)
+        maps[z_m].add_detections(view, found.detections)
         owners.note(z_m, maps[z_m], found.detections, true_owners(building, look))
         n_tour = i + 1 - len(cameras)
         if n_tour >= 0 and (n_tour % EVERY == 0 or n_tour == len(tour)):
@@ -116,7 +116,7 @@ class _Owners:
     ) -> None:
         """Follows what a view's detections were joined to, and which objects became one."""
         owner = {(d.label, d.box_px): o for d, o in zip(found, owners, strict=True)}
-        for change in of_floor.take_changes():
+        for change in of_floor.pop_changes(0):
             key, event = (z_m, change.object_id), change.event
             if event.what == "merged":
                 self._of[key].update(self._of.pop((z_m, change.absorbed), Counter()))
@@ -194,7 +194,7 @@ def chances_of(claims: Sequence[Claim], config: PosteriorConfig, misfit_factor: 
     rule, known = PosteriorConfirmation(config), {}
     for claim in claims:
         if id(claim.evidence) not in known:
-            known[id(claim.evidence)] = rule.confidences(Evidence.of_state(claim.evidence))
+            known[id(claim.evidence)] = rule.confidences(Evidence.from_state(claim.evidence))
     found = [known[id(c.evidence)].of(c.label) * (misfit_factor if c.misfit else 1.0) for c in claims]
     return np.array(found)
 

@@ -101,8 +101,8 @@ class ValueConfig(_Part):
     )
 
 
-class GuardConfig(_Part):
-    """What the next view of a source can't be."""
+class ValidationConfig(_Part):
+    """When a view of a source is refused as impossible after its previous one."""
 
     max_step_m: float = Field(
         default=2.0, gt=0, description="a robot moves no farther from one observation to the next"
@@ -240,7 +240,7 @@ class FusionConfig(_Part):
     map: MapConfig = Field(default=MapConfig(), description="point cloud, obstacles, exploration, frontiers")
     value: ValueConfig = Field(default=ValueConfig(), description="value map")
     objects: ObjectConfig = Field(default=ObjectConfig(), description="object map")
-    guard: GuardConfig = Field(default=GuardConfig(), description="what is refused")
+    validation: ValidationConfig = Field(default=ValidationConfig(), description="which views are refused")
     views: ViewOrderConfig = Field(default=ViewOrderConfig(), description="which camera views come first")
 
     @classmethod

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,20 +14,29 @@ from surveilnav.geometry import Grid
 from surveilnav.messages.maps import DEFAULT_LAYERS, ObjectRecord
 from surveilnav.sensing.views import PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
-from surveilnav.services.fusion.core.maps.climbing import Walk
+from surveilnav.services.fusion.core.maps.climbing import ClimbTracker
 from surveilnav.services.fusion.core.maps.floor_map import FloorMap
 from surveilnav.services.fusion.core.maps.value import PendingLayer, ValueMap
 from surveilnav.services.fusion.core.objects.map_object import ObjectChange
 from surveilnav.services.fusion.core.objects.object_map import ObjectMap
 from surveilnav.services.fusion.core.views.invocation import same_floor
-from surveilnav.services.fusion.core.views.validation import Guard, ViewError, check
+from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2
+from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator, check_view
 
 _MAX_NAMES = 256  # of floors: a robot may say what it likes
 
 
 @dataclass(frozen=True, slots=True)
-class Integrated:
-    """What a view brought: the floor it went to, its points, its detections that had a place, and changes of objects."""
+class IntegrationResult:
+    """What a view changed in the maps.
+
+    Attributes:
+        floor: the floor that it was integrated into.
+        revision: of the joint map, after the view.
+        n_points: of the view in the cloud.
+        n_located: how many of its detections have a place in the world.
+        changes: what happened to objects.
+    """
 
     floor: str
     revision: int
@@ -45,93 +54,129 @@ class _FloorMaps:
     objects: ObjectMap
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _AddedGeometry:
+    """What a view added to the geometry of a floor: points, and how far it sees by azimuth (360, 2) [m]."""
+
+    maps: _FloorMaps
+    n_points: int
+    reach_m: NDArray[np.float32]
+
+
 class JointMap:
-    """The joint maps of a building. ``revision`` counts the views that they hold."""
+    """The joint maps of a building: one set of maps per floor.
+
+    Attributes:
+        revision: counts the views that changed the maps.
+        validator: refuses views that cannot be.
+    """
 
     def __init__(self, config: FusionConfig | None = None) -> None:
         self.config = config or FusionConfig()
         self.revision = 0
-        self.guard = Guard(self.config.guard)
+        self.validator = ViewValidator(self.config.validation)
         self._floors: dict[str, _FloorMaps] = {}
         self._name_of: dict[str, str] = {}  # what sources call a floor -> what the map calls it
-        self._walks: dict[str, Walk] = {}  # by robot
+        self._climbs: dict[str, ClimbTracker] = {}  # by robot
 
     @property
     def floors(self) -> dict[str, float]:
         """Altitude [m] of each floor that was seen, by id."""
         return {name: maps.geometry.z_m for name, maps in self._floors.items()}
 
-    def accept(self, view: PosedView, perception: ViewPerception | None) -> Integrated | None:
-        """Adds a view that came from outside; None if the maps hold it already.
+    def accept(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult | None:
+        """Validates a view that came from outside and integrates it.
+
+        A camera's picture that the maps hold already may come again, with what perception found in it for more words or
+        with the embedding of another model; then only that is added.
+
+        Returns:
+            What the view changed; None if it changed nothing, since the maps hold all of it.
 
         Raises:
-            ViewError: the view can't be, by itself or after the last one of its source. The maps stay as they were.
+            ViewError: the view cannot be, by itself or after the previous one of its source. The maps stay as they were.
         """
-        check(view, perception)
-        if not self.guard.admit(view, perception):
-            return self._look_again(view, perception)
-        done = self._integrate(view, perception)
-        self.guard.note(view, perception)
-        return done
+        check_view(view, perception)
+        verdict = self.validator.validate(view)
+        self.validator.record_arrival(view, verdict)
+        if verdict.fault is not None:
+            raise verdict.fault
+        geometry = self._add_geometry(view) if verdict.is_new else None
+        result = self.add_detections(view, perception, geometry)
+        if result is not None:
+            self.validator.record_integrated(view, perception)
+        return result
 
-    def _look_again(self, view: PosedView, perception: ViewPerception | None) -> Integrated | None:
-        """Adds what was found in a camera's view that the maps hold: by words that it wasn't looked at for before, or the
-        embedding of another model."""
-        words = self.guard.new_words(view, perception)
-        if perception is None or view.is_robot:
-            return None
-        maps = self._floor_of(view)
-        embedded = maps.value.embed_again(view, perception.image_embedding, perception.embedding_model)
-        if not (words or embedded):
-            return None
-        self.revision += 1
-        maps.geometry.revision = self.revision
-        found = tuple(d for d in perception.detections if d.label in words)
-        n_located = maps.objects.look_again(view, found, perception.embedding_model)
-        self.guard.note(view, perception)
-        return Integrated(maps.geometry.floor, self.revision, 0, n_located, tuple(maps.objects.take_changes()))
-
-    def integrate(self, view: PosedView, perception: ViewPerception | None) -> Integrated:
+    def integrate(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult:
         """Adds one view, whatever came before it. ``perception`` None: no detector looked (no negative evidence).
 
         Views of one step go in the order of ``in_order``: occupancy, exploration and cloud don't depend on it, value
         and objects may.
 
         Raises:
-            ViewError: a view that can't be: its pictures, mask or position are wrong. The maps stay as they were.
+            ViewError: the view cannot be by itself. The maps stay as they were.
         """
-        check(view, perception)
-        return self._integrate(view, perception)
+        check_view(view, perception)
+        result = self.add_detections(view, perception, self._add_geometry(view))
+        assert result is not None  # the view added its geometry
+        return result
 
-    def _integrate(self, view: PosedView, perception: ViewPerception | None) -> Integrated:
+    def _add_geometry(self, view: PosedView) -> _AddedGeometry:
+        """A new picture into the point cloud and the obstacle and exploration maps of its floor."""
         maps = self._floor_of(view)
-        # point cloud, obstacle and exploration maps
         try:
             n_points, reach_m = maps.geometry.integrate(view)
         except ValueError as error:
             self._forget_if_new(maps)
             raise ViewError("out_of_map", str(error)) from error
-        self._remember_name(view, maps)
+        self._record_name(view, maps)
+        self._record_altitude(view, maps.geometry.floor)
+        return _AddedGeometry(maps, n_points, reach_m)
+
+    def add_detections(
+        self, view: PosedView, perception: ViewPerception | None, geometry: _AddedGeometry | None = None
+    ) -> IntegrationResult | None:
+        """Adds what perception found in a view to the value map and the objects of its floor, and counts the revision.
+
+        Args:
+            perception: None: no detector looked.
+            geometry: what the view added to the geometry of its floor. None: the maps hold this picture of a camera
+                already, and perception looked for more words in it, or with another embedding model.
+
+        Returns:
+            What changed; None if nothing is new.
+        """
+        if geometry is None and (perception is None or view.is_robot):
+            return None
+        maps = geometry.maps if geometry else self._floor_of(view)
+        detections = () if perception is None else perception.detections
+        embedded = False
+        # value map (eq. 2)
+        if perception is not None and perception.image_embedding.size:
+            reach_m = geometry.reach_m if geometry else None
+            embedded = maps.value.add(view, perception.image_embedding, perception.embedding_model, reach_m)
+        if geometry is None and perception is not None:
+            words = self.validator.new_words(view, perception)
+            if not (words or embedded):
+                return None
+            detections = tuple(d for d in detections if d.label in words)
         self.revision += 1
         maps.geometry.revision = self.revision
-        self._walk_on(view, maps.geometry.floor)
+        # object map (eq. 3)
         n_located = 0
         if perception is not None:
-            # value map (eq. 2)
-            if perception.image_embedding.size:
-                maps.value.add(view, reach_m, perception.image_embedding, perception.embedding_model)
-            # object map (eq. 3)
-            n_located = maps.objects.integrate(view, perception.detections, perception.embedding_model)
-        changes = tuple(maps.objects.take_changes())
-        return Integrated(maps.geometry.floor, self.revision, n_points, n_located, changes)
+            n_located = maps.objects.add_detections(view, detections, perception.embedding_model)
+        changes = tuple(maps.objects.pop_changes(self.revision))
+        n_points = geometry.n_points if geometry else 0
+        return IntegrationResult(maps.geometry.floor, self.revision, n_points, n_located, changes)
 
     def _forget_if_new(self, maps: _FloorMaps) -> None:
         """Takes back a floor that only a refused view made."""
         if maps.geometry.revision == 0:
             self._floors.pop(maps.geometry.floor, None)
 
-    def _remember_name(self, view: PosedView, maps: _FloorMaps) -> None:
-        """What the source of a view that was taken calls its floor; on a stair its name means nothing yet."""
+    def _record_name(self, view: PosedView, maps: _FloorMaps) -> None:
+        """Remembers what the source of an integrated view calls its floor; on a stair its name means nothing yet."""
         name = maps.geometry.floor
         if maps.geometry.revision == 0:
             self._name_of[name] = name  # whatever was called so before
@@ -181,9 +226,13 @@ class JointMap:
         """Keeps a pending layer that was built. KeyError: no such floor."""
         self._named(floor).value.adopt(built)
 
-    def objects(self, floor: str) -> list[ObjectRecord]:
-        """The objects of a floor. KeyError: no such floor."""
-        return self._named(floor).objects.records()
+    def objects(self, floor: str, since: int = -1) -> list[ObjectRecord]:
+        """The objects of a floor by id, or those that changed after revision ``since``. KeyError: no such floor."""
+        return self._named(floor).objects.records(since)
+
+    def object_ids(self, floor: str) -> list[int]:
+        """The ids of all objects of a floor. KeyError: no such floor."""
+        return self._named(floor).objects.ids()
 
     def relevances(self, floor: str, text: NDArray[np.float32], embedding_model: str) -> dict[int, float | None]:
         """By object id, how much the objects of a floor sound like a text. KeyError: no such floor."""
@@ -208,6 +257,30 @@ class JointMap:
             known = sorted(self._floors)
             raise KeyError(f"nothing was seen yet of floor {floor!r}; there are maps of {known}") from None
 
+    def view_utilities(
+        self, views: Sequence[ViewFootprint], robots_m: Sequence[tuple[float, float, float]]
+    ) -> NDArray[np.float64]:
+        """(K,) how much camera views may still show near robots, by what the maps hold now (``views.order``).
+
+        ``robots_m``: (x, y, altitude of the floor) [m, world] of all robots. Views of a floor without a robot have
+        utility 0.
+        """
+        utilities_m2 = np.zeros(len(views))
+        for floor_z_m in sorted({view.floor_z_m for view in views}):
+            here = [(x, y) for x, y, z_m in robots_m if same_floor(z_m, floor_z_m, self.config.map.tau_z_m)]
+            if here:
+                rows = [k for k, view in enumerate(views) if view.floor_z_m == floor_z_m]
+                known = self._known_floor(self.floor_at(floor_z_m))
+                on_floor = [views[k] for k in rows]
+                utilities_m2[rows] = floor_utilities_m2(on_floor, known, np.array(here), self.config.views)
+        return utilities_m2
+
+    def _known_floor(self, floor: str) -> KnownFloor | None:
+        if not floor:
+            return None
+        geometry = self._floors[floor].geometry
+        return KnownFloor(geometry.grid, geometry.occupied(), geometry.explored(), geometry.frontier())
+
     def floor_at(self, z_m: float) -> str:
         """The nearest floor within tau_z (eq. 1) of an altitude [m, world]; "" if there is none."""
         near = [(abs(maps.geometry.z_m - z_m), name) for name, maps in self._floors.items()]
@@ -223,8 +296,8 @@ class JointMap:
         """
         z_m = view.floor_z_m
         name = self.floor_at(z_m)
-        if not name and self._climbs(view):
-            return self._floors[self._walks[view.source].floor]
+        if not name and self._is_on_stair(view):
+            return self._floors[self._climbs[view.source].floor]
         if not name:
             name = self._new_name(view.floor)
             if len(self._floors) >= self.config.map.max_floors:
@@ -235,17 +308,18 @@ class JointMap:
             self._open(name, z_m, (float(view.T_world_camera[0, 3]), float(view.T_world_camera[1, 3])))
         return self._floors[name]
 
-    def _climbs(self, view: PosedView) -> bool:
+    def _is_on_stair(self, view: PosedView) -> bool:
         """Whether a robot at an altitude of no floor is on a stair."""
-        walk = self._walks.get(view.source)
-        if walk is None or walk.floor not in self._floors:
+        climb = self._climbs.get(view.source)
+        if climb is None or climb.floor not in self._floors:
             return False
-        return walk.climbs(view, self.config.map, new_name=view.floor not in self._floors)
+        return climb.is_on_stair(view, self.config.map, new_name=view.floor not in self._floors)
 
-    def _walk_on(self, view: PosedView, floor: str) -> None:
+    def _record_altitude(self, view: PosedView, floor: str) -> None:
+        """Follows a robot from level to level, to tell a stair from a floor."""
         if view.is_robot:
-            walk = self._walks.get(view.source)
-            self._walks[view.source] = walk.on(view, floor) if walk else Walk.begun(view, floor)
+            climb = self._climbs.get(view.source)
+            self._climbs[view.source] = climb.after(view, floor) if climb else ClimbTracker.from_first_view(view, floor)
 
     def _new_name(self, said: str) -> str:
         name, k = said, 2
@@ -267,16 +341,13 @@ class JointMap:
         return joint
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and values, for ``of_state``; nothing in it changes when the maps do.
-
-        Keys are those that snapshots have had from the start: "storeys" are floors.
-        """
+        """Everything as plain arrays and values, for ``from_state``; nothing in it changes when the maps do."""
         return {
             "revision": self.revision,
-            "guard": self.guard.state(),
+            "validator": self.validator.state(),
             "name_of": dict(self._name_of),
-            "walks": {robot: walk.state() for robot, walk in self._walks.items()},
-            "storeys": [
+            "climbs": {robot: climb.state() for robot, climb in self._climbs.items()},
+            "floors": [
                 {
                     "geometry": _with_own_layers(s.geometry.state()),
                     "value": s.value.state(),
@@ -287,18 +358,18 @@ class JointMap:
         }
 
     @classmethod
-    def of_state(cls, state: dict[str, Any], config: FusionConfig) -> JointMap:
-        """The joint maps that ``state`` was taken of."""
+    def from_state(cls, state: dict[str, Any], config: FusionConfig) -> JointMap:
+        """The joint maps that ``state`` describes."""
         joint = cls(config)
         joint.revision, joint._name_of = state["revision"], dict(state["name_of"])
-        joint.guard = Guard.of_state(state["guard"], config.guard)
-        joint._walks = {robot: Walk.of_state(walk) for robot, walk in state["walks"].items()}
-        for maps in state["storeys"]:
-            geometry = FloorMap.of_state(maps["geometry"], config.map)
+        joint.validator = ViewValidator.from_state(state["validator"], config.validation)
+        joint._climbs = {robot: ClimbTracker.from_state(climb) for robot, climb in state["climbs"].items()}
+        for maps in state["floors"]:
+            geometry = FloorMap.from_state(maps["geometry"], config.map)
             joint._floors[geometry.floor] = _FloorMaps(
                 geometry,
-                ValueMap.of_state(maps["value"], config.value),
-                ObjectMap.of_state(maps["objects"], geometry.floor, geometry.z_m, config.map.voxel_m, config.objects),
+                ValueMap.from_state(maps["value"], config.value),
+                ObjectMap.from_state(maps["objects"], geometry.floor, geometry.z_m, config.map.voxel_m, config.objects),
             )
         return joint
 

@@ -1,6 +1,6 @@
-"""The joint maps as bytes, and back: MessagePack of plain values and arrays, zstd, a version. No pickle.
+"""The joint maps as bytes and back: MessagePack of plain values and arrays, compressed with zstd, with a version. No pickle.
 
-``freeze`` is quick and copies what changes, so it is done while nobody integrates; ``pack`` takes its time beside it.
+``freeze`` copies what will change, quickly, while nobody integrates; ``pack`` then takes its time while the maps go on.
 """
 
 from __future__ import annotations
@@ -15,10 +15,8 @@ import zstandard
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.joint_map import JointMap
 
-#: Of what a snapshot holds: one of another version isn't read.
-VERSION = 4
-#: Older ones that are still read: version 2 names no models, neither has drops.
-_READABLE = (2, 3, VERSION)
+#: Version of what a snapshot holds; snapshots of other versions aren't read.
+VERSION = 5
 _MAX_BYTES = 8 << 30
 
 
@@ -36,7 +34,7 @@ def dump(joint: JointMap) -> bytes:
 
 
 def load(data: bytes, config: FusionConfig) -> JointMap:
-    """The joint maps that ``dump`` was given.
+    """The joint maps that ``dump`` stored.
 
     Raises:
         SnapshotError: damaged, of another version, or with cells or voxels of another size than ``config`` says.
@@ -45,18 +43,18 @@ def load(data: bytes, config: FusionConfig) -> JointMap:
 
 
 def freeze(joint: JointMap) -> dict[str, Any]:
-    """A copy of all that the maps hold; from then on they may change."""
+    """A copy of everything in the maps, which may change from then on."""
     return {"version": VERSION, "sizes": _sizes(joint.config), "maps": joint.state()}
 
 
 def thaw(frozen: dict[str, Any], config: FusionConfig) -> JointMap:
     """The joint maps of which ``freeze`` made a copy. SnapshotError: as ``load``."""
-    if frozen.get("version") not in _READABLE:
+    if frozen.get("version") != VERSION:
         raise SnapshotError("other_version", f"expected a snapshot of version {VERSION}, got {frozen.get('version')!r}")
     if frozen.get("sizes") != _sizes(config):
         raise SnapshotError("other_config", f"the maps were made with {frozen.get('sizes')}, set is {_sizes(config)}")
     try:
-        return JointMap.of_state(frozen["maps"], config)
+        return JointMap.from_state(frozen["maps"], config)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise SnapshotError("corrupt", f"the snapshot lacks something: {type(error).__name__}: {error}") from error
 
@@ -67,7 +65,7 @@ def pack(value: Any) -> bytes:
 
 
 def digest(frozen: dict[str, Any]) -> str:
-    """What the copy of maps comes to (BLAKE2b, hex): the same for the same maps, to the bit."""
+    """BLAKE2b (hex) of a copy of maps: equal for maps that are equal to the bit."""
     return hashlib.blake2b(_plain(frozen), digest_size=16).hexdigest()
 
 
@@ -76,7 +74,7 @@ def _plain(value: Any) -> bytes:
 
 
 def unpack(data: bytes) -> Any:
-    """What ``pack`` was given; messages have become dictionaries, tuples lists. SnapshotError: damaged bytes."""
+    """The value that ``pack`` stored, with dictionaries for messages and lists for tuples. SnapshotError: damaged bytes."""
     try:
         size = zstandard.frame_content_size(data)
         if not 0 <= size <= _MAX_BYTES:

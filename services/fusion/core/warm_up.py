@@ -15,7 +15,7 @@ from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.joint_map import JointMap
-from surveilnav.services.fusion.core.views.order import FloorWedge, most_worth_first
+from surveilnav.services.fusion.core.views.order import ViewFootprint
 
 _CAMERA = Pinhole.from_hfov(640, 480, math.radians(79.0))  # coarser, a thing has too few points for a cluster
 _RANGE_M = (0.2, 8.0)
@@ -35,8 +35,10 @@ def warm_up(config: FusionConfig) -> None:
     for seq, yaw_rad in enumerate((0.0, 0.2, 3.0)):
         joint.accept(_view("robot/warm-up", seq, (0.0, 0.0, _UP_M), yaw_rad), _PERCEPTION)
     hung = _view("camera/warm-up", 0, (-2.5, -2.5, 2.4), 0.8)
-    wedge = FloorWedge.of(hung.T_world_camera, hung.camera, hung.floor_z_m, config.map.explored_range_camera_m)
-    most_worth_first(joint, [wedge, wedge], [(0.0, 0.0, 0.0)])
+    footprint = ViewFootprint.from_view(
+        hung.T_world_camera, hung.camera, hung.floor_z_m, config.map.explored_range_camera_m
+    )
+    joint.view_utilities([footprint, footprint], [(0.0, 0.0, 0.0)])
     joint.accept(hung, _PERCEPTION)
     for layer in ("occupancy", "explored", "frontier", "cloud", "provenance"):
         joint.layer(_FLOOR, layer)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from surveilnav.messages import FrameHeader
 from surveilnav.services.fusion.core import FusionConfig
-from surveilnav.services.fusion.core.views.order import FloorWedge, most_worth_first
+from surveilnav.services.fusion.core.views.order import ViewFootprint, highest_first
 from surveilnav.services.fusion.map_log.log import DurableMap
 from surveilnav.services.fusion.records import ViewKey
 from surveilnav.services.fusion.robot_places import RobotPlaces
@@ -38,11 +38,11 @@ class ViewChoice:
         wedges = [self._wedge(header) for header in waiting.values()]
         robots_m = [(place.x_m, place.y_m, place.z_m) for _, place in self._places.items()]
         with self._maps.lock:
-            order = most_worth_first(self._maps.joint, wedges, robots_m)
+            order = highest_first(self._maps.joint.view_utilities(wedges, robots_m))
         keys = list(waiting)
         return [keys[k] for k in reversed(order)]
 
-    def _wedge(self, header: FrameHeader) -> FloorWedge:
+    def _wedge(self, header: FrameHeader) -> ViewFootprint:
         T_world_camera = header.T_world_camera.matrix()
         floor_z_m = float(T_world_camera[2, 3]) - header.mounting_offset_m
-        return FloorWedge.of(T_world_camera, header.camera, floor_z_m, self._range_m)
+        return ViewFootprint.from_view(T_world_camera, header.camera, floor_z_m, self._range_m)

@@ -149,13 +149,13 @@ class DurableMap:
         refused, floor, taken = perceived.fault, "", False
         changes: tuple[ObjectChange, ...] = ()
         if perceived.view is not None:
-            missed = self.joint.guard.missed.get(source, 0)
+            missed = self.joint.validator.missed.get(source, 0)
             try:
                 with self.lock:
                     done = self.joint.accept(perceived.view, perceived.perception)
                 if done is not None:
                     floor, changes, taken = done.floor, done.changes, True
-                if not again and (gap := self.joint.guard.missed.get(source, 0) - missed):
+                if not again and (gap := self.joint.validator.missed.get(source, 0) - missed):
                     self._node.reject("view.missing_seq", f"{source} skipped {gap} before {perceived.header.seq}")
             except ViewError as error:
                 refused, floor = str(error), self._floor_of(perceived, error.name)
@@ -232,4 +232,4 @@ class DurableMap:
         joint = thaw(state["maps"], self.joint.config)
         with self.lock:
             self.joint = joint
-        self.contents = MapContents.of_state(state["held"])
+        self.contents = MapContents.from_state(state["held"])

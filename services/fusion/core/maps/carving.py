@@ -47,7 +47,7 @@ class Clearance:
         return self.order[0]
 
     @classmethod
-    def of(cls, view: PosedView, config: MapConfig) -> Clearance:
+    def from_view(cls, view: PosedView, config: MapConfig) -> Clearance:
         """A view's clearance; a cell that is measured by less than half of its pixels says nothing."""
         pinhole = view.camera
         near_m, far_m = view.depth_range_m
@@ -77,8 +77,8 @@ class Clearance:
         return {"order": list(self.order), "camera": self.camera, "limit_m": self.limit_m}
 
     @classmethod
-    def of_state(cls, state: dict[str, Any]) -> Clearance:
-        """What ``state`` was taken of."""
+    def from_state(cls, state: dict[str, Any]) -> Clearance:
+        """What ``state`` describes."""
         stamp_ns, source, view, seq = state["order"]
         limit_m = np.ascontiguousarray(state["limit_m"], np.float32)
         camera = np.ascontiguousarray(state["camera"], np.float64)
@@ -105,15 +105,15 @@ class FreeSpace:
         return self._kept[bisect.bisect_right(self._kept, stamp_ns, key=lambda c: c.stamp_ns) :]
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and numbers, for ``of_state``."""
+        """All of it, as plain arrays and numbers, for ``from_state``."""
         return {"kept": [c.state() for c in self._kept]}
 
     @classmethod
-    def of_state(cls, state: dict[str, Any], capacity: int) -> FreeSpace:
-        """The ring that ``state`` was taken of."""
+    def from_state(cls, state: dict[str, Any], capacity: int) -> FreeSpace:
+        """The ring that ``state`` describes."""
         ring = cls(capacity)
         for clearance in state["kept"]:
-            ring.add(Clearance.of_state(clearance))
+            ring.add(Clearance.from_state(clearance))
         return ring
 
 

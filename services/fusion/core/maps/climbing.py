@@ -1,4 +1,4 @@
-"""A robot's way from floor to floor: what tells a floor from a stair."""
+"""Telling a floor from a stair by the altitudes at which a robot observes."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import Any
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import MapConfig
 
-_LEVEL_M = 0.1  # of altitude: within this a robot stays on one level
+_LEVEL_M = 0.1  # a robot whose altitude changes by less stays on one level
 
 
 @dataclass(frozen=True, slots=True)
-class Walk:
-    """A robot's last view, and the level that it has been on since.
+class ClimbTracker:
+    """A robot's latest view, and the level that it has been on since it last climbed.
 
     Attributes:
-        floor: where the view went to.
-        z_m: altitude of the ground under it.
-        level_m: (x, y, z) where the level began, its altitude last [m, world].
-        views: from the level.
+        floor: the floor of the map that the view was integrated into.
+        z_m: altitude of the ground under the robot [m, world].
+        level_m: (x, y, z) [m, world] where the robot came onto its present level; z is the level's altitude.
+        views: how many views the robot has taken on this level.
     """
 
     floor: str
@@ -29,38 +29,39 @@ class Walk:
     views: int
 
     @classmethod
-    def begun(cls, view: PosedView, floor: str) -> Walk:
-        """Of a robot's first view."""
+    def from_first_view(cls, view: PosedView, floor: str) -> ClimbTracker:
+        """Starts with a robot's first view."""
         at_m = _ground_m(view)
-        return cls(floor, at_m[2], at_m, 0).on(view, floor)
+        return cls(floor, at_m[2], at_m, 0).after(view, floor)
 
-    def on(self, view: PosedView, floor: str) -> Walk:
-        """The walk one view later."""
+    def after(self, view: PosedView, floor: str) -> ClimbTracker:
+        """The tracker one view later."""
         at_m = _ground_m(view)
         if abs(at_m[2] - self.level_m[2]) <= _LEVEL_M:
-            return Walk(floor, at_m[2], self.level_m, self.views + 1)
-        return Walk(floor, at_m[2], at_m, 1)
+            return ClimbTracker(floor, at_m[2], self.level_m, self.views + 1)
+        return ClimbTracker(floor, at_m[2], at_m, 1)
 
-    def climbs(self, view: PosedView, config: MapConfig, *, new_name: bool) -> bool:
-        """Whether a robot whose next view is at an altitude of no floor is on a stair.
+    def is_on_stair(self, view: PosedView, config: MapConfig, *, new_name: bool) -> bool:
+        """Whether a robot whose next view is at an altitude of no known floor is on a stair, rather than on a new floor.
 
-        It isn't where it came from nowhere, walked on one level, or looked around on it under a new floor name.
+        It is on a new floor if it jumped there (a lift, or a start), if it has moved along one level, or if it has looked
+        around on one level and calls its floor by a name that the map doesn't know (``new_name``).
         """
         if abs(view.floor_z_m - self.z_m) > config.stair_step_m:
             return False
-        now = self.on(view, self.floor)
-        looked = new_name and now.views >= config.level_views
-        return not looked and math.dist(now.level_m[:2], _ground_m(view)[:2]) < config.level_m
+        current = self.after(view, self.floor)
+        looked_around = new_name and current.views >= config.level_views
+        return not looked_around and math.dist(current.level_m[:2], _ground_m(view)[:2]) < config.level_m
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain values, for ``of_state``, by the names that snapshots have had from the start."""
-        return {"storey": self.floor, "z_m": self.z_m, "level_m": self.level_m, "views": self.views}
+        """Everything as plain values, for ``from_state``."""
+        return {"floor": self.floor, "z_m": self.z_m, "level_m": self.level_m, "views": self.views}
 
     @classmethod
-    def of_state(cls, state: dict[str, Any]) -> Walk:
-        """The walk that ``state`` was taken of."""
+    def from_state(cls, state: dict[str, Any]) -> ClimbTracker:
+        """The tracker that ``state`` describes."""
         x, y, z = state["level_m"]
-        return cls(state["storey"], state["z_m"], (x, y, z), state["views"])
+        return cls(state["floor"], state["z_m"], (x, y, z), state["views"])
 
 
 def _ground_m(view: PosedView) -> tuple[float, float, float]:

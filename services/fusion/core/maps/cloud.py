@@ -149,12 +149,12 @@ class VoxelCloud:
         return voxel_centres(self._voxels["key"][numbers], self._config.voxel_m)
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and numbers, for ``of_state``."""
+        """All of it, as plain arrays and numbers, for ``from_state``."""
         columns = {name: self._voxels[name][: self._n].copy() for name in VOXEL.names or ()}
         return {"voxels": columns, "sets": self._sets.lists(), "refused": self.refused}
 
     @classmethod
-    def of_state(cls, state: dict[str, Any], config: MapConfig) -> VoxelCloud:
+    def from_state(cls, state: dict[str, Any], config: MapConfig) -> VoxelCloud:
         """The cloud that ``state`` was taken of, under the same ``config``."""
         cloud = cls(config)
         cloud._n = len(state["voxels"]["key"])

@@ -137,7 +137,7 @@ class FloorMap:
         return self._frontier[1]
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and numbers, for ``of_state``."""
+        """All of it, as plain arrays and numbers, for ``from_state``."""
         return {
             "floor": self.floor,
             "z_m": self.z_m,
@@ -150,7 +150,7 @@ class FloorMap:
         }
 
     @classmethod
-    def of_state(cls, state: dict[str, Any], config: MapConfig) -> FloorMap:
+    def from_state(cls, state: dict[str, Any], config: MapConfig) -> FloorMap:
         """The map that ``state`` was taken of, under the same ``config``."""
         floor = cls(state["floor"], float(state["z_m"]), (0.0, 0.0), config)
         floor.revision, floor._row0, floor._col0 = int(state["revision"]), int(state["row0"]), int(state["col0"])
@@ -158,12 +158,12 @@ class FloorMap:
         layers |= state["layers"]  # maps kept before drops were mapped have none
         for name in _LAYERS:
             setattr(floor, name, np.array(layers[name.lstrip("_")]))
-        floor.cloud = VoxelCloud.of_state(state["cloud"], config)
-        floor._free_space = FreeSpace.of_state(state["free_space"], config.carve_memory)
+        floor.cloud = VoxelCloud.from_state(state["cloud"], config)
+        floor._free_space = FreeSpace.from_state(state["free_space"], config.carve_memory)
         return floor
 
     def _carve(self, view: PosedView, new: NDArray[np.int32]) -> None:
-        clearance = Clearance.of(view, self._config)
+        clearance = Clearance.from_view(view, self._config)
         gone = self.cloud.carve(clearance)
         late = self.cloud.recheck(new, self._free_space.newer_than(clearance.stamp_ns))
         self._free_space.add(clearance)

@@ -46,7 +46,7 @@ class SeenView:
     embedding_model: str = ""
 
     @classmethod
-    def of(
+    def from_view(
         cls,
         view: PosedView,
         reach_m: NDArray[np.float32],
@@ -85,34 +85,38 @@ class ValueMap:
         return len(self._views)
 
     def add(
-        self, view: PosedView, reach_m: NDArray[np.float32], embedding: NDArray[np.float32], embedding_model: str = ""
-    ) -> None:
-        """Adds a view with its embedding (D,).
+        self,
+        view: PosedView,
+        embedding: NDArray[np.float32],
+        embedding_model: str = "",
+        reach_m: NDArray[np.float32] | None = None,
+    ) -> bool:
+        """Adds a view's embedding (D,); returns whether that changed the map.
 
-        A camera's view takes the place of its former self; a robot's are all kept, up to a limit.
+        A camera's view replaces its earlier picture; a robot's views are all kept, up to a limit. A view without a stamp
+        (0) counts as new as the newest before it, or as the first after it that has one.
 
-        A view without a stamp (0) counts as new as the newest before it, or as the first after it that has one.
+        Args:
+            reach_m: (360, 2) how far the view sees by azimuth. None: the picture was added before and is perceived
+                again; its reach is known, and only the embedding of another model changes anything.
         """
         key = (view.source, view.view, view.seq if view.is_robot else 0)
+        former = self._views.get(key)
+        if reach_m is None:
+            if former is None or former.embedding_model == embedding_model or not embedding.size:
+                return False
+            self._views[key] = replace(former, embedding=embedding.astype(np.float16), embedding_model=embedding_model)
+            self._start_anew()
+            return True
         if self._views.pop(key, None) is not None:
             self._start_anew()
         self._newest_ns = max(self._newest_ns, view.stamp_ns)
-        seen = self._views[key] = SeenView.of(
-            view, reach_m, embedding, view.stamp_ns or self._newest_ns, embedding_model
-        )
+        stamp_ns = view.stamp_ns or self._newest_ns
+        seen = self._views[key] = SeenView.from_view(view, reach_m, embedding, stamp_ns, embedding_model)
         for layer in self._layers.values():
             layer.add(seen)
         if len(self._views) > self._config.max_views:
             self._forget_oldest()
-
-    def embed_again(self, view: PosedView, embedding: NDArray[np.float32], embedding_model: str) -> bool:
-        """Gives a camera's view that is kept the embedding (D,) of another model; whether that changed anything."""
-        key = (view.source, view.view, 0)
-        seen = self._views.get(key)
-        if view.is_robot or seen is None or seen.embedding_model == embedding_model or not embedding.size:
-            return False
-        self._views[key] = replace(seen, embedding=embedding.astype(np.float16), embedding_model=embedding_model)
-        self._start_anew()
         return True
 
     def left_out(self, embedding_model: str) -> int:
@@ -167,12 +171,12 @@ class ValueMap:
         self._start_anew()
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and values, for ``of_state``; layers follow from the views."""
+        """All of it, as plain arrays and values, for ``from_state``; layers follow from the views."""
         return {"newest_ns": self._newest_ns, "views": [[*key, view] for key, view in self._views.items()]}
 
     @classmethod
-    def of_state(cls, state: dict[str, Any], config: ValueConfig) -> ValueMap:
-        """The value map that ``state`` was taken of."""
+    def from_state(cls, state: dict[str, Any], config: ValueConfig) -> ValueMap:
+        """The value map that ``state`` describes."""
         value = cls(config)
         value._newest_ns = state["newest_ns"]
         for source, view, seq, seen in state["views"]:

@@ -45,15 +45,15 @@ class Evidence:
     flipped: tuple[str, str] | None = None
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain values, for ``of_state``."""
+        """All of it, as plain values, for ``from_state``."""
         kinds = {"robot": self.robot, "surveillance": self.surveillance}
         supports = {kind: {label: [s.n, s.score] for label, s in of_kind.items()} for kind, of_kind in kinds.items()}
         rest = {"looks": self.looks.state(), "misses": self.misses, "settled": self.settled, "flipped": self.flipped}
         return {**supports, **rest}
 
     @classmethod
-    def of_state(cls, state: dict[str, Any]) -> Evidence:
-        """The evidence that ``state`` was taken of."""
+    def from_state(cls, state: dict[str, Any]) -> Evidence:
+        """The evidence that ``state`` describes."""
         if "looks" not in state:
             state = _of_older(state)
         robot, surveillance = (
@@ -63,7 +63,7 @@ class Evidence:
         if state["flipped"] is not None:
             old, new = state["flipped"]
             flipped = old, new
-        return cls(robot, surveillance, Looks.of_state(state["looks"]), state["misses"], state["settled"], flipped)
+        return cls(robot, surveillance, Looks.from_state(state["looks"]), state["misses"], state["settled"], flipped)
 
     def add(self, label: str, score: float, chance: float, direction: Direction) -> None:
         """One detection of a class from some direction; ``chance``: how likely it is right."""

@@ -76,6 +76,7 @@ class MapObject:
     changed: bool = True
     embedding_model: str = ""
     record: ObjectRecord | None = None
+    revision: int = 0
 
     @classmethod
     def of_sighting(cls, id_: int, view: PosedView, sighting: Sighting, max_history: int) -> MapObject:
@@ -135,7 +136,7 @@ class MapObject:
         return cosine(self.embedding_sum, text) if self._comparable(embedding_model, text) else None
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and values, for ``of_state``."""
+        """All of it, as plain arrays and values, for ``from_state``."""
         return {
             "keys": self.shape.keys,
             "evidence": self.evidence.state(),
@@ -145,12 +146,12 @@ class MapObject:
         }
 
     @classmethod
-    def of_state(cls, state: dict[str, Any], voxel_m: float, config: ObjectConfig) -> MapObject:
-        """The object that ``state`` was taken of."""
+    def from_state(cls, state: dict[str, Any], voxel_m: float, config: ObjectConfig) -> MapObject:
+        """The object that ``state`` describes."""
         history = deque(msgspec.convert(state["history"], list[ObjectEvent]), maxlen=config.max_history)
         return cls(
             shape=Shape(state["keys"], voxel_m, config.association.overlap_voxel_m),
-            evidence=Evidence.of_state(state["evidence"]),
+            evidence=Evidence.from_state(state["evidence"]),
             sources=set(state["sources"]),
             history=history,
             **{name: state[name] for name in _STATE if name in state},  # older states name no model

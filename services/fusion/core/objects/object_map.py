@@ -68,30 +68,25 @@ class ObjectMap:
     def __len__(self) -> int:
         return len(self._objects)
 
-    def integrate(self, view: PosedView, detections: tuple[Detected, ...], embedding_model: str = "") -> int:
-        """Adds what a detector saw in a view (nothing is a statement, too); returns how many detections had a place."""
+    def add_detections(self, view: PosedView, detections: tuple[Detected, ...], embedding_model: str = "") -> int:
+        """Adds what a detector found in a view; returns how many detections could be located.
+
+        What a robot's view doesn't show is evidence, too: an object in plain sight that nothing was detected of.
+        """
         # masks -> points in the world
         sightings = locate_all(view, detections, self._voxel_m, self._config, embedding_model)
-        self.add(view, detections, sightings)
+        self.add_located(view, detections, sightings)
         return len(sightings)
 
-    def look_again(self, view: PosedView, detections: tuple[Detected, ...], embedding_model: str = "") -> int:
-        """``integrate`` for a view that was taken before: what isn't among the detections says nothing."""
-        sightings = locate_all(view, detections, self._voxel_m, self._config, embedding_model)
-        seen: set[tuple[int, str]] = set()
-        for sighting in sightings:
-            self._associate(view, sighting, seen)
-        return len(sightings)
-
-    def add(self, view: PosedView, detections: tuple[Detected, ...], sightings: Sequence[Sighting]) -> None:
-        """``integrate`` with the detections that have a place already found, strongest first."""
+    def add_located(self, view: PosedView, detections: tuple[Detected, ...], sightings: Sequence[Sighting]) -> None:
+        """``add_detections`` with the detections already located, the strongest first."""
         # eq. 3: each detection joins the most similar object or starts a new one
         seen: set[tuple[int, str]] = set()
         for sighting in sightings:
             self._associate(view, sighting, seen)
         # negative evidence: what should have been seen and wasn't
         if view.is_robot:
-            self._note_misses(view, detections, {object_id for object_id, _ in seen})
+            self._record_misses(view, detections, {object_id for object_id, _ in seen})
         # objects that turned out to be one
         self._views += 1
         every = self._config.association.merge_every
@@ -108,25 +103,28 @@ class ObjectMap:
         """Why the size of an object isn't that of a class, for people; empty if it is. KeyError: there is no such object."""
         return self._unfit(self._objects[object_id], label)
 
-    def take_changes(self) -> list[ObjectChange]:
-        """What happened to objects since the last call."""
+    def pop_changes(self, revision: int) -> list[ObjectChange]:
+        """What happened to objects since the last call; these objects count as changed at ``revision`` (``records``)."""
         changes, self._changes = self._changes, []
+        for change in changes:
+            if change.object_id in self._objects:
+                self._objects[change.object_id].revision = revision
         return changes
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and values, for ``of_state``."""
+        """Everything as plain arrays and values, for ``from_state``."""
         objects = [o.state() for o in self._objects.values()]
         return {"next_id": self._next_id, "views": self._views, "objects": objects}
 
     @classmethod
-    def of_state(
+    def from_state(
         cls, state: dict[str, Any], floor: str, floor_z_m: float, voxel_m: float, config: ObjectConfig
     ) -> ObjectMap:
-        """The object map that ``state`` was taken of."""
+        """The object map that ``state`` describes."""
         objects = cls(floor, floor_z_m, voxel_m, config)
         objects._next_id, objects._views = state["next_id"], state["views"]
         for of_object in state["objects"]:
-            objects._objects[of_object["id"]] = MapObject.of_state(of_object, voxel_m, config)
+            objects._objects[of_object["id"]] = MapObject.from_state(of_object, voxel_m, config)
         return objects
 
     # --- association ----------------------------------------------------------------------------------------------
@@ -197,7 +195,7 @@ class ObjectMap:
         elif obj.status != before and obj.status != "candidate":
             self._log(obj, view, obj.label, obj.confidence, obj.status, obj.reason)
 
-    def _note_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
+    def _record_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
         """Negative evidence on the objects in plain view of a robot that no detection shows."""
         c, min_score = self._config.false_positives, self._config.points.min_score
         before = (self._objects[i] for i in self._objects.boxes.before(view.T_world_camera, c.miss_far_m + 1.0))
@@ -296,11 +294,19 @@ class ObjectMap:
         obj.history.append(event)
         self._changes.append(ObjectChange(obj.id, event, absorbed))
 
-    def records(self) -> list[ObjectRecord]:
-        """The objects as others may see them, by id; made anew only of those to which something happened."""
-        for o in self._objects.values():
+    def ids(self) -> list[int]:
+        """The ids of all objects, ascending."""
+        return sorted(self._objects)
+
+    def records(self, since: int = -1) -> list[ObjectRecord]:
+        """The objects as messages, by id; only those that changed after revision ``since``.
+
+        Records are cached: one is made again only after something happened to its object.
+        """
+        changed = [o for _, o in sorted(self._objects.items()) if o.revision > since]
+        for o in changed:
             o.record = o.record or self._record(o)
-        return [o.record for _, o in sorted(self._objects.items()) if o.record is not None]
+        return [o.record for o in changed if o.record is not None]
 
     def relevances(self, text: NDArray[np.float32], embedding_model: str) -> dict[int, float | None]:
         """By id, how much each object sounds like a text (D,); None: its embedding comes from another model."""

@@ -73,12 +73,12 @@ class Looks:
         return self.of.setdefault(direction, Look())
 
     def state(self) -> list[Any]:
-        """All of it as plain values, for ``of_state``."""
+        """All of it as plain values, for ``from_state``."""
         return [[*direction, dict(look.hits), dict(look.best), look.misses] for direction, look in self]
 
     @classmethod
-    def of_state(cls, rows: list[Any]) -> Looks:
-        """The looks that ``state`` was taken of."""
+    def from_state(cls, rows: list[Any]) -> Looks:
+        """The looks that ``state`` describes."""
         return cls({(str(kind), str(which)): Look(*fields) for kind, which, *fields in rows})
 
 

@@ -1,12 +1,12 @@
-"""Which camera view is looked at first: the one that may still show most, near a robot.
+"""The order in which camera views are perceived: first those that may still show most near a robot.
 
-A camera sends all its views at once, and perception takes a while for each. What a view is worth is the floor that it looks
-at and nobody has seen, up to the first obstacle that is known::
+A camera sends all its views at once, and perception takes a while for each. The utility of a view is the floor area that it
+looks at and nobody has explored, up to the first known obstacle, discounted by the distance to the nearest robot::
 
-    worth = integral over that floor of  w(p) exp(-d(p) / near_m)  dA
+    utility = integral over that floor of  w(p) exp(-d(p) / near_m)  dA
 
-w is 1 where the floor is unexplored, ``frontier`` on a frontier, ``known`` elsewhere; d is the way as the crow flies to the
-nearest robot. The same function orders views on the bus and in the benchmark.
+w is 1 where the floor is unexplored, ``frontier`` on a frontier and ``known`` elsewhere; d is the straight-line distance to
+the nearest robot. The running system and the benchmark order views by the same function.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid, Matrix4, Pinhole
 from surveilnav.services.fusion.core.config import ViewOrderConfig
-from surveilnav.services.fusion.core.joint_map import JointMap
-from surveilnav.services.fusion.core.views.invocation import same_floor
 
 _AZIMUTH_STEP_RAD = math.radians(3.0)
-#: Steeper than this a view looks all around its own foot.
+#: A view that looks down more steeply than this sees its own foot from all sides.
 _STEEP_RAD = math.radians(65.0)
 
 
 @dataclass(frozen=True, slots=True)
-class FloorWedge:
-    """The part of a floor [altitude m, world] that a view looks at: from its foot (x, y) [m, world], by azimuth and distance."""
+class ViewFootprint:
+    """The part of a floor that a view looks at: an annular sector around the camera's foot (x, y) [m, world].
+
+    It reaches ``half_width_rad`` to both sides of ``azimuth_rad``, and from ``from_m`` to ``to_m`` away from the foot.
+    """
 
     floor_z_m: float
     x_m: float
@@ -42,8 +43,8 @@ class FloorWedge:
     to_m: float
 
     @classmethod
-    def of(cls, T_world_camera: Matrix4, camera: Pinhole, floor_z_m: float, range_m: float) -> FloorWedge:
-        """Of a view that is level about its axis, at most ``range_m`` from its foot.
+    def from_view(cls, T_world_camera: Matrix4, camera: Pinhole, floor_z_m: float, range_m: float) -> ViewFootprint:
+        """The footprint of a view without roll, up to ``range_m`` from the camera's foot.
 
         Args:
             T_world_camera: (4, 4) pose of the view.
@@ -72,21 +73,24 @@ class KnownFloor:
     frontier: NDArray[np.uint8]
 
 
-def worths_m2(
-    wedges: Sequence[FloorWedge], floor: KnownFloor | None, robots_m: NDArray[np.float64], config: ViewOrderConfig
+def floor_utilities_m2(
+    footprints: Sequence[ViewFootprint],
+    floor: KnownFloor | None,
+    robots_m: NDArray[np.float64],
+    config: ViewOrderConfig,
 ) -> NDArray[np.float64]:
-    """(K,) what views of one floor are worth [m2 of unexplored floor right at a robot].
+    """(K,) utility of the views of one floor [m2 of unexplored floor right beside a robot].
 
     Args:
         floor: None: nothing is known of it yet.
         robots_m: (R, 2) places of the robots on the floor [m, world]; none: every place is as near as any other.
     """
-    rows = np.array([(w.x_m, w.y_m, w.azimuth_rad, w.half_width_rad, w.from_m, w.to_m) for w in wedges], np.float64)
+    rows = np.array([(w.x_m, w.y_m, w.azimuth_rad, w.half_width_rad, w.from_m, w.to_m) for w in footprints], np.float64)
     robots = np.ascontiguousarray(robots_m, np.float64).reshape(-1, 2)
     nothing = np.zeros((1, 1), np.uint8)
     grid = floor.grid if floor else Grid(0.0, 0.0, config.step_m, 1, 1)
     layers = (floor.occupied, floor.explored, floor.frontier) if floor else (nothing, nothing, nothing)
-    return _worths(  # type: ignore[no-any-return]
+    return _utilities(  # type: ignore[no-any-return]
         rows.reshape(-1, 6),
         robots,
         *layers,
@@ -100,48 +104,20 @@ def worths_m2(
     )
 
 
-def worths_in(
-    joint: JointMap, wedges: Sequence[FloorWedge], robots_m: Sequence[tuple[float, float, float]]
-) -> NDArray[np.float64]:
-    """(K,) what views are worth by what the joint maps hold now; ``worths_m2``, floor by floor.
-
-    ``robots_m``: (x, y, altitude of the floor) [m, world] of all robots. A floor without one is worth nothing.
-    """
-    tau_z_m, out = joint.config.map.tau_z_m, np.zeros(len(wedges))
-    for floor_z_m in sorted({w.floor_z_m for w in wedges}):
-        here = [(x, y) for x, y, z_m in robots_m if same_floor(z_m, floor_z_m, tau_z_m)]
-        if not here:
-            continue
-        rows = [k for k, w in enumerate(wedges) if w.floor_z_m == floor_z_m]
-        known = _known_floor(joint, joint.floor_at(floor_z_m))
-        out[rows] = worths_m2([wedges[k] for k in rows], known, np.array(here), joint.config.views)
-    return out
-
-
-def most_worth_first(
-    joint: JointMap, wedges: Sequence[FloorWedge], robots_m: Sequence[tuple[float, float, float]]
-) -> list[int]:
-    """Numbers of the views by ``worths_in``; of those worth the same the first comes first."""
-    order: list[int] = np.argsort(-worths_in(joint, wedges, robots_m), kind="stable").tolist()
+def highest_first(utilities_m2: NDArray[np.float64]) -> list[int]:
+    """Numbers of the views, the one of highest utility first; of equal ones the first comes first."""
+    order: list[int] = np.argsort(-utilities_m2, kind="stable").tolist()
     return order
 
 
-def _known_floor(joint: JointMap, floor: str) -> KnownFloor | None:
-    if not floor:
-        return None
-    grid, occupied = joint.layer(floor, "occupancy")
-    explored, frontier = (joint.layer(floor, name)[1] for name in ("explored", "frontier"))
-    return KnownFloor(grid, occupied, explored, frontier)  # type: ignore[arg-type]
-
-
 @njit(cache=True, nogil=True)
-def _worths(  # type: ignore[no-untyped-def]
-    wedges, robots, occupied, explored, frontier, x0, y0, resolution, step, near, at_frontier, at_known
+def _utilities(  # type: ignore[no-untyped-def]
+    footprints, robots, occupied, explored, frontier, x0, y0, resolution, step, near, at_frontier, at_known
 ):
     rows, cols = explored.shape
-    out = np.zeros(len(wedges))
-    for k in range(len(wedges)):
-        x, y, azimuth, half_width, begin, end = wedges[k]
+    out = np.zeros(len(footprints))
+    for k in range(len(footprints)):
+        x, y, azimuth, half_width, begin, end = footprints[k]
         n = max(1, int(np.ceil(2.0 * half_width / _AZIMUTH_STEP_RAD)))
         width = 2.0 * half_width / n
         for i in range(n):

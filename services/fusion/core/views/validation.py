@@ -1,6 +1,6 @@
-"""What is wrong with a view, by name: bad input is refused before it touches a map.
+"""Validation of views: what cannot be is refused before it touches a map, and every fault has a name.
 
-A view alone (``check``):
+Faults of a view by itself (``check_view``):
     bad_pose            not finite, not a rigid transform, or a mounting offset that isn't finite
     wrong_size          pictures of another size than the intrinsics say
     bad_intrinsics      a focal length or principal point that no camera has
@@ -9,15 +9,15 @@ A view alone (``check``):
     bad_mask            a mask of another size than its box
     bad_embedding       an embedding that isn't finite, or of another length than the view's others
 
-A view among the others of its source (``Guard``):
-    no_depth            not one pixel with a depth
-    pose_jump           farther from the last view than it can have moved
-    time_backwards      taken before the last view
-    intrinsics_changed  another camera than in the last view
+Faults of a view beside the earlier ones of its source (``ViewValidator``):
+    no_depth            not one pixel has a depth
+    pose_jump           farther from the previous view than the source can have moved
+    time_backwards      taken before the previous view
+    intrinsics_changed  other intrinsics than in the previous view
 
-and from the maps themselves ``out_of_map`` (farther off than a map may grow) and ``too_many_floors``.
+The maps themselves add ``out_of_map`` (farther away than a map may grow) and ``too_many_floors``.
 
-A pixel without depth (NaN or 0) is no fault: it is left out.
+A pixel without depth (NaN or 0) is no fault; it is left out.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
 from surveilnav.sensing.views import PosedView, ViewPerception, box_cells
-from surveilnav.services.fusion.core.config import GuardConfig
+from surveilnav.services.fusion.core.config import ValidationConfig
 
 ViewFault = Literal[
     "bad_pose",
@@ -50,7 +50,7 @@ ViewFault = Literal[
     "out_of_map",
     "too_many_floors",
 ]
-_MOST_MISSED = 2**53  # what every reader of a snapshot can hold
+_MAX_MISSED = 2**53  # what every reader of a snapshot can hold
 _RIGID = 1e-3  # of a rotation's R^T R - 1 and determinant; quaternions on the wire are normalised
 
 
@@ -62,8 +62,8 @@ class ViewError(ValueError):
         self.name: ViewFault = name
 
 
-def check(view: PosedView, perception: ViewPerception | None) -> None:
-    """Everything that is wrong with a view whatever came before it. ViewError: by name."""
+def check_view(view: PosedView, perception: ViewPerception | None) -> None:
+    """Checks a view by itself, whatever came before it. Raises ViewError, which names the fault."""
     camera = view.camera
     size = camera.height_px, camera.width_px
     if view.depth_m.shape != size or view.rgb.shape != (*size, 3) or view.rgb.dtype != np.uint8:
@@ -114,108 +114,136 @@ def _check_perception(perception: ViewPerception, camera: Pinhole) -> None:
 
 @dataclass(frozen=True, slots=True)
 class LastView:
-    """What is remembered of a view, to check the next of the same source and view by."""
+    """What the validator remembers of a view, to compare it with the next one of the same source and view index."""
 
     seq: int
     stamp_ns: int
-    pose: tuple[float, ...]  # T_world_camera, its first three rows
+    pose: tuple[float, ...]  # the first three rows of T_world_camera
     floor: str
     floor_z_m: float
     intrinsics: tuple[float, ...]
-    words: tuple[str, ...] = ()  # that it was looked at for
+    words: tuple[str, ...] = ()  # the words that perception looked for in it
 
     @classmethod
-    def of(cls, view: PosedView, perception: ViewPerception | None = None) -> LastView:
-        """Of a view whose pose is finite."""
+    def from_view(cls, view: PosedView, perception: ViewPerception | None = None) -> LastView:
+        """The view's pose must be finite."""
         c, pose = view.camera, tuple(view.T_world_camera[:3].ravel().tolist())
         intrinsics = float(c.width_px), float(c.height_px), c.fx_px, c.fy_px, c.cx_px, c.cy_px
         words: tuple[str, ...] = ()
-        if perception is not None and not view.is_robot:  # a robot's view isn't looked at again
+        if perception is not None and not view.is_robot:  # only cameras' pictures are perceived again for new words
             words = _shared(tuple(sorted(perception.words)))
         return cls(view.seq, view.stamp_ns, pose, view.floor, view.floor_z_m, intrinsics, words)
 
 
-class Guard:
-    """Knows the last view of every source, and so what the next can't be.
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The answer of ``ViewValidator.validate``.
 
-    A view that doesn't fit the last one is refused, but the next that fits the refused one is believed: a robot that
-    was relocalised, or whose clock was set, isn't refused for ever.
+    Attributes:
+        is_new: False if the maps hold this very picture already.
+        fault: why the view is refused; None if it isn't.
+        n_missed: observations of this robot that never came, between its previous one and this one.
+        is_doubted: whether the fault may be the source's new truth: a next view that agrees with this one is believed.
     """
 
-    def __init__(self, config: GuardConfig) -> None:
+    is_new: bool
+    fault: ViewError | None = None
+    n_missed: int = 0
+    is_doubted: bool = False
+
+
+class ViewValidator:
+    """Compares each view with the previous one of its source.
+
+    A view that doesn't fit the previous one is refused, but a next view that agrees with the refused one is believed.
+    So a robot that was relocalised, or whose clock was set, isn't refused for ever.
+
+    Attributes:
+        missed: by robot source, how many observations never arrived.
+    """
+
+    def __init__(self, config: ValidationConfig) -> None:
         self._config = config
         self._last: dict[tuple[str, int], LastView] = {}
         self._doubted: dict[tuple[str, int], LastView] = {}
-        self._heard: dict[str, int] = {}  # robot -> the newest sequence number that is processed
-        self.missed: dict[str, int] = {}  # robot -> observations that never came
+        self._last_seq: dict[str, int] = {}  # robot source -> the newest sequence number that arrived
+        self.missed: dict[str, int] = {}
 
-    def admit(self, view: PosedView, perception: ViewPerception | None) -> bool:
-        """Whether a view that passed ``check`` is new: False for one that came before. Changes nothing in the maps.
-
-        Raises:
-            ViewError: by name.
-        """
-        key, now = (view.source, view.view), LastView.of(view)
+    def validate(self, view: PosedView) -> Verdict:
+        """Judges a view that passed ``check_view``. Changes nothing: ``record_arrival`` and ``record_integrated`` do."""
+        key, current = (view.source, view.view), LastView.from_view(view)
         last, doubted = self._last.get(key), self._doubted.get(key)
-        if last is not None and _repeats(last, now, view.is_robot):
-            return False
-        self._count_missed(view)
-        fault = self._fault(last, now, view.is_robot)
+        if last is not None and _is_repeat(last, current, view.is_robot):
+            return Verdict(is_new=False)
+        n_missed = self._count_missed(view)
+        fault = self._fault(last, current, view.is_robot)
         believed = (
             doubted is not None
-            and not _repeats(doubted, now, view.is_robot)
-            and not self._fault(doubted, now, view.is_robot)
+            and not _is_repeat(doubted, current, view.is_robot)
+            and not self._fault(doubted, current, view.is_robot)
         )
         if fault is not None and not believed:
-            if key in self._doubted or len(self._doubted) < self._config.max_sources:
-                self._doubted[key] = now
-            raise fault
+            return Verdict(True, fault, n_missed, is_doubted=True)
         if not _any_depth(view.depth_m):
-            raise ViewError("no_depth", "not one pixel has a depth")
-        return True
+            return Verdict(True, ViewError("no_depth", "not one pixel has a depth"), n_missed)
+        return Verdict(True, None, n_missed)
 
-    def new_words(self, view: PosedView, perception: ViewPerception | None) -> frozenset[str]:
-        """The words that a camera's view which the maps hold wasn't looked at for before; none if they hold another."""
-        last = self._last.get((view.source, view.view))
-        if perception is None or last is None or view.is_robot or not _repeats(last, LastView.of(view), False):
-            return frozenset()
-        return frozenset(perception.words) - set(last.words)
+    def record_arrival(self, view: PosedView, verdict: Verdict) -> None:
+        """Updates the counts by a view that has arrived, and remembers it if the verdict doubts it."""
+        if not verdict.is_new:
+            return
+        if view.is_robot:
+            if verdict.n_missed:
+                self.missed[view.source] = min(self.missed.get(view.source, 0) + verdict.n_missed, _MAX_MISSED)
+            if view.source in self._last_seq or len(self._last_seq) < self._config.max_sources:
+                self._last_seq[view.source] = view.seq
+        key = (view.source, view.view)
+        if verdict.is_doubted and (key in self._doubted or len(self._doubted) < self._config.max_sources):
+            self._doubted[key] = LastView.from_view(view)
 
-    def note(self, view: PosedView, perception: ViewPerception | None) -> None:
-        """Remembers a view that the maps now hold."""
-        key, now = (view.source, view.view), LastView.of(view, perception)
+    def record_integrated(self, view: PosedView, perception: ViewPerception | None) -> None:
+        """Remembers a view that the maps now hold, and the words that were looked for in it."""
+        key, current = (view.source, view.view), LastView.from_view(view, perception)
         last = self._last.pop(key, None)
-        if last is not None and _repeats(last, now, view.is_robot):  # it was looked at again
-            now = replace(now, words=_shared(tuple(sorted({*last.words, *now.words}))))
-        self._last[key] = now
+        if last is not None and _is_repeat(last, current, view.is_robot):  # the same picture, perceived for more words
+            current = replace(current, words=_shared(tuple(sorted({*last.words, *current.words}))))
+        self._last[key] = current
         if len(self._last) > self._config.max_sources:
             del self._last[next(iter(self._last))]
         self._doubted.pop(key, None)
 
-    def _count_missed(self, view: PosedView) -> None:
-        """Latest wins on the way here, so numbers may be missing: that is counted and no fault."""
-        if not view.is_robot:
-            return
-        heard = self._heard.get(view.source, view.seq)
-        if view.seq > heard + 1:
-            self.missed[view.source] = min(self.missed.get(view.source, 0) + view.seq - heard - 1, _MOST_MISSED)
-        if view.source in self._heard or len(self._heard) < self._config.max_sources:
-            self._heard[view.source] = view.seq
+    def new_words(self, view: PosedView, perception: ViewPerception) -> frozenset[str]:
+        """The words that perception looked for in a camera's picture now and not before.
 
-    def _fault(self, last: LastView | None, now: LastView, is_robot: bool) -> ViewError | None:
-        """Why ``now`` can't follow ``last``."""
+        Empty for a robot's view, and where the maps hold another picture of the view.
+        """
+        last = self._last.get((view.source, view.view))
+        if last is None or view.is_robot or not _is_repeat(last, LastView.from_view(view), False):
+            return frozenset()
+        return frozenset(perception.words) - set(last.words)
+
+    def _count_missed(self, view: PosedView) -> int:
+        """How many of a robot's sequence numbers are missing before this one. That is no fault: only the newest travels."""
+        if not view.is_robot:
+            return 0
+        return max(0, view.seq - self._last_seq.get(view.source, view.seq) - 1)
+
+    def _fault(self, last: LastView | None, current: LastView, is_robot: bool) -> ViewError | None:
+        """Why ``current`` can't follow ``last``; None if it can."""
         if last is None:
             return None
-        if now.stamp_ns < last.stamp_ns:
-            back_s = (last.stamp_ns - now.stamp_ns) / 1e9
+        if current.stamp_ns < last.stamp_ns:
+            back_s = (last.stamp_ns - current.stamp_ns) / 1e9
             return ViewError("time_backwards", f"it was taken {back_s:.3f} s before the last one (view {last.seq})")
-        if now.intrinsics != last.intrinsics:
-            return ViewError("intrinsics_changed", f"the last one had {last.intrinsics}, this has {now.intrinsics}")
-        # counting anew, and newer: it may stand anywhere (a camera's first picture is often its only one)
-        restarted = now.seq < last.seq or (now.seq == last.seq and not is_robot)
-        climbed = abs(now.floor_z_m - last.floor_z_m) > self._config.climb_m  # a new name alone is none
-        limit_m = self._config.max_step_m * max(1, now.seq - last.seq)
-        moved_m = math.dist((now.pose[3], now.pose[7]), (last.pose[3], last.pose[7]))
+        if current.intrinsics != last.intrinsics:
+            return ViewError("intrinsics_changed", f"the last one had {last.intrinsics}, this has {current.intrinsics}")
+        # a source that counts from the start again may stand anywhere (a camera's first picture is often its only one)
+        restarted = current.seq < last.seq or (current.seq == last.seq and not is_robot)
+        climbed = (
+            abs(current.floor_z_m - last.floor_z_m) > self._config.climb_m
+        )  # another floor name alone doesn't count
+        limit_m = self._config.max_step_m * max(1, current.seq - last.seq)
+        moved_m = math.dist((current.pose[3], current.pose[7]), (last.pose[3], last.pose[7]))
         if moved_m > limit_m and not restarted and not climbed:
             return ViewError(
                 "pose_jump", f"it moved {moved_m:.2f} m since view {last.seq}; at most {limit_m:g} m can be"
@@ -223,45 +251,47 @@ class Guard:
         return None
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain values, for ``of_state``."""
-        rows: dict[tuple[str, ...], int] = {}  # many views were looked at for the same words
+        """Everything as plain values, for ``from_state``."""
+        rows: dict[tuple[str, ...], int] = {}  # many views share one list of words: each list is stored once
         views = {
             name: [
-                [*key, asdict(view) | {"words": rows.setdefault(view.words, len(rows))}] for key, view in kept.items()
+                [*key, asdict(view) | {"words": rows.setdefault(view.words, len(rows))}] for key, view in views.items()
             ]
-            for name, kept in (("last", self._last), ("doubted", self._doubted))
+            for name, views in (("last", self._last), ("doubted", self._doubted))
         }
-        return {**views, "words": list(rows), "heard": dict(self._heard), "missed": dict(self.missed)}
+        return {**views, "words": list(rows), "last_seq": dict(self._last_seq), "missed": dict(self.missed)}
 
     @classmethod
-    def of_state(cls, state: dict[str, Any], config: GuardConfig) -> Guard:
-        """The guard that ``state`` was taken of."""
-        guard = cls(config)
-        words = [tuple(row) for row in state.get("words", [()])]  # version 2 knew of none
-        guard._last, guard._doubted = (
+    def from_state(cls, state: dict[str, Any], config: ValidationConfig) -> ViewValidator:
+        """The validator that ``state`` describes."""
+        validator = cls(config)
+        words = [tuple(row) for row in state["words"]]
+        validator._last, validator._doubted = (
             {(source, view): _last_view(fields, words) for source, view, fields in state[name]}
             for name in ("last", "doubted")
         )
-        guard._heard, guard.missed = dict(state["heard"]), dict(state["missed"])
-        return guard
+        validator._last_seq, validator.missed = dict(state["last_seq"]), dict(state["missed"])
+        return validator
 
 
 @lru_cache(maxsize=4096)
 def _shared(words: tuple[str, ...]) -> tuple[str, ...]:
-    """The same words, once in memory however many views were looked at for them."""
+    """The same tuple for equal words, so that a thousand views share one."""
     return words
 
 
 def _last_view(fields: dict[str, Any], words: list[tuple[str, ...]]) -> LastView:
     lists = {"pose": tuple(fields["pose"]), "intrinsics": tuple(fields["intrinsics"])}
-    return LastView(**(fields | lists | {"words": words[fields.get("words", 0)]}))
+    return LastView(**(fields | lists | {"words": words[fields["words"]]}))
 
 
-def _repeats(last: LastView, now: LastView, is_robot: bool) -> bool:
-    """Whether it is the same observation: a robot says it again until somebody follows it up, maybe with a new stamp."""
-    if now.seq != last.seq:
+def _is_repeat(last: LastView, current: LastView, is_robot: bool) -> bool:
+    """Whether both are the same observation: a robot repeats its own, maybe with a new stamp, until it gets a command."""
+    if current.seq != last.seq:
         return False
-    return now.stamp_ns == last.stamp_ns or (is_robot and (now.pose, now.floor) == (last.pose, last.floor))
+    if current.stamp_ns == last.stamp_ns:
+        return True
+    return is_robot and (current.pose, current.floor) == (last.pose, last.floor)
 
 
 @njit(cache=True, nogil=True)

@@ -113,7 +113,7 @@ def test_what_is_no_snapshot_of_these_maps_is_refused_by_name():
         ({"version": 99}, "other_version"),
         ({"sizes": {"resolution_m": 0.1}}, "other_config"),
         ({"maps": {}}, "corrupt"),
-        ({"maps": {**state["maps"], "storeys": [1]}}, "corrupt"),
+        ({"maps": {**state["maps"], "floors": [1]}}, "corrupt"),
     ):
         with pytest.raises(SnapshotError) as refused:
             load(zstandard.compress(msgspec.msgpack.encode(state | change)), config)

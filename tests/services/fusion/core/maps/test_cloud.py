@@ -92,7 +92,7 @@ def test_taken_up_again_it_goes_on_as_if_nothing_had_been():
         whole.add(*view)
         cloud.add(*view)
         if k == 4:
-            cloud = VoxelCloud.of_state(cloud.state(), CONFIG)
+            cloud = VoxelCloud.from_state(cloud.state(), CONFIG)
     np.testing.assert_array_equal(whole.array(), cloud.array())
     for mine, theirs in zip(whole.provenance()[:3], cloud.provenance()[:3], strict=True):
         np.testing.assert_array_equal(mine, theirs)

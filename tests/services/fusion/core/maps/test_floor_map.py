@@ -285,7 +285,7 @@ def test_taken_up_again_it_goes_on_as_if_nothing_had_been(world, stop):
         floor.integrate(view)
         whole.revision = floor.revision = k
         if k == stop:
-            floor = FloorMap.of_state(floor.state(), config)
+            floor = FloorMap.from_state(floor.state(), config)
     assert (floor.grid, floor.z_m, floor.revision) == (whole.grid, whole.z_m, whole.revision)
     for layer in ("occupied", "explored", "frontier"):
         np.testing.assert_array_equal(getattr(floor, layer)(), getattr(whole, layer)())

@@ -245,7 +245,7 @@ def literal(story: list[Look], fusion: str, half_life_s: float) -> np.ndarray:
 def value_map(story, fusion, half_life_s, *, ask_at=(), **more):
     value = ValueMap(ValueConfig(fusion=fusion, half_life_s=half_life_s, **more))
     for i, look in enumerate(story):
-        value.add(look.view(i), look.reach_m, look.embedding)
+        value.add(look.view(i), look.embedding, reach_m=look.reach_m)
         if i in ask_at:
             value.layer(GRID, np.array([1.0, 0.0], np.float32))
     return value

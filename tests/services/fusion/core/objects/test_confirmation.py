@@ -111,7 +111,7 @@ def test_absorbing_adds_up():
     assert (a.misses, a.count("couch"), a.count("bed"), a.robot["couch"].n) == (3, 4, 1, 4)
     assert a.robot["couch"].score == pytest.approx(2 * 0.8 + 2 * 0.6)
     assert a.looks.of["robot", "1"].misses == 2
-    assert Evidence.of_state(a.state()).state() == a.state()
+    assert Evidence.from_state(a.state()).state() == a.state()
 
 
 def test_evidence_of_before_there_were_looks_goes_on():
@@ -123,7 +123,7 @@ def test_evidence_of_before_there_were_looks_goes_on():
         "settled": "bed",
         "flipped": ["couch", "bed", 1],
     }
-    evidence = Evidence.of_state(state)
+    evidence = Evidence.from_state(state)
     assert (evidence.count("bed"), evidence.misses, evidence.flipped) == (4, 2, ("couch", "bed"))
     assert evidence.robot["bed"].score == pytest.approx(3 * 0.8)
     assert set(evidence.looks.of) == {("camera", "camera/a"), ("robot", "0"), ("robot", "7")}

@@ -129,7 +129,7 @@ def through_the_map(detections, config, floor_z_m=0.0):
     objects = ObjectMap("0", floor_z_m, FINE, config)
     for i, (points, embedding) in enumerate(detections):
         s = sighting(points, embedding, i)
-        objects.add(view(i), (s.detected,), [s])
+        objects.add_located(view(i), (s.detected,), [s])
     numbers = {}
     for record in objects.records():
         numbers |= {round(event.box_px[2]) - 1: record.id - 1 for event in record.history if event.box_px}
@@ -217,7 +217,7 @@ def test_a_thing_is_not_swallowed_by_what_would_make_it_too_large(tools, size_pr
     things = {"tv": box((0, 0, 0.8), (1.0, 0.3, 1.4), 3000), "cupboard": box((-0.6, 0, 0.4), (1.6, 0.4, 2.5), 30_000)}
     for i, label in enumerate(["tv", "cupboard"]):
         s = sighting(things[label], tools.unit(0), i, "tv" if label == "tv" else "refrigerator")
-        objects.add(view(i), (s.detected,), [s])
+        objects.add_located(view(i), (s.detected,), [s])
     labels = sorted(o.label for o in objects.records())
     assert len(labels) == n_objects
     assert n_objects == 1 or labels == ["refrigerator", "tv"]
@@ -233,7 +233,7 @@ def test_heights_are_above_the_floor(tools, floor_z_m, status):
         T[0, 3] = i
         s = sighting(points, tools.unit(0), i)
         s = dataclasses.replace(s, detected=dataclasses.replace(s.detected, chance=0.9))
-        objects.add(dataclasses.replace(view(i), T_world_camera=T), (s.detected,), [s])
+        objects.add_located(dataclasses.replace(view(i), T_world_camera=T), (s.detected,), [s])
     (chair,) = objects.records()
     assert chair.status == status
     assert status == "confirmed" or chair.reason.startswith("too high for a chair")
@@ -246,7 +246,7 @@ def test_embeddings_of_both_sources_count_by_their_detections(tools):
     for i in range(5):
         source, look = ("robot/r", robot) if i < 2 else (f"camera/c{i}", camera)
         s = sighting(points, look)
-        objects.add(view(i, source), (s.detected,), [s])
+        objects.add_located(view(i, source), (s.detected,), [s])
     (obj,) = objects._objects.values()
     mean = (2 * robot + 3 * camera) / 5
     np.testing.assert_allclose(
@@ -270,7 +270,7 @@ def test_confidence_is_the_maximum_of_both_and_the_class_that_of_the_maximum(vot
     scores = {True: {}, False: {}}
     for i, (is_robot, label, score) in enumerate(votes):
         s = sighting(points, [1.0, 0.0], label=label, score=score)
-        objects.add(view(i, "robot/r" if is_robot else "camera/c"), (s.detected,), [s])
+        objects.add_located(view(i, "robot/r" if is_robot else "camera/c"), (s.detected,), [s])
         scores[is_robot].setdefault(label, []).append(score)
     best = {
         is_robot: max(((sum(v) / len(v), label) for label, v in of_kind.items()), default=(0.0, ""))

@@ -98,7 +98,7 @@ def test_kinds_apart_and_as_plain_values():
     assert set(posterior(of_kinds(looks, "camera"), C)) == {"bed"}
     assert set(posterior(of_kinds(looks, "robot"), C)) == {"chair"}
     assert posterior(of_kinds(looks), C) == {}
-    again = Looks.of_state(looks.state())
+    again = Looks.from_state(looks.state())
     assert again == looks
 
 

@@ -1,4 +1,4 @@
-"""What a camera view is worth, on hand-made floors. '#': obstacle, '.': explored, ' ': unknown, 'f': frontier."""
+"""What a camera view is utility, on hand-made floors. '#': obstacle, '.': explored, ' ': unknown, 'f': frontier."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from surveilnav.geometry import Grid, Pinhole
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.config import ViewOrderConfig
-from surveilnav.services.fusion.core.views.order import FloorWedge, KnownFloor, worths_in, worths_m2
+from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2
 
 CONFIG = ViewOrderConfig()
 LENS = Pinhole.from_hfov(640, 640, math.radians(100.0))
@@ -28,8 +28,8 @@ def pose(yaw_deg: float, tilt_deg: float, z_m: float = 1.8) -> np.ndarray:
     return T
 
 
-def wedge(yaw_deg: float = 0.0, tilt_deg: float = 30.0, range_m: float = 3.0) -> FloorWedge:
-    return FloorWedge.of(pose(yaw_deg, tilt_deg), LENS, 0.0, range_m)
+def footprint(yaw_deg: float = 0.0, tilt_deg: float = 30.0, range_m: float = 3.0) -> ViewFootprint:
+    return ViewFootprint.from_view(pose(yaw_deg, tilt_deg), LENS, 0.0, range_m)
 
 
 def floor(text: str, west_m: float = -4.0, south_m: float = -4.0) -> KnownFloor:
@@ -41,11 +41,11 @@ def floor(text: str, west_m: float = -4.0, south_m: float = -4.0) -> KnownFloor:
     return KnownFloor(grid, *layers, (cells != " ").astype(np.uint8), (cells == "f").astype(np.uint8))
 
 
-def worth(view: FloorWedge, known: KnownFloor | None, robots: np.ndarray = NO_ROBOT) -> float:
-    return float(worths_m2([view], known, robots, CONFIG)[0])
+def utility(view: ViewFootprint, known: KnownFloor | None, robots: np.ndarray = NO_ROBOT) -> float:
+    return float(floor_utilities_m2([view], known, robots, CONFIG)[0])
 
 
-def slow(view: FloorWedge, known: KnownFloor | None, robots: np.ndarray) -> float:
+def slow(view: ViewFootprint, known: KnownFloor | None, robots: np.ndarray) -> float:
     """The definition, point by point of a fine square lattice; nothing stands in the way."""
     total, side = 0.0, 0.04
     for x in np.arange(-3.0, 3.0, side) + side / 2:
@@ -69,15 +69,15 @@ HALF_KNOWN = "....     \n....f    \n....f    \n....f    \n....f    \n....f    \n
 @pytest.mark.parametrize("known", [None, floor(HALF_KNOWN)], ids=["nothing known", "half known"])
 @pytest.mark.parametrize("robots", [NO_ROBOT, np.array([(1.0, 2.0), (-6.0, 0.0)])], ids=["no robot", "two robots"])
 @pytest.mark.parametrize(("yaw_deg", "tilt_deg"), [(10.0, 0.0), (0.0, 30.0), (140.0, 50.0), (20.0, 90.0)])
-def test_worth_is_the_integral_that_it_says(yaw_deg, tilt_deg, robots, known):
-    view = wedge(yaw_deg, tilt_deg)
-    assert worth(view, known, robots) == pytest.approx(
+def test_utility_is_the_integral_that_it_says(yaw_deg, tilt_deg, robots, known):
+    view = footprint(yaw_deg, tilt_deg)
+    assert utility(view, known, robots) == pytest.approx(
         slow(view, known, robots), rel=0.05
     )  # rays are sampled every 10 cm
 
 
-def test_a_wedge_is_what_the_picture_shows_of_the_floor():
-    level, steep, down = wedge(90.0, 0.0), wedge(0.0, 60.0), wedge(0.0, 90.0)
+def test_a_footprint_is_what_the_picture_shows_of_the_floor():
+    level, steep, down = footprint(90.0, 0.0), footprint(0.0, 60.0), footprint(0.0, 90.0)
     half_height = math.atan(LENS.height_px / (2 * LENS.fy_px))
     assert level.azimuth_rad == pytest.approx(math.pi / 2)
     assert (level.from_m, level.to_m) == pytest.approx((1.8 / math.tan(half_height), 3.0))
@@ -89,23 +89,23 @@ def test_a_wedge_is_what_the_picture_shows_of_the_floor():
 
 def test_a_wall_hides_what_is_behind_it():
     open_, walled = " " * 9, "     #   "
-    hidden = worth(wedge(), floor("\n".join([walled] * 9)))
-    assert hidden < 0.3 * worth(wedge(), floor("\n".join([open_] * 9)))
+    hidden = utility(footprint(), floor("\n".join([walled] * 9)))
+    assert hidden < 0.3 * utility(footprint(), floor("\n".join([open_] * 9)))
 
 
 def test_frontiers_and_places_near_the_robot_come_first():
     frontier = floor("\n".join(["....ff   "] * 9))
-    east, west = worths_m2([wedge(0.0), wedge(180.0)], frontier, NO_ROBOT, CONFIG)
+    east, west = floor_utilities_m2([footprint(0.0), footprint(180.0)], frontier, NO_ROBOT, CONFIG)
     assert east > 10 * west > 0.0
-    near, far = worths_m2([wedge(0.0), wedge(180.0)], None, np.array([(2.0, 0.0)]), CONFIG)
+    near, far = floor_utilities_m2([footprint(0.0), footprint(180.0)], None, np.array([(2.0, 0.0)]), CONFIG)
     assert near > far
 
 
 def test_maps_weigh_views_floor_by_floor():
-    """A floor that no robot is on is worth nothing now; one that nothing is known of is unexplored."""
+    """A floor that no robot is on is utility nothing now; one that nothing is known of is unexplored."""
     joint = JointMap(FusionConfig())
-    upstairs = FloorWedge.of(pose(0.0, 30.0, z_m=4.8), LENS, 3.0, 3.0)
-    here, above = worths_in(joint, [wedge(), upstairs], [(0.0, 0.0, 0.1)])
-    assert here == pytest.approx(worth(wedge(), None, np.zeros((1, 2))))
+    upstairs = ViewFootprint.from_view(pose(0.0, 30.0, z_m=4.8), LENS, 3.0, 3.0)
+    here, above = joint.view_utilities([footprint(), upstairs], [(0.0, 0.0, 0.1)])
+    assert here == pytest.approx(utility(footprint(), None, np.zeros((1, 2))))
     assert above == 0.0
-    assert worths_in(joint, [], [(0.0, 0.0, 0.0)]).shape == (0,)
+    assert joint.view_utilities([], [(0.0, 0.0, 0.0)]).shape == (0,)

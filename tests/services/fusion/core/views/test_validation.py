@@ -11,14 +11,14 @@ import pytest
 from surveilnav.geometry import Pinhole
 from surveilnav.sensing.views import Detected
 from surveilnav.services.fusion.core import FusionConfig, JointMap, MapConfig
-from surveilnav.services.fusion.core.config import GuardConfig
+from surveilnav.services.fusion.core.config import ValidationConfig
 from surveilnav.services.fusion.core.snapshot import pack
 from surveilnav.services.fusion.core.views.validation import ViewError
 
 
 def maps_of(joint: JointMap) -> bytes:
     """All that the maps hold, without what the guard remembers of sources."""
-    return pack({k: v for k, v in joint.state().items() if k != "guard"})
+    return pack({k: v for k, v in joint.state().items() if k != "validator"})
 
 
 @pytest.fixture
@@ -113,13 +113,13 @@ FAULTS = {
 def test_every_fault_has_its_name_and_changes_nothing(seen_some, world, tools, what):
     name, spoil = FAULTS[what]
     good = replace(world.view(2.6, 2, 0.4, seq=4), stamp_ns=4 * 10**9)
-    before, guarded = maps_of(seen_some), len(pack(seen_some.guard.state()))
+    before, guarded = maps_of(seen_some), len(pack(seen_some.validator.state()))
     for _ in range(2):  # a repeated fault is no better
         with pytest.raises(ViewError) as refused:
             seen_some.accept(*spoil(good, tools))
         assert (refused.value.name, str(refused.value).split(":")[0]) == (name, name)
         assert maps_of(seen_some) == before
-    assert len(pack(seen_some.guard.state())) < guarded + 400
+    assert len(pack(seen_some.validator.state())) < guarded + 400
     done = seen_some.accept(good, tools.seen())  # and hurts nobody after it
     assert done is not None
     assert done.revision == 6
@@ -158,13 +158,13 @@ def test_a_cameras_new_picture_has_a_new_stamp(seen_some, world, tools):
 def test_missing_numbers_are_counted_and_accepted(seen_some, world):
     view = world.view(2.6, 2, 0.4, seq=7)
     assert seen_some.accept(replace(view, stamp_ns=7 * 10**9), None) is not None
-    assert seen_some.guard.missed == {"robot/r": 3}
+    assert seen_some.validator.missed == {"robot/r": 3}
     far = spoil_pose(world.view(2.6, 2, 0.4, seq=10), lambda T: set_at(T, (0, 3), 2.6 + 5))  # 5 m in three steps
     assert seen_some.accept(replace(far, stamp_ns=10**10), None) is not None
     with pytest.raises(ViewError):  # refused, yet it came
         seen_some.accept(depth_with(replace(far, seq=11, stamp_ns=11 * 10**9), 0.0, everywhere=True), None)
     assert seen_some.accept(replace(far, seq=12, stamp_ns=12 * 10**9), None) is not None
-    assert seen_some.guard.missed == {"robot/r": 5}
+    assert seen_some.validator.missed == {"robot/r": 5}
 
 
 @pytest.mark.parametrize("what", ["4 m in one step", "a stamp before the last", "another focal length than before"])
@@ -195,7 +195,7 @@ def test_stairs_and_a_restart_are_no_jump(seen_some, world):
     assert seen_some.accept(up, None).floor == "1"
     again = replace(world.view(5.0, 2, 0, seq=0), stamp_ns=5 * 10**9)  # restarted where it charges
     assert seen_some.accept(again, None).floor == "0"
-    assert seen_some.guard.missed == {}
+    assert seen_some.validator.missed == {}
 
 
 def test_an_episodes_stamps_pass(world, tools):
@@ -227,9 +227,9 @@ def test_a_camera_that_was_restarted_or_moved_is_believed(seen_some, world):
 def test_no_number_is_missed_so_often_that_it_cannot_be_kept(seen_some, world):
     for seq in (2**64 - 1, 5, 2**64 - 1):
         view = spoil_pose(world.view(2.6, 2, 0.4, seq=seq), lambda T: set_at(T, (0, 3), 2.6))
-        seen_some.guard._count_missed(view)
-    assert seen_some.guard.missed == {"robot/r": 2**53}
-    assert pack(seen_some.guard.missed)
+        seen_some.validator.record_arrival(view, seen_some.validator.validate(view))
+    assert seen_some.validator.missed == {"robot/r": 2**53}
+    assert pack(seen_some.validator.missed)
 
 
 def test_another_floor_name_alone_is_no_stair(seen_some, world):
@@ -240,7 +240,7 @@ def test_another_floor_name_alone_is_no_stair(seen_some, world):
 
 
 def test_a_full_memory_of_doubts_is_kept_up_to_date(world):
-    joint = JointMap(FusionConfig(guard=GuardConfig(max_sources=1)))
+    joint = JointMap(FusionConfig(validation=ValidationConfig(max_sources=1)))
     joint.accept(world.view(1, 2, 0, seq=1), None)
     for seq, x in ((2, 5.0), (3, -9.0)):
         with pytest.raises(ViewError, match="pose_jump"):
@@ -255,6 +255,6 @@ def test_names_come_with_views_that_were_taken_and_are_bounded(seen_some, world)
             seen_some.integrate(far_off(world.view(2.6, 2, 0.4, floor="attic", floor_z=floor_z)), None)
     assert seen_some._name_of == before
     for i in range(300):
-        seen_some._remember_name(world.view(2.6, 2, 0.4, floor=f"f{i}"), seen_some._floors["0"])
+        seen_some._record_name(world.view(2.6, 2, 0.4, floor=f"f{i}"), seen_some._floors["0"])
     assert len(seen_some._name_of) == 256
     assert (seen_some.knows("f0"), seen_some.knows("f299")) == (True, False)
