@@ -16,7 +16,7 @@ from surveilnav.bus import Node, Publisher
 from surveilnav.bus.router import free_port
 from surveilnav.cli.replay.clock import ReplayClock
 from surveilnav.cli.replay.control import ReplayControls
-from surveilnav.cli.replay.maps import MapsAgain
+from surveilnav.cli.replay.maps import ReplayedMaps
 from surveilnav.cli.replay.memory import Memory
 from surveilnav.cli.stack import Stack
 from surveilnav.contract import CAMERA_FRAME, ID_PATTERN, ROBOT_OBSERVATION, VIEW_LOG, Stream
@@ -36,7 +36,7 @@ class Player:
     def __init__(self, node: Node, folder: Path, facts: dict[str, str]) -> None:
         self._node = node
         self._memory = Memory(node, facts.get("prompt", ""))
-        self._maps = MapsAgain(node, folder)
+        self._maps = ReplayedMaps(node, folder)
         self._publishers: dict[str, Publisher] = {}
         for kind in ("fusion", "planner"):
             node.announce(kind, kind)
@@ -81,7 +81,7 @@ class Player:
                 if not quietly:
                     self._put(ROBOT_OBSERVATION if kind == "robot" else CAMERA_FRAME, ids, header, payload)
                 self._memory.note_picture(view, header, payload)
-            self._maps.take(view, payload)
+            self._maps.integrate(view, payload)
         except (WireError, msgspec.DecodeError, ValueError) as error:
             raise RecordingError(f"view {view.number} can't be read: {error}") from error
 

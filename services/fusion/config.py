@@ -36,13 +36,13 @@ class FusionSettings(BaseSettings):
         default=[],
         description="words that detectors with an open vocabulary always look for, beside the missions' (JSON list)",
     )
-    kept_pictures_mb: int = Field(
+    picture_cache_mb: int = Field(
         default=256, ge=0, description="of cameras' newest pictures, looked at again when a mission brings a new word"
     )
     camera_views_per_step: int = Field(
         default=2, ge=1, description="camera views integrated between two looks at robots"
     )
-    ahead_cameras: int = Field(
+    prefetch_cameras: int = Field(
         default=0,
         ge=0,
         le=64,

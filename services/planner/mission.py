@@ -14,6 +14,7 @@ from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.core import Decision, MapView, MissionState, RobotView, memory, step
+from surveilnav.services.planner.floor_maps import FloorMapsClient
 from surveilnav.services.planner.pausing import Pause, PausedError
 from surveilnav.services.planner.store import Pending, SavedMission, Store, StoreError
 from surveilnav.services.planner.summaries import Summaries
@@ -84,8 +85,8 @@ class Mission:
             self._node,
             self._settings,
             around.revisions,
+            FloorMapsClient(self._node, self.status.target, self._settings.ask_timeout_s),
             self.robot,
-            self.status.target,
             self._hold,
             self._interrupted,
         )
@@ -346,8 +347,8 @@ class Mission:
             self._node,
             self._settings.model_copy(update={"robot_timeout_s": 1e-3}),
             self._world.revisions,
+            self._world.maps,
             self.robot,
-            self._world.target,
             lambda _: None,
             lambda: False,
         )

@@ -8,18 +8,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
-from numpy.typing import NDArray
-
 from surveilnav.bus import Node, Refused, Table, Unanswered, clock_ns
-from surveilnav.contract import MAP_LAYER, MAP_REVISION, OBJECTS, ROBOT_COMMAND, ROBOT_STATUS
+from surveilnav.contract import MAP_REVISION, ROBOT_COMMAND, ROBOT_STATUS
 from surveilnav.errors import WireError
-from surveilnav.messages import Command, CommandReply, LayerHeader, Revision, RobotStatus, Stair
+from surveilnav.messages import Command, CommandReply, Revision, RobotStatus, Stair
 from surveilnav.messages.robot import ActionName
-from surveilnav.sensing.layers import unpack_layer
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.core import MapView
+from surveilnav.services.planner.floor_maps import FloorMapsClient
 
-_LAYERS = ("occupancy", "explored", "frontier", "value")
 _POLL_S = 0.004
 _ASK_AGAIN_S = 2.0
 _MAX_STAIRS = 64
@@ -49,8 +46,8 @@ class World:
     node: Node
     settings: PlannerSettings
     revisions: Table[Revision]
+    maps: FloorMapsClient
     robot: str
-    target: str
     hold: Callable[[str], None]
     cancelled: Callable[[], bool]
 
@@ -87,7 +84,7 @@ class World:
         while True:
             revision = self._revision_with(seq, began_s)
             try:
-                return self._view(revision)
+                return self.maps.maps_at(revision, self.robot)
             except (Unanswered, Refused, WireError) as error:
                 name, why = self._who_is_missing(revision, str(error))
                 if isinstance(error, Refused) and error.name == "perception_down":
@@ -141,42 +138,6 @@ class World:
             newest = max(rows, key=lambda r: r.stamp_ns, default=None)
             name, why = self._who_is_missing(newest, f"the maps don't hold observation {seq} of robot {self.robot} yet")
             self._patience(began_s, self.settings.maps_timeout_s, name, why)
-
-    def _view(self, revision: Revision) -> MapView:
-        """Queries all layers and the objects of one floor, on one grid."""
-        for _ in range(5):
-            layers = {name: self._layer(revision.floor, name) for name in _LAYERS}
-            grids = {header.grid for header, _ in layers.values()}
-            if len(grids) == 1:
-                break
-        else:
-            raise Unanswered(f"the layers of floor {revision.floor} never agreed on a grid")
-        objects = self.node.ask(OBJECTS, floor=revision.floor, timeout_s=self.settings.ask_timeout_s).message
-        arrays = {name: array for name, (_, array) in layers.items()}
-        return MapView(
-            revision.floor,
-            revision.floor_z_m,
-            grids.pop(),
-            arrays["occupancy"],
-            arrays["explored"],
-            arrays["frontier"],
-            arrays["value"],
-            objects.objects,
-            layers["occupancy"][0].revision,
-            revision.pending_views,
-        )
-
-    def _layer(self, floor: str, layer: str) -> tuple[LayerHeader, NDArray]:
-        """One layer. WireError: its header and its bytes don't fit."""
-        received = self.node.ask(
-            MAP_LAYER,
-            floor=floor,
-            layer=layer,
-            timeout_s=self.settings.ask_timeout_s,
-            parameters={"target": self.target} if layer == "value" else None,
-        )
-        header: LayerHeader = received.message
-        return header, unpack_layer(layer, header, received.payload)
 
     def _who_is_missing(self, revision: Revision | None, otherwise: str) -> tuple[str, str]:
         """Whom a late map is owed to: the failure's name, and a word for people."""

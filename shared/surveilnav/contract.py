@@ -247,6 +247,19 @@ PERCEPTION_LOAD = Stream(
     "data",
     "queue and latency of a worker, and which backend runs",
 )
+FLOOR_MAPS = Stream(
+    "floor_maps",
+    "{building}/floor_maps/{floor}",
+    m.FloorMapsHeader,
+    "fusion",
+    "query",
+    None,
+    5_000,
+    "maps",
+    "all that a planner decides on, of one moment: layers (value: parameter target=...) and objects; with epoch=... and "
+    "since=REVISION only what has changed",
+    payload=True,
+)
 MAP_LAYER = Stream(
     "map_layer",
     "{building}/map/{floor}/{layer}",

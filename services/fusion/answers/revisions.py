@@ -1,81 +1,75 @@
-"""Revisions: what the maps of a floor have processed, told whenever that changes."""
+"""Revisions: what the maps of a floor have processed, published whenever that changes."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 
 from surveilnav.bus import Answer, Node, Publisher, Refused, Request, clock_ns
 from surveilnav.contract import MAP_REVISION
 from surveilnav.messages import CameraUse, Revision
-from surveilnav.services.fusion.core import MapConfig, active_cameras
+from surveilnav.services.fusion.building_maps import BuildingMaps
+from surveilnav.services.fusion.core import active_cameras
 from surveilnav.services.fusion.core.views.invocation import same_floor
-from surveilnav.services.fusion.intake.perception import PerceptionClient
-from surveilnav.services.fusion.intake.sources import InvokedCamera
-from surveilnav.services.fusion.map_log.log import DurableMap
-from surveilnav.services.fusion.robot_places import RobotPlaces
+from surveilnav.services.fusion.intake.intake import ViewIntake
+from surveilnav.services.fusion.map_log.log import MapLog
 
 _HEARTBEAT_S = 1.0
-_MAX_TROUBLES = 3  # named in a revision's message
+_MAX_FAULTS = 3  # named in a revision's message
 
 
 class Revisions:
-    """Makes, publishes and remembers the revision of each floor."""
+    """Publishes the revision of each floor and answers queries for the latest ones."""
 
-    def __init__(
-        self,
-        node: Node,
-        config: MapConfig,
-        maps: DurableMap,
-        perception: PerceptionClient,
-        places: RobotPlaces,
-        cameras: Mapping[str, InvokedCamera],
-    ) -> None:
-        """``cameras``: those invoked now, by name."""
-        self._node, self._tau_z_m = node, config.tau_z_m
-        self._maps, self._perception, self._places, self._cameras = maps, perception, places, cameras
+    def __init__(self, node: Node, maps: BuildingMaps, intake: ViewIntake, log: MapLog) -> None:
+        self._node, self._maps, self._intake, self._log = node, maps, intake, log
+        self._tau_z_m = maps.joint.config.map.tau_z_m
         self._publishers: dict[str, Publisher] = {}
-        self._said: dict[str, tuple[Revision, float]] = {}
+        self._published: dict[str, tuple[Revision, float]] = {}
 
     def publish(self) -> None:
-        """Puts the revision of each floor when it changed, and now and then for those who came late."""
+        """Publishes the revision of each floor if it changed, and once a second for those who came late."""
         now_s = time.monotonic()
         for floor, (z_m, number) in sorted(self._floors().items()):
             revision = self._revision(floor, z_m, number)
-            said, at_s = self._said.get(floor, (None, -_HEARTBEAT_S))
-            same = said is not None and _unstamped(said) == _unstamped(revision)
+            last, at_s = self._published.get(floor, (None, -_HEARTBEAT_S))
+            same = last is not None and _content(last) == _content(revision)
             if same and now_s - at_s < _HEARTBEAT_S:
                 continue
-            self._said[floor] = revision, now_s
+            self._published[floor] = revision, now_s
             if floor not in self._publishers:
                 self._publishers[floor] = self._node.publisher(MAP_REVISION, floor=floor)
             self._publishers[floor].put(revision)
 
+    def pending_views(self, floor: str) -> int:
+        """Views of a floor's cameras that are still to come, by its latest revision; 0 if there is none. From any thread."""
+        revision, _ = self._published.get(floor, (None, 0.0))
+        return revision.pending_views if revision is not None else 0
+
     def answer(self, request: Request) -> list[Answer]:
         """The revisions last published, of one floor or of all."""
         floor = request.ids.get("floor")
-        revisions = [said for said, _ in list(self._said.values()) if floor in (None, said.floor)]
+        revisions = [revision for revision, _ in list(self._published.values()) if floor in (None, revision.floor)]
         if not revisions and floor is not None:
             raise Refused("unknown_floor", f"nothing was seen yet of floor {floor!r}")
-        return [Answer(said, ids={"floor": said.floor}) for said in revisions]
+        return [Answer(revision, ids={"floor": revision.floor}) for revision in revisions]
 
     def _floors(self) -> dict[str, tuple[float, int]]:
         """Altitude [m] and revision by floor: those of the maps, and where a robot stands and nothing was integrated."""
         joint = self._maps.joint
         with self._maps.lock:
             floors = {name: (z_m, joint.floor_revision(name)) for name, z_m in joint.floors.items()}
-        for name, place in self._places.items():
+        for name, place in self._intake.places.items():
             known = any(same_floor(place.z_m, z_m, self._tau_z_m) for z_m, _ in floors.values())
             if not known and name not in floors:
                 floors[name] = place.z_m, 0
         return floors
 
     def _revision(self, floor: str, z_m: float, number: int) -> Revision:
-        contents, perception = self._maps.contents, self._perception
+        processed, perception = self._maps.processed, self._intake.problem
         cameras, pending = self._camera_use(z_m)
-        robots = {robot: last.seq for robot, last in sorted(contents.robots.items()) if last.floor == floor}
+        robots = {robot: last.seq for robot, last in sorted(processed.robots.items()) if last.floor == floor}
         here = {*(f"robot/{robot}" for robot in robots), *(f"camera/{use.camera}" for use in cameras)}
-        troubles = [why for (source, _), why in sorted(contents.troubles.items()) if source in here]
+        faults = [why for (source, _), why in sorted(processed.faults.items()) if source in here]
         return Revision(
             stamp_ns=clock_ns(),
             floor=floor,
@@ -84,21 +78,22 @@ class Revisions:
             robots=robots,
             cameras=cameras,
             pending_views=pending,
-            perception_ok=not perception.problem,
-            message="; ".join(filter(None, [perception.problem, self._maps.problem, *troubles[:_MAX_TROUBLES]])),
+            perception_ok=not perception,
+            message="; ".join(filter(None, [perception, self._log.problem, *faults[:_MAX_FAULTS]])),
         )
 
     def _camera_use(self, floor_z_m: float) -> tuple[list[CameraUse], int]:
-        """The invoked cameras of a floor (eq. 1), and how many of their views are still to come."""
+        """The invoked cameras of a floor (eq. 1), and the number of their views that are still to come."""
         uses, pending = [], 0
-        for name in active_cameras([floor_z_m], [c.info for c in self._cameras.values()], self._tau_z_m):
-            camera = self._cameras[name]
-            n_processed = len(self._maps.contents.views.get(name, set()) & set(camera.slots))
+        for name in active_cameras([floor_z_m], [c.info for c in self._intake.cameras.values()], self._tau_z_m):
+            camera = self._intake.cameras[name]
+            n_processed = len(self._maps.processed.views_of(name) & set(camera.slots))
             uses.append(CameraUse(name, n_processed, len(camera.slots)))
-            pending += 0 if camera.silent else len(camera.slots) - n_processed
+            pending += 0 if camera.is_silent else len(camera.slots) - n_processed
         return uses, pending
 
 
-def _unstamped(revision: Revision) -> tuple[object, ...]:
+def _content(revision: Revision) -> tuple[object, ...]:
+    """What makes a revision worth publishing: everything but its stamp."""
     r = revision
     return r.revision, r.robots, r.cameras, r.pending_views, r.perception_ok, r.message

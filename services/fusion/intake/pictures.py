@@ -1,4 +1,4 @@
-"""The newest picture of each view of the invoked cameras, as it came: a new word costs no camera a byte."""
+"""The newest picture of each view of the invoked cameras: perceiving it again for a new word costs a camera no byte."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ from collections import OrderedDict
 
 from surveilnav.bus import Received
 from surveilnav.messages import FrameHeader
-from surveilnav.services.fusion.records import ViewKey
+from surveilnav.services.fusion.perceived import ViewKey
 
 
-class KeptPictures:
-    """Keeps up to ``most_bytes`` of them; the oldest go first."""
+class PictureCache:
+    """Keeps up to ``max_bytes`` of cameras' frames; the oldest go first."""
 
-    def __init__(self, most_bytes: int) -> None:
-        self._most_bytes, self._bytes = most_bytes, 0
+    def __init__(self, max_bytes: int) -> None:
+        self._max_bytes, self._bytes = max_bytes, 0
         self._frames: OrderedDict[ViewKey, Received[FrameHeader]] = OrderedDict()
 
     def put(self, frame: Received[FrameHeader]) -> None:
-        """Takes a camera's picture in, in the place of its former one; a robot's isn't kept."""
+        """Adds a camera's frame in place of the view's previous one; a robot's frame is ignored."""
         if not frame.message.source.startswith("camera/"):
             return
         key = frame.message.source, frame.message.view
         self._drop(key)
         self._frames[key] = frame
         self._bytes += len(frame.payload)
-        while self._bytes > self._most_bytes:
+        while self._bytes > self._max_bytes:
             self._drop(next(iter(self._frames)))
 
-    def drop(self, source: str) -> None:
+    def drop_source(self, source: str) -> None:
         """Forgets the pictures of a camera ("camera/<id>")."""
         for key in [key for key in self._frames if key[0] == source]:
             self._drop(key)
 
-    def all(self) -> list[Received[FrameHeader]]:
+    def frames(self) -> list[Received[FrameHeader]]:
         """All of them, the oldest first."""
         return list(self._frames.values())
 

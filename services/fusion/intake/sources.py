@@ -1,21 +1,23 @@
-"""Who is looked through: robots always, cameras while eq. 1 invokes them, others ahead if a setting allows. Invocation is
-subscription."""
+"""Who is listened to: robots always, cameras while eq. 1 invokes them, and others ahead of time if a setting allows.
+
+To invoke a camera is to subscribe to its frames: it renders, encodes and sends only while somebody subscribes.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from surveilnav.bus import Node, Received, Slot, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
 from surveilnav.errors import BusError
 from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
+from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
-from surveilnav.services.fusion.core import MapConfig
 from surveilnav.services.fusion.core.views.invocation import Invocation, invoke
-from surveilnav.services.fusion.records import LastObservation
+from surveilnav.services.fusion.intake.words import SearchedWords
 
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
 _MAX_SEQ, _MAX_STAMP_NS = 2**53, 2**62  # beyond, no store, map or reader in JavaScript can hold it
@@ -24,39 +26,35 @@ _REFRESH_S = 0.1
 
 @dataclass(slots=True)
 class InvokedCamera:
-    """A camera that is listened to: one slot a view, and which of them have come."""
+    """A camera that is listened to.
+
+    Attributes:
+        slots: one per view.
+        arrived: the views that have arrived.
+        resend_at_s: when views that haven't arrived are asked for again; ``patience_s`` doubles each time.
+    """
 
     info: CameraInfo
     slots: dict[int, Slot[FrameHeader]]
     arrived: set[int] = field(default_factory=set)
-    ask_again_s: float = 0.0
+    resend_at_s: float = 0.0
     patience_s: float = 0.0
-    silent: bool = False  # it neither sends nor answers: nobody should wait for its views
+    is_silent: bool = False  # it neither sends nor answers, so nobody should wait for its views
 
 
 class Sources:
     """Keeps the subscriptions as eq. 1 wants them and hands over the newest frame of each."""
 
-    def __init__(
-        self,
-        node: Node,
-        settings: FusionSettings,
-        config: MapConfig,
-        processed: Mapping[str, LastObservation],
-        views_of: Callable[[str], Collection[int]],
-        idle: Callable[[], bool],
-    ) -> None:
-        """``processed``: the newest observation that is, by robot; ``views_of``: the views that are, of a camera. ``idle``:
-        whether nobody searches."""
-        self._node, self._settings, self._config = node, settings, config
+    def __init__(self, node: Node, settings: FusionSettings, maps: BuildingMaps, words: SearchedWords) -> None:
+        self._node, self._settings, self._maps, self._words = node, settings, maps, words
+        self._config = maps.joint.config.map
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
         node.alive("robot")  # the first call starts watching
         self._robots: dict[str, Slot[FrameHeader]] = {}
-        self._views_of, self._idle = views_of, idle
-        self._silent_ahead: set[str] = set()
-        self._newest = {robot: (h.seq, h.stamp_ns) for robot, h in processed.items()}
+        self._newest = {robot: (last.seq, last.stamp_ns) for robot, last in maps.processed.robots.items()}
         self._invocation = Invocation()
+        self._silent_prefetched: set[str] = set()
         self._floor_z_m: dict[str, float] = {}
         self._refreshed_s = 0.0
         self.cameras: dict[str, InvokedCamera] = {}
@@ -69,7 +67,7 @@ class Sources:
             self._refreshed_s = now_s
             self._follow_robots()
             dropped = self._invoke(now_s)
-            self._ask_again(now_s)
+            self._request_missing(now_s)
         return [*self._robot_frames(), *self._camera_frames()], dropped
 
     def _follow_robots(self) -> None:
@@ -105,13 +103,13 @@ class Sources:
                 frame = slot.poll()
                 if frame is not None and self._belongs(frame, f"camera/{name}", view):
                     camera.arrived.add(view)
-                    camera.silent = False
-                    camera.ask_again_s = time.monotonic() + self._settings.resend_after_s
+                    camera.is_silent = False
+                    camera.resend_at_s = time.monotonic() + self._settings.resend_after_s
                     frames.append(frame)
         return frames
 
     def _belongs(self, frame: Received[FrameHeader], source: str, view: int) -> bool:
-        """Whether a frame says of itself what its key says, and its floor and numbers are such as can be kept."""
+        """Whether a frame's header agrees with the key that it came by, and its floor and numbers can be stored."""
         header = frame.message
         if not (0 <= header.seq < _MAX_SEQ and 0 <= header.stamp_ns < _MAX_STAMP_NS):
             said = f"seq {header.seq}, stamp_ns {header.stamp_ns}"
@@ -131,7 +129,7 @@ class Sources:
         return True
 
     def wrong_intrinsics(self, header: FrameHeader) -> str:
-        """Why a camera's frame can't be what its camera says of itself; "" if it can."""
+        """Why a frame can't be of the camera that it names, by what that camera announced; "" if it can."""
         kind, _, name = header.source.partition("/")
         camera = self.cameras.get(name) if kind == "camera" else None
         if camera is None or header.camera == camera.info.intrinsics:
@@ -156,7 +154,7 @@ class Sources:
             release_z_m=self._config.release_z_m,
             linger_s=self._settings.linger_s,
         )
-        active = [*self._invocation.active, *self._ahead(infos)]
+        active = [*self._invocation.active, *self._prefetched(infos)]
         for name in active:
             if name not in infos:  # it lingers: nobody says of it any more what it is
                 continue
@@ -171,15 +169,16 @@ class Sources:
             self._node.log.info("releases a camera", camera=name)
         return [f"camera/{name}" for name in gone]
 
-    def _ahead(self, infos: Mapping[str, CameraInfo]) -> list[str]:
-        """A few cameras that no robot is near and that the maps lack views of, while nobody searches and a setting allows."""
-        if not self._settings.ahead_cameras or not self._idle():
+    def _prefetched(self, infos: Mapping[str, CameraInfo]) -> list[str]:
+        """A few cameras that no robot is near and of which the maps lack views, while nobody searches and a setting allows."""
+        if not self._settings.prefetch_cameras or not self._words.is_idle:
             return []
         near = set(self._invocation.active)
-        self._silent_ahead |= {name for name, camera in self.cameras.items() if camera.silent and name not in near}
-        others = sorted(set(infos) - near - self._silent_ahead)
-        lacking = [n for n in others if not {view.view for view in infos[n].views} <= set(self._views_of(n))]
-        return lacking[: self._settings.ahead_cameras]
+        self._silent_prefetched |= {n for n, camera in self.cameras.items() if camera.is_silent and n not in near}
+        others = sorted(set(infos) - near - self._silent_prefetched)
+        processed = self._maps.processed
+        lacking = [n for n in others if not {view.view for view in infos[n].views} <= processed.views_of(n)]
+        return lacking[: self._settings.prefetch_cameras]
 
     def _listen(self, info: CameraInfo, now_s: float) -> None:
         try:
@@ -192,17 +191,17 @@ class Sources:
             self._node.reject("camera_info", str(error))
             return
         patience_s = self._settings.resend_after_s
-        self.cameras[info.camera] = InvokedCamera(info, slots, ask_again_s=now_s + patience_s, patience_s=patience_s)
+        self.cameras[info.camera] = InvokedCamera(info, slots, resend_at_s=now_s + patience_s, patience_s=patience_s)
         self._node.log.info("invokes a camera", camera=info.camera, views=len(slots))
 
-    def _ask_again(self, now_s: float) -> None:
+    def _request_missing(self, now_s: float) -> None:
         """Asks cameras for views that were lost on the way; each time waits twice as long."""
         for name, camera in self.cameras.items():
             missing = sorted(set(camera.slots) - camera.arrived)
-            if not missing or now_s < camera.ask_again_s:
+            if not missing or now_s < camera.resend_at_s:
                 continue
             camera.patience_s = min(2 * camera.patience_s, 60.0)
-            camera.ask_again_s = now_s + camera.patience_s
+            camera.resend_at_s = now_s + camera.patience_s
             threading.Thread(target=self._request, args=(camera, missing), name=f"resend-{name}", daemon=True).start()
 
     def _request(self, camera: InvokedCamera, views: list[int]) -> None:
@@ -210,5 +209,5 @@ class Sources:
         try:
             self._node.ask(CAMERA_REQUEST, request, floor=info.floor, camera=info.camera)
         except BusError as error:
-            camera.silent = True
+            camera.is_silent = True
             self._node.warn_seldom("a camera doesn't send", camera=info.camera, views=len(views), error=str(error))

@@ -1,4 +1,4 @@
-"""What detectors with an open vocabulary look for: the targets of open missions, and a standing list."""
+"""The words that detectors with an open vocabulary look for: the targets of open missions, and a standing list."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from surveilnav.messages import FINISHED_STATES
 from surveilnav.words import MAX_WORDS, checked_word
 
 
-class Words:
-    """Follows the missions."""
+class SearchedWords:
+    """Follows the missions on the bus."""
 
     def __init__(self, node: Node, standing: Sequence[str]) -> None:
         """``standing``: words that are always looked for."""
@@ -20,27 +20,30 @@ class Words:
         node.alive("planner")  # the first call starts watching
         self._missions = node.table(MISSION_STATUS)
 
-    def now(self) -> tuple[str, ...]:
-        """The words of this moment, sorted, each once; at most ``MAX_WORDS``, missions' first. Without a planner on the bus no
-        mission goes on."""
-        searched = _words(self._targets())
-        words = list(dict.fromkeys((*sorted(searched), *sorted(_words(self._standing)))))
+    def current(self) -> tuple[str, ...]:
+        """The words to look for now, sorted, each once; at most ``MAX_WORDS``, those of missions first.
+
+        A mission counts only while a planner is on the bus to continue it.
+        """
+        searched = _valid_words(self._targets())
+        words = list(dict.fromkeys((*sorted(searched), *sorted(_valid_words(self._standing)))))
         if len(words) > MAX_WORDS:
             self._node.warn_seldom("too many words are searched for at once", left_out=len(words) - MAX_WORDS)
         return tuple(sorted(words[:MAX_WORDS]))
 
-    def idle(self) -> bool:
-        """Whether nobody searches."""
+    @property
+    def is_idle(self) -> bool:
+        """Whether no mission is open."""
         return not self._targets()
 
     def _targets(self) -> list[str]:
-        """Of the missions that go on."""
-        told = self._missions.rows() if self._node.alive("planner") else []
-        return [row.message.target for row in told if row.message.state not in FINISHED_STATES]
+        """The targets of open missions."""
+        rows = self._missions.rows() if self._node.alive("planner") else []
+        return [row.message.target for row in rows if row.message.state not in FINISHED_STATES]
 
 
-def _words(names: Iterable[str]) -> set[str]:
-    """The names that are words; the planner refuses others, so what else comes is somebody's mischief."""
+def _valid_words(names: Iterable[str]) -> set[str]:
+    """The names that are words. The planner refuses others, so anything else on the bus comes from somebody hostile."""
     words = set()
     for name in names:
         try:

@@ -1,235 +1,243 @@
-"""The joint maps, and the file that they outlive the process in.
+"""The log of views, and integration behind it: what a revision or an answer ever said can be made again.
 
-A disk that won't be written blocks views: they wait, nothing is acknowledged, and ``problem`` says why. A file that is
-begun anew takes views only after a snapshot of the maps.
+Every view is committed to the log before it is integrated. After a restart the maps are those of the newest readable snapshot
+and the views logged after it, in their order: the same to the bit. A disk that can't be written holds views up: they wait,
+nothing is announced, and ``problem`` says why. Without a file (no ``store`` in the settings) views are integrated as they come.
 """
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterable
+from enum import Enum
+from pathlib import Path
 
 from surveilnav.bus import Node
 from surveilnav.messages.maps import ObjectEvent
+from surveilnav.services.fusion.building_maps import BuildingMaps, Outcome
 from surveilnav.services.fusion.config import FusionSettings
-from surveilnav.services.fusion.core import JointMap
-from surveilnav.services.fusion.core.objects.map_object import ObjectChange
-from surveilnav.services.fusion.core.snapshot import SnapshotError, freeze, thaw
-from surveilnav.services.fusion.core.views.validation import ViewError
-from surveilnav.services.fusion.map_log.journal import Journal, State
-from surveilnav.services.fusion.map_log.store import Entry, StoreError
-from surveilnav.services.fusion.processed import MapContents
-from surveilnav.services.fusion.records import PerceivedView, ViewKey
+from surveilnav.services.fusion.core.snapshot import SnapshotError
+from surveilnav.services.fusion.map_log.recovery import (
+    entry_from_perceived,
+    jpeg_of,
+    logged_views,
+    restore_newest_snapshot,
+)
+from surveilnav.services.fusion.map_log.snapshots import SnapshotWriter
+from surveilnav.services.fusion.map_log.store import Entry, Store, StoredEvent, StoreError
+from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
-_PLACE_UNKNOWN = {"bad_pose", "pose_jump", "time_backwards", "out_of_map"}
+_NEWEST_VIEWS = 64  # of one source, among which a picture is looked for
 
 
-class DurableMap:
-    """Views in by ``take``. ``lock`` guards ``joint``; the rest belongs to the loop that calls ``take``.
+class LogState(Enum):
+    """How far the file is, compared with the maps."""
+
+    NO_FILE = "the maps end with the process"
+    UNREAD = "the file hasn't been read into the maps yet"
+    LACKS_MAPS = "the file is new and needs a snapshot of the maps before any view"
+    READY = "the file holds everything that the maps hold"
+
+
+class MapLog:
+    """Logs views and integrates them. For the main loop; ``forget_pictures`` and what only reads are safe from any thread.
 
     Attributes:
-        joint: the joint maps.
-        contents: what they have processed of whom.
+        state: how far the file is.
+        problem: why views can't be logged now; "" while they can.
     """
 
-    def __init__(self, node: Node, settings: FusionSettings, keep_pictures_s: float | None = None) -> None:
+    def __init__(
+        self, node: Node, settings: FusionSettings, maps: BuildingMaps, keep_pictures_s: float | None = None
+    ) -> None:
         """``keep_pictures_s``: how long pictures may stay in the file; None: as long as the log needs them."""
-        self._node = node
-        self.joint = JointMap(settings.core())
-        self.lock = threading.Lock()
-        self._whole = threading.Lock()  # maps, contents and the log's number belong together
-        self.contents = MapContents()
-        self._journal = Journal(node, settings, keep_pictures_s) if settings.store else None
+        self._node, self._maps = node, maps
+        self._retry_s, self._retry_at_s = settings.retry_s, 0.0
+        self._forgets_on_recovery = keep_pictures_s is not None
         self._waiting: dict[ViewKey, PerceivedView] = {}
-        self._restored = self._journal is None
-        self._lacks_maps = False  # the file is new and lacks what the maps hold
+        self._events: list[StoredEvent] = []  # not written yet
+        self.problem = ""
+        self.state = LogState.UNREAD if settings.store else LogState.NO_FILE
+        overwrite = keep_pictures_s is not None
+        self._store = Store(Path(settings.store), max_events=settings.max_events, overwrite=overwrite)
+        self._snapshots = SnapshotWriter(node, self._store, settings, keep_pictures_s)
         self._make_ready()
 
     @property
-    def problem(self) -> str:
-        """Why views can't be logged now; empty while they can."""
-        return self._journal.problem if self._journal else ""
-
-    @property
-    def store_blocked(self) -> bool:
+    def is_blocked(self) -> bool:
         """Whether views wait for the file: no more should be brought."""
         return bool(self._waiting and self.problem)
 
-    def holds(self, key: ViewKey, digest: bytes) -> bool:
-        """Whether the maps hold this very picture of a camera: nobody must look at it again. From any thread."""
-        return self.contents.holds(key, digest)
-
-    def take(self, arrived: Iterable[PerceivedView]) -> None:
-        """Logs views, has the maps take them in order, and saves a snapshot if one is due."""
-        for perceived in arrived:
-            if self._is_news(perceived):
-                self._waiting[perceived.key] = perceived
-        rests = self._journal is not None and self._journal.rests
-        if self._waiting and not rests and self._make_ready():
-            self._take_waiting()
-        if self._journal is not None and self._restored and not self._lacks_maps:
-            if self._journal.snapshot_is_due:
-                self._journal.save(self._frozen())
-            self._journal.drop_old()
-
-    def forget_pictures(self) -> bool:
-        """Has all pictures leave the file, within seconds; False: there is no file. From any thread."""
-        if self._journal is not None:
-            self._journal.forget_pictures()
-        return self._journal is not None
-
-    def history(self, floor: str, object_id: int) -> list[ObjectEvent] | None:
-        """Everything that ever happened to an object; None without a store. StoreError: it can't be read."""
-        return None if self._journal is None else self._journal.history(floor, object_id)
-
-    def picture(self, source: str, view: int, seq: int) -> bytes | None:
-        """The JPEG of a view that the log has still; None without a store. StoreError: it can't be read."""
-        return None if self._journal is None else self._journal.picture(source, view, seq)
-
-    def logged_after(self, number: int) -> tuple[int, tuple[int, Entry] | None]:
-        """The number of the newest view taken, and the first that the log has after one, with its number; None: there is none
-        yet. From any thread. StoreError: it can't be read, or there is no log."""
-        if self._journal is None:
-            raise StoreError("no_log", "fusion keeps no log of views: set SURVEILNAV_FUSION__STORE")
-        return self._journal.number, self._journal.after(number)
-
-    def frozen(self) -> tuple[int, State]:
-        """A copy of the maps and of what they have processed, and the number of the view that they took last. From any
-        thread."""
-        with self._whole:
-            return (self._journal.number if self._journal else 0), self._frozen()
-
-    def close(self) -> None:
-        """Ends a snapshot that is being written, and closes the file."""
-        if self._journal is not None:
-            self._journal.close()
-
     # --- views ----------------------------------------------------------------------------------------------------
 
-    def _is_news(self, perceived: PerceivedView) -> bool:
-        """Whether a view must be logged: not a camera's that the maps hold, nor a fault that it had before."""
-        key, fault = perceived.key, perceived.fault
-        if self.contents.repeats_fault(perceived):
-            self._node.reject(f"view.{fault.partition(':')[0]}", f"{key[0]} view {key[1]}: {fault}")
-            return False
-        return bool(fault) or (perceived.view is not None and not self.contents.holds(key, perceived.digest))
+    def integrate(self, arrived: Iterable[PerceivedView]) -> None:
+        """Logs views and integrates them, by time, then source, then view; writes a snapshot if one is due."""
+        for perceived in arrived:
+            if self._is_new(perceived):
+                self._waiting[perceived.key] = perceived
+        if self._waiting and time.monotonic() >= self._retry_at_s and self._make_ready():
+            self._log_and_integrate()
+        if self.state is LogState.READY:
+            if self._snapshots.is_due and not self._events:
+                self._snapshots.write(self._maps.freeze())
+            self._snapshots.remove_old_files()
 
-    def _take_waiting(self) -> None:
-        """Logs what waits, then has the maps take it: by time, then source, then view."""
+    def _is_new(self, perceived: PerceivedView) -> bool:
+        """Whether a view must be logged: neither a camera's picture that the maps hold nor a fault that it had before."""
+        key, processed = perceived.key, self._maps.processed
+        if processed.repeats_fault(perceived):
+            self._report(perceived, Outcome(fault=perceived.fault))
+            return False
+        return bool(perceived.fault) or (perceived.view is not None and not processed.contains(key, perceived.digest))
+
+    def _log_and_integrate(self) -> None:
         batch = sorted(self._waiting.values(), key=lambda p: (p.header.stamp_ns, p.key))
-        numbers = self._log(batch)
-        if numbers is None:
-            return
+        numbers = [0] * len(batch)
+        if self.state is LogState.READY:
+            try:
+                numbers = self._store.append([entry_from_perceived(p) for p in batch])
+                self.problem = ""
+            except StoreError as error:
+                self._block(error)
+                if error.name == "corrupt":
+                    self._begin_new_file(error.name, str(error))
+                return
         self._waiting.clear()
         for number, perceived in zip(numbers, batch, strict=True):
-            self._take(number, perceived)
-        if self._journal is not None:
-            self._journal.write_events()
+            self._report(perceived, self._integrate(number, perceived))
+        self._write_events()
 
-    def _log(self, batch: list[PerceivedView]) -> list[int] | None:
-        """Commits views; returns their numbers, or None if that can't be done now."""
-        if self._journal is None:
-            return [0] * len(batch)
-        try:
-            return self._journal.append(batch)
-        except StoreError as error:
-            self._journal.block(error)
-            if error.name == "corrupt":
-                self._begin_anew(self._journal, error.name, str(error))
-            return None
+    def _integrate(self, number: int, perceived: PerceivedView) -> Outcome:
+        """A view that is logged into the maps."""
+        outcome = self._maps.integrate(perceived, number)
+        if self.state is not LogState.NO_FILE:
+            self._snapshots.record_logged(len(perceived.payload), integrated=outcome.integrated)
+            self._events += [
+                StoredEvent(number, k, outcome.floor, change.object_id, change.absorbed, change.event)
+                for k, change in enumerate(outcome.changes)
+            ]
+        return outcome
 
-    def _take(self, number: int, perceived: PerceivedView, *, again: bool = False) -> None:
-        """Has the maps take a view. ``again``: after a restart, when what is wrong with it was said before."""
-        with self._whole:
-            self._take_whole(number, perceived, again)
-
-    def _take_whole(self, number: int, perceived: PerceivedView, again: bool) -> None:
+    def _report(self, perceived: PerceivedView, outcome: Outcome) -> None:
+        """Counts what is wrong with a view, by the name of the fault."""
         source, view = perceived.key
-        refused, floor, taken = perceived.fault, "", False
-        changes: tuple[ObjectChange, ...] = ()
-        if perceived.view is not None:
-            missed = self.joint.validator.missed.get(source, 0)
-            try:
-                with self.lock:
-                    done = self.joint.accept(perceived.view, perceived.perception)
-                if done is not None:
-                    floor, changes, taken = done.floor, done.changes, True
-                if not again and (gap := self.joint.validator.missed.get(source, 0) - missed):
-                    self._node.reject("view.missing_seq", f"{source} skipped {gap} before {perceived.header.seq}")
-            except ViewError as error:
-                refused, floor = str(error), self._floor_of(perceived, error.name)
-        if refused and not again:
-            self._node.reject(f"view.{refused.partition(':')[0]}", f"{source} view {view}: {refused}")
-        self.contents.note(perceived, floor, refused, taken=taken)
-        if self._journal is not None:
-            self._journal.note(number, perceived, floor, changes, taken=taken)
+        if outcome.n_missed:
+            self._node.reject("view.missing_seq", f"{source} skipped {outcome.n_missed} before {perceived.header.seq}")
+        if outcome.fault:
+            name = outcome.fault.partition(":")[0]
+            self._node.reject(f"view.{name}", f"{source} view {view}: {outcome.fault}")
 
-    def _floor_of(self, perceived: PerceivedView, fault: str) -> str:
-        """The floor that a refused view was taken on, "" if unknown."""
-        if fault in _PLACE_UNKNOWN or perceived.view is None:
-            return ""
-        with self.lock:
-            return self.joint.floor_at(perceived.view.floor_z_m)
+    def _write_events(self) -> None:
+        """Commits what happened to objects. If that fails it waits; the views that caused it are logged."""
+        if not self._events:
+            return
+        try:
+            self._store.add_events(self._events)
+            self._events = []
+        except StoreError as error:
+            self._node.warn_seldom("events can't be written", error=str(error))
 
-    # --- the file -------------------------------------------------------------------------------------------------
+    def _block(self, error: StoreError) -> None:
+        """Views wait for the file, which is tried again after a pause."""
+        self.problem = f"views wait, the store can't be written: {error}"
+        self._retry_at_s = time.monotonic() + self._retry_s
+        self._node.warn_seldom("the store can't be written", error=str(error))
+
+    # --- what others ask ------------------------------------------------------------------------------------------
+
+    def object_history(self, floor: str, object_id: int) -> list[ObjectEvent] | None:
+        """Everything that ever happened to an object; None without a file. StoreError: it can't be read."""
+        return None if self.state is LogState.NO_FILE else self._store.history(floor, object_id)
+
+    def picture(self, source: str, view: int, seq: int) -> bytes | None:
+        """The JPEG of a view, None if the log doesn't have it (any more). StoreError: it can't be read."""
+        if self.state is LogState.NO_FILE:
+            return None
+        newest = self._store.newest(source, view, _NEWEST_VIEWS)
+        return next((jpeg for entry in newest if (jpeg := jpeg_of(entry, seq)) is not None), None)
+
+    def next_view(self, after: int) -> tuple[int, int, Entry | None]:
+        """The first integrated view in the log after number ``after``.
+
+        Returns:
+            The number of the newest integrated view, the number of the view found (0: there is none yet), and the view.
+
+        Raises:
+            StoreError: the log can't be read, or there is none.
+        """
+        if self.state is LogState.NO_FILE:
+            raise StoreError("no_log", "fusion keeps no log of views: set SURVEILNAV_FUSION__STORE")
+        newest = self._maps.number
+        for number, entry in self._store.log(after):
+            if number > newest:
+                break
+            if entry is not None:  # whoever asks sees by the numbers that a damaged one is missing
+                return newest, number, entry
+        return newest, 0, None
+
+    def forget_pictures(self) -> bool:
+        """Makes all pictures leave the file within seconds; False: there is no file."""
+        if self.state is LogState.NO_FILE:
+            return False
+        self._snapshots.forget_pictures()
+        return True
+
+    def close(self) -> None:
+        """Finishes a snapshot that is being written, and closes the file."""
+        self._snapshots.wait()
+        self._store.close()
+
+    # --- recovery -------------------------------------------------------------------------------------------------
 
     def _make_ready(self) -> bool:
-        """Sees that maps and file hold everything again that they held before the last restart."""
-        if self._journal is None:
-            return True
-        self._restored = self._restored or self._restore(self._journal)
-        return self._restored and self._furnish(self._journal)
+        """Brings maps and file to hold the same; whether views may be logged now."""
+        if self.state is LogState.UNREAD:
+            self._recover()
+        if self.state is LogState.LACKS_MAPS:
+            try:
+                self._snapshots.write_first(self._maps.freeze())
+                self.state = LogState.READY
+            except StoreError as error:
+                self._block(error)
+        return self.state in (LogState.READY, LogState.NO_FILE)
 
-    def _restore(self, journal: Journal) -> bool:
-        """Takes up what the file holds; False: it can't be read now. What can't be used is said and set aside."""
-        began_s, name, message = time.monotonic(), "", ""
+    def _recover(self) -> None:
+        """Reads the file into the maps. What can't be used is logged and set aside; an unreadable disk is tried again."""
+        began_s = time.monotonic()
         try:
-            journal.load(self._thaw)
-            journal.replay(lambda number, perceived: self._take(number, perceived, again=True))
+            restore_newest_snapshot(self._store, self._node, self._maps)
+            self._replay()
+            self.state = LogState.READY
         except (SnapshotError, StoreError) as error:
             if isinstance(error, StoreError) and error.name == "unwritable":
-                journal.block(error)
-                return False
-            name, message = error.name, str(error)
-        if name and not self._begin_anew(journal, name, message):
-            return False
-        if self.joint.revision:
-            seconds = round(time.monotonic() - began_s, 2)
-            self._node.log.info("restored", revision=self.joint.revision, seconds=seconds)
-        return True
+                self._block(error)
+                return
+            self._begin_new_file(error.name, str(error))
+        revision = self._maps.joint.revision
+        if revision and self.state is not LogState.UNREAD:
+            self._node.log.info("restored", revision=revision, seconds=round(time.monotonic() - began_s, 2))
 
-    def _begin_anew(self, journal: Journal, name: str, message: str) -> bool:
-        """Sets a file aside that is of no use any more; the maps go into the new one before any view."""
-        try:
-            aside = journal.begin_anew(name)
-        except StoreError as error:
-            journal.block(error)
-            return False
-        self._node.log.warning(f"store_{name}", error=message, moved_to=str(aside), revision=self.joint.revision)
-        self._lacks_maps = bool(self.joint.revision or self.contents.robots or self.contents.views)
-        return True
-
-    def _furnish(self, journal: Journal) -> bool:
-        """Sees that the file holds what the maps held when it was begun anew."""
-        if self._lacks_maps:
+    def _replay(self) -> None:
+        """Integrates the views logged after the snapshot. StoreError."""
+        for number, perceived in logged_views(self._store, self._node, self._maps.number):
             try:
-                journal.save_first(self._frozen())
-            except StoreError as error:
-                journal.block(error)
-                return False
-            self._lacks_maps = False
-        return True
+                self._integrate(number, perceived)
+            except Exception as error:  # a view that ended the previous process must not end this one
+                self._node.log.warning("log_view_lost", number=number, error=f"{type(error).__name__}: {error}")
+        self._write_events()
+        if self._forgets_on_recovery and self._maps.number:  # nobody knows how long its pictures have been there
+            self._snapshots.forget_pictures()
 
-    def _frozen(self) -> State:
-        """A copy of the maps and of what they have processed."""
-        with self.lock:
-            maps = freeze(self.joint)
-        return {"maps": maps, "held": self.contents.state()}  # the word that files of all versions have
-
-    def _thaw(self, state: State) -> None:
-        """Takes up a copy. SnapshotError: these maps can't go on from it."""
-        joint = thaw(state["maps"], self.joint.config)
-        with self.lock:
-            self.joint = joint
-        self.contents = MapContents.from_state(state["held"])
+    def _begin_new_file(self, name: str, message: str) -> None:
+        """Sets aside a file that can't be used any more. The maps, if they hold anything, go into the new one first."""
+        self._snapshots.wait()  # into the old file
+        try:
+            aside = self._store.set_aside(name)
+        except StoreError as error:
+            self._block(error)
+            return
+        self._maps.number = 0
+        joint, processed = self._maps.joint, self._maps.processed
+        self._node.log.warning(f"store_{name}", error=message, moved_to=str(aside), revision=joint.revision)
+        has_content = joint.revision or processed.robots or processed.views
+        self.state = LogState.LACKS_MAPS if has_content else LogState.READY

@@ -73,7 +73,10 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class StoredEvent:
-    """One line of an object's history, and by which view (its number in the log, and the how manyth) it came."""
+    """One line of an object's history.
+
+    ``number``: of the view that caused it, in the log; ``k``: its place among the events of that view.
+    """
 
     number: int
     k: int

@@ -33,6 +33,15 @@ class LayerHeader(Message, frozen=True, kw_only=True):
     source_sets: list[list[str]] = []
 
 
+class LayerPart(msgspec.Struct, frozen=True):
+    """A layer among others in one payload: its name, type and shape, and how many bytes of the payload are its own."""
+
+    layer: Literal["occupancy", "explored", "frontier", "value"]
+    dtype: Literal["uint8", "float32"]
+    shape: tuple[int, ...]
+    n_bytes: int
+
+
 class ViewPicture(Message, frozen=True, kw_only=True):
     """Names a picture that the maps took; the payload is its JPEG."""
 
@@ -123,3 +132,32 @@ class ObjectList(Message, frozen=True, kw_only=True):
     floor: str
     revision: int
     objects: list[ObjectRecord]
+
+
+class FloorMapsHeader(Message, frozen=True, kw_only=True):
+    """The maps of a floor at one moment, or what changed in them since a revision that the asker has.
+
+    The payload holds the arrays of ``layers``, one after the other, packed as in ``LayerHeader``; all lie on ``grid``. A
+    layer that isn't among them is as it was at ``since``, and so is an object among ``object_ids`` but not ``objects``.
+
+    Attributes:
+        target: what the layer ``value`` belongs to.
+        epoch: revisions of another epoch mean nothing here: fusion was restarted.
+        revision: of the floor's maps.
+        since: the revision that the asker has; -1: everything is here.
+        object_ids: of all objects of the floor, ascending.
+        robots: the newest processed observation of each robot of the floor.
+        pending_views: views of the floor's cameras that are still to come.
+    """
+
+    floor: str
+    target: str
+    epoch: str
+    revision: int
+    since: int
+    grid: Grid
+    layers: list[LayerPart]
+    objects: list[ObjectRecord]
+    object_ids: list[int]
+    robots: dict[str, int]
+    pending_views: int

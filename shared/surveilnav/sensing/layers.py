@@ -5,7 +5,7 @@ from __future__ import annotations
 from numpy.typing import NDArray
 
 from surveilnav.errors import WireError
-from surveilnav.messages import LayerHeader
+from surveilnav.messages import FloorMapsHeader, LayerHeader
 from surveilnav.sensing.packing import unpack_array
 
 #: Layers that lie on a grid, and the type of their cells: 0 or 1, or a value with NaN where it is unknown.
@@ -26,6 +26,25 @@ def unpack_layer(layer: str, header: LayerHeader, payload: bytes) -> NDArray:
             f"expected {layer} as {expected} of shape {header.grid.shape}, got {header.dtype} {header.shape}"
         )
     return unpack_array(payload, header.dtype, header.shape)
+
+
+def unpack_parts(header: FloorMapsHeader, payload: bytes) -> dict[str, NDArray]:
+    """The layers (rows, cols) in the maps of a floor, by name.
+
+    Raises:
+        WireError: header and payload don't fit each other.
+    """
+    layers: dict[str, NDArray] = {}
+    begin = 0
+    for part in header.layers:
+        if part.dtype != GRID_LAYERS[part.layer] or part.shape != header.grid.shape or part.n_bytes < 0:
+            expected = f"{GRID_LAYERS[part.layer]} of shape {header.grid.shape}"
+            raise WireError(f"expected {part.layer} as {expected}, got {part.dtype} {part.shape}, {part.n_bytes} bytes")
+        layers[part.layer] = unpack_array(payload[begin : begin + part.n_bytes], part.dtype, part.shape)
+        begin += part.n_bytes
+    if begin != len(payload):
+        raise WireError(f"expected {begin} bytes of layers, got {len(payload)}")
+    return layers
 
 
 def unpack_cloud(header: LayerHeader, payload: bytes) -> NDArray:

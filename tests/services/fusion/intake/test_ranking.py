@@ -10,9 +10,9 @@ import pytest
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import FrameHeader, Part
 from surveilnav.services.fusion.core import FusionConfig, JointMap
-from surveilnav.services.fusion.intake import ranking as view_choice
-from surveilnav.services.fusion.intake.ranking import ViewChoice
-from surveilnav.services.fusion.robot_places import RobotPlaces
+from surveilnav.services.fusion.intake import ranking as module
+from surveilnav.services.fusion.intake.ranking import ViewRanking
+from surveilnav.services.fusion.intake.robot_places import RobotPlaces
 from tests.services.fusion.core.views.test_order import pose
 
 LENS = Pinhole.from_hfov(64, 64, 1.5)
@@ -40,39 +40,39 @@ def header(source: str, view: int, x_m: float, mounting_offset_m: float = 1.8) -
 @pytest.fixture
 def places():
     places = RobotPlaces()
-    places.note(header("robot/r1", 0, 5.1))
+    places.record(header("robot/r1", 0, 5.1))
     return places
 
 
 @pytest.fixture
-def choice(places):
+def ranking(places):
     maps = SimpleNamespace(lock=threading.Lock(), joint=JointMap(FusionConfig()))
-    return ViewChoice(maps, places, FusionConfig())
+    return ViewRanking(maps, places)
 
 
 WAITING = {("camera/c", view): header("camera/c", view, float(view)) for view in range(8)}
 
 
-def test_the_view_nearest_to_the_robot_comes_first(choice):
+def test_the_view_nearest_to_the_robot_comes_first(ranking):
     waiting, order = dict(WAITING), []
     while waiting:
-        order.append(choice.next_of(waiting))
+        order.append(ranking.pop_best(waiting))
         del waiting[order[-1]]
     assert [view for _, view in order] == [5, 6, 4, 7, 3, 2, 1, 0]
 
 
-def test_of_views_worth_the_same_the_first_comes_first(choice):
+def test_of_views_worth_the_same_the_first_comes_first(ranking):
     waiting = {("camera/c", view): header("camera/c", view, 2.0) for view in (3, 1, 2)}
-    assert choice.next_of(waiting) == ("camera/c", 3)
+    assert ranking.pop_best(waiting) == ("camera/c", 3)
 
 
-def test_a_ranking_ages_and_forgets_who_is_gone(choice, places, monkeypatch):
+def test_a_ranking_ages_and_forgets_who_is_gone(ranking, places, monkeypatch):
     now_s = 100.0
-    monkeypatch.setattr(view_choice.time, "monotonic", lambda: now_s)
-    assert choice.next_of(WAITING) == ("camera/c", 5)
-    places.note(header("robot/r1", 0, 0.0))
+    monkeypatch.setattr(module.time, "monotonic", lambda: now_s)
+    assert ranking.pop_best(WAITING) == ("camera/c", 5)
+    places.record(header("robot/r1", 0, 0.0))
     few = {key: WAITING[key] for key in [("camera/c", 7), ("camera/c", 0)]}
-    assert choice.next_of(few) == ("camera/c", 7), "by the ranking of before"
+    assert ranking.pop_best(few) == ("camera/c", 7), "by the ranking of before"
     now_s += 0.6
     few = {key: WAITING[key] for key in [("camera/c", 1), ("camera/c", 0)]}
-    assert choice.next_of(few) == ("camera/c", 0), "the robot is elsewhere now"
+    assert ranking.pop_best(few) == ("camera/c", 0), "the robot is elsewhere now"

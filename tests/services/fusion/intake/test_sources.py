@@ -11,8 +11,9 @@ from surveilnav import contract
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader
 from surveilnav.messages.view import Part
+from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
-from surveilnav.services.fusion.core import MapConfig
+from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.fusion.intake import sources as module
 from surveilnav.services.fusion.intake.sources import Sources
 
@@ -108,10 +109,8 @@ class Followed:
     def __init__(self, **settings) -> None:
         self.node = FakeNode()
         self.node.robots("r")
-        self.held: dict[str, set[int]] = {}
-        self.idle = True
-        views_of, settings = (lambda name: self.held.get(name, set())), FusionSettings(**settings)
-        self.sources = Sources(self.node, settings, MapConfig(), {}, views_of, lambda: self.idle)
+        self.maps, self.words = BuildingMaps(FusionConfig()), SimpleNamespace(is_idle=True)
+        self.sources = Sources(self.node, FusionSettings(**settings), self.maps, self.words)
         self.look()
         self.says()
         self.look()
@@ -200,28 +199,28 @@ def test_a_robot_that_is_silent_and_gone_makes_room(followed, monkeypatch):
     ("ahead", "heard"), [(0, [["near"]] * 3), (2, [["near", "up1", "up2"], ["near", "up2", "up3"], ["near"]])]
 )
 def test_while_nobody_searches_a_few_other_cameras_are_looked_through_once(ahead, heard):
-    f = Followed(ahead_cameras=ahead)
+    f = Followed(prefetch_cameras=ahead)
     f.node.camera("near")
     for name in ("up1", "up2", "up3"):
         f.node.camera(name, views=(0, 1), z_m=4.8)
     told = []
     for held in ({}, {"up1": {0, 1}, "up2": {0}}, {"up1": {0, 1}, "up2": {0, 1}, "up3": {0, 1}}):
-        f.held = held
+        f.maps.processed.views = held
         f.look()
         told.append(sorted(f.sources.cameras))
     assert told == heard
 
 
 def test_a_search_ends_looking_ahead_and_silent_cameras_are_passed_over():
-    f = Followed(ahead_cameras=1)
+    f = Followed(prefetch_cameras=1)
     for name in ("up1", "up2"):
         f.node.camera(name, z_m=4.8)
     f.look()
     assert list(f.sources.cameras) == ["up1"]
-    f.sources.cameras["up1"].silent = True
+    f.sources.cameras["up1"].is_silent = True
     for _ in range(2):
         f.look()
         assert list(f.sources.cameras) == ["up2"]
-    f.idle = False
+    f.words.is_idle = False
     f.look()
     assert not f.sources.cameras

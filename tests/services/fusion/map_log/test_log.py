@@ -14,12 +14,13 @@ from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import Detected
+from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.snapshot import dump
-from surveilnav.services.fusion.map_log import journal
-from surveilnav.services.fusion.map_log.log import DurableMap
+from surveilnav.services.fusion.map_log import snapshots
+from surveilnav.services.fusion.map_log.log import LogState, MapLog
 from surveilnav.services.fusion.map_log.store import Store, StoreError
-from surveilnav.services.fusion.records import PerceivedView
+from surveilnav.services.fusion.perceived import PerceivedView
 
 RANGE_M = (0.1, 10.0)
 
@@ -53,10 +54,12 @@ class Run:
         self.world = tools.world(boxes={"sofa": ((3.0, 1.0, 0.0), (4.6, 1.9, 0.8))})
         self.start()
 
-    def start(self, **settings) -> DurableMap:
+    def start(self, keep_pictures_s=None, **settings) -> BuildingMaps:
         self.node = FakeNode()
         options = {"store": str(self.path), "retry_s": 1e-6} | self.settings | settings
-        self.maps = DurableMap(self.node, FusionSettings(**options))
+        config = FusionSettings(**options)
+        self.maps = BuildingMaps(config.core())
+        self.log = MapLog(self.node, config, self.maps, keep_pictures_s)
         return self.maps
 
     def view(self, seq: int, source: str = "robot/r", x: float = 1.0) -> PerceivedView:
@@ -100,10 +103,10 @@ class Run:
 
     def take(self, *seqs: int) -> None:
         for seq in seqs:
-            self.maps.take([self.view(seq)])
+            self.log.integrate([self.view(seq)])
 
     def close(self) -> None:
-        self.maps.close()
+        self.log.close()
 
 
 def log_size(store):
@@ -137,54 +140,52 @@ def test_what_was_taken_is_there_after_a_restart(run, tools, tmp_path, snapshot_
     r = run(snapshot_views=snapshot_views)
     for begin in (1, 6, 11):
         r.take(*range(begin, begin + 5))
-        r.maps.take([r.view(begin, source="camera/c")])
+        r.log.integrate([r.view(begin, source="camera/c")])
         before = r.maps
         r.close()
         r.start()
         assert dump(r.maps.joint) == dump(before.joint)
-        for name in ("robots", "views", "digests", "troubles"):
-            assert getattr(r.maps.contents, name) == getattr(before.contents, name), name
+        for name in ("robots", "views", "digests", "faults"):
+            assert getattr(r.maps.processed, name) == getattr(before.processed, name), name
         assert (r.node.said, r.node.rejected) == (["restored"], [])
-    assert r.maps.contents.robots["r"].seq == 15
-    assert r.maps.contents.digests["camera/c", 0] == bytes([11]) * 16
+    assert r.maps.processed.robots["r"].seq == 15
+    assert r.maps.processed.digests["camera/c", 0] == bytes([11]) * 16
 
 
 def test_refused_views_stay_refused_after_a_restart(run):
     r = run()
     r.take(1, 2)
-    r.maps.take([r.view(3, x=4.0)])
+    r.log.integrate([r.view(3, x=4.0)])
     assert r.node.rejected == ["view.pose_jump"]
     before = r.maps
     r.close()
     r.start()
-    assert r.maps.contents.troubles == before.contents.troubles != {}
-    assert (r.maps.contents.robots["r"].seq, r.maps.joint.revision, r.node.rejected) == (3, 2, [])
-    r.maps.take([r.view(4, x=4.0)])  # it stands by it: the one before the restart counts
+    assert r.maps.processed.faults == before.processed.faults != {}
+    assert (r.maps.processed.robots["r"].seq, r.maps.joint.revision, r.node.rejected) == (3, 2, [])
+    r.log.integrate([r.view(4, x=4.0)])  # it stands by it: the one before the restart counts
     assert r.maps.joint.revision == 3
 
 
 def test_nothing_is_taken_while_the_disk_is_full(run, tools, tmp_path):
     r = run()
     r.take(1, 2)
-    r.maps._journal._store.close()
+    r.log._store.close()
     db = sqlite3.connect(r.path)
-    r.maps._journal._store._max_pages = db.execute("PRAGMA page_count").fetchone()[
-        0
-    ]  # SQLite's own "database or disk is full"
+    r.log._store._max_pages = db.execute("PRAGMA page_count").fetchone()[0]  # SQLite's own "database or disk is full"
     db.close()
     r.take(3)
     before = r.maps.joint.revision
     r.take(4)
-    assert (before, r.maps.joint.revision, r.maps.contents.robots["r"].seq) == (2, 2, 2)
-    assert "full" in r.maps.problem
+    assert (before, r.maps.joint.revision, r.maps.processed.robots["r"].seq) == (2, 2, 2)
+    assert "full" in r.log.problem
     assert "the store can't be written" in r.node.said
-    r.maps._journal._store.close()
-    r.maps._journal._store._max_pages = 0
-    r.maps.take([])  # nothing new, but there is room again: what waited goes on (the robot's newest view)
-    assert (r.maps.joint.revision, r.maps.contents.robots["r"].seq, r.maps.problem) == (3, 4, "")
+    r.log._store.close()
+    r.log._store._max_pages = 0
+    r.log.integrate([])  # nothing new, but there is room again: what waited goes on (the robot's newest view)
+    assert (r.maps.joint.revision, r.maps.processed.robots["r"].seq, r.log.problem) == (3, 4, "")
     r.close()
     r.start()
-    assert r.maps.contents.robots["r"].seq == 4
+    assert r.maps.processed.robots["r"].seq == 4
     assert dump(r.maps.joint) == steady(tools, tmp_path, (1, 2, 4))
 
 
@@ -198,11 +199,11 @@ def test_a_file_that_cannot_be_opened_holds_views_up_and_loses_none(run, tmp_pat
     r.start()
     r.take(3)
     assert r.maps.joint.revision == 0
-    assert "can't be written" in r.maps.problem
+    assert "can't be written" in r.log.problem
     real.rmdir()
     (tmp_path / "away").rename(real)
-    r.maps.take([])
-    assert (r.maps.joint.revision, r.maps.contents.robots["r"].seq, r.maps.problem) == (3, 3, "")
+    r.log.integrate([])
+    assert (r.maps.joint.revision, r.maps.processed.robots["r"].seq, r.log.problem) == (3, 3, "")
 
 
 def test_a_file_that_is_none_is_set_aside_and_said(run, tmp_path):
@@ -228,7 +229,7 @@ def test_a_damaged_snapshot_costs_time_and_no_view(run, views):
     r = run(snapshot_views=4)
     for seq in range(1, views + 1):
         r.take(seq)
-        r.maps._journal._saving and r.maps._journal._saving.join()
+        r.log._snapshots.wait()
     before = dump(r.maps.joint)
     r.close()
     corrupt(r.path, "UPDATE piece SET data = zeroblob(100) WHERE snapshot = (SELECT MAX(id) FROM snapshot)")
@@ -261,7 +262,7 @@ def test_a_page_of_garbage_is_survived_with_what_could_be_read(run):
     r = run(snapshot_views=4)
     for seq in range(1, 10):
         r.take(seq)
-        r.maps._journal._saving and r.maps._journal._saving.join()
+        r.log._snapshots.wait()
     r.close()
     data = bytearray(r.path.read_bytes())
     rng = np.random.default_rng(0)
@@ -301,8 +302,8 @@ def test_the_file_stays_bounded(run):
     r = run(snapshot_views=10, max_events=50)
     for seq in range(1, 121):
         r.take(seq)
-        r.maps._journal._saving and r.maps._journal._saving.join()
-    views, n_bytes = log_size(r.maps._journal._store)
+        r.log._snapshots.wait()
+    views, n_bytes = log_size(r.log._store)
     assert 10 <= views <= 20
     assert r.path.stat().st_size < 3.5 * len(dump(r.maps.joint)) + 2 * n_bytes + 1_000_000
     assert r.path.with_name("fusion.sqlite-wal").stat().st_size < 70 << 20
@@ -332,7 +333,7 @@ def test_histories_are_whole_across_restarts(run):
     records = r.maps.joint.objects("0")
     assert records
     for record in records:
-        assert r.maps.history("0", record.id) == everything[record.id]
+        assert r.log.object_history("0", record.id) == everything[record.id]
         assert record.history == everything[record.id][-2:]
 
 
@@ -340,10 +341,10 @@ def test_events_written_again_are_there_once(run):
     r = run()
     r.take(1, 2, 3)
     for _ in range(2):
-        history = r.maps.history("0", 1)
+        history = r.log.object_history("0", 1)
         r.close()
         r.start()
-        assert r.maps.history("0", 1) == history != []
+        assert r.log.object_history("0", 1) == history != []
 
 
 def test_a_file_that_breaks_while_it_is_used_is_replaced_without_loss(run):
@@ -354,15 +355,15 @@ def test_a_file_that_breaks_while_it_is_used_is_replaced_without_loss(run):
         def broken(entries):
             raise StoreError("corrupt", "database disk image is malformed")
 
-        patch.setattr(r.maps._journal._store, "append", broken)
+        patch.setattr(r.log._store, "append", broken)
         r.take(3)
     assert r.node.said[-1] == "store_corrupt"
-    assert r.maps.contents.robots["r"].seq == 2
+    assert r.maps.processed.robots["r"].seq == 2
     r.take(3)
     before = dump(r.maps.joint)
     r.close()
     assert dump(r.start().joint) == before
-    assert r.maps.contents.robots["r"].seq == 3
+    assert r.maps.processed.robots["r"].seq == 3
 
 
 # --- files that are begun anew --------------------------------------------------------------------------------------
@@ -380,7 +381,7 @@ def broken(name: str, calls: list[str] | None = None):
 def test_a_new_file_takes_no_view_before_it_holds_the_maps(run):
     r = run()
     r.take(1, 2)
-    store, tried = r.maps._journal._store, []
+    store, tried = r.log._store, []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(store, "append", broken("corrupt"))
         patch.setattr(store, "save", broken("unwritable", tried))
@@ -388,11 +389,11 @@ def test_a_new_file_takes_no_view_before_it_holds_the_maps(run):
         patch.setattr(store, "append", type(store).append.__get__(store))  # the new file can be written, but is full
         r.take(4)
         r.take(5)
-        assert (r.maps.joint.revision, r.maps.contents.robots["r"].seq, log_size(store)[0]) == (2, 2, 0)
-        assert r.maps.store_blocked
+        assert (r.maps.joint.revision, r.maps.processed.robots["r"].seq, log_size(store)[0]) == (2, 2, 0)
+        assert r.log.is_blocked
         assert tried
-    r.maps.take([])
-    assert (r.maps.contents.robots["r"].seq, r.maps.problem) == (5, "")
+    r.log.integrate([])
+    assert (r.maps.processed.robots["r"].seq, r.log.problem) == (5, "")
     before = dump(r.maps.joint)
     r.close()
     assert dump(r.start().joint) == before
@@ -415,9 +416,9 @@ def test_nor_at_the_start(run):
         r.start()
         patch.setattr(Store, "log", whole)
         r.take(3)
-        assert (r.maps.joint.revision, r.maps.contents.robots["r"].seq) == (1, 1)
-    r.maps.take([])
-    assert (r.maps.joint.revision, r.maps.contents.robots["r"].seq) == (2, 3)
+        assert (r.maps.joint.revision, r.maps.processed.robots["r"].seq) == (1, 1)
+    r.log.integrate([])
+    assert (r.maps.joint.revision, r.maps.processed.robots["r"].seq) == (2, 3)
     before = dump(r.maps.joint)
     r.close()
     assert dump(r.start().joint) == before
@@ -426,7 +427,7 @@ def test_nor_at_the_start(run):
 def test_a_snapshot_that_is_being_written_ends_in_the_file_it_was_begun_for(run):
     r = run()
     r.take(1, 2)
-    store, moved, where = r.maps._journal._store, threading.Event(), []
+    store, moved, where = r.log._store, threading.Event(), []
     real_save, real_aside = store.save, store.set_aside
 
     def slowly(*what):
@@ -440,7 +441,7 @@ def test_a_snapshot_that_is_being_written_ends_in_the_file_it_was_begun_for(run)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(store, "save", slowly)
         patch.setattr(store, "set_aside", aside)
-        r.maps._journal.save(r.maps._frozen())
+        r.log._snapshots.write(r.maps.freeze())
         patch.setattr(store, "append", broken("corrupt"))
         r.take(3)
     assert where == [False]
@@ -448,7 +449,7 @@ def test_a_snapshot_that_is_being_written_ends_in_the_file_it_was_begun_for(run)
 
 def test_a_snapshot_that_cannot_be_made_is_said(run):
     r = run()
-    r.maps._journal._save({"what": 2**70}, 1, wipes=False)
+    r.log._snapshots._write({"number": 1, "what": 2**70}, wipe=False)
     assert r.node.said == ["a snapshot can't be written"]
 
 
@@ -457,9 +458,10 @@ def test_lost_snapshots_are_kept_for_whoever_can_repair_them(run, when):
     r = run(snapshot_views=4 if when == "pruned" else 100)
     for seq in range(1, 12):
         r.take(seq)
-        r.maps._journal._saving and r.maps._journal._saving.join()
+        r.log._snapshots.wait()
     if when == "begun anew":
-        r.maps._begin_anew(r.maps._journal, "corrupt", "made to fail")
+        r.log._begin_new_file("corrupt", "made to fail")
+        assert r.log.state is LogState.LACKS_MAPS
         r.take(12)
     r.close()
     corrupt(r.path, "UPDATE piece SET data = zeroblob(100)")
@@ -471,7 +473,7 @@ def test_lost_snapshots_are_kept_for_whoever_can_repair_them(run, when):
     assert 0 < r.maps.joint.revision < 11  # what the log still holds
     r.take(20)
     r.close()
-    assert r.start().contents.robots["r"].seq == 20
+    assert r.start().processed.robots["r"].seq == 20
 
 
 # --- what is held ---------------------------------------------------------------------------------------------------
@@ -484,43 +486,43 @@ def faulty(r, seq: int, source: str) -> PerceivedView:
 def test_what_is_of_no_use_buys_no_snapshot_and_is_logged_when_it_changes(run):
     r = run(snapshot_views=2)
     for seq in range(1, 6):
-        r.maps.take(
+        r.log.integrate(
             [faulty(r, seq, "camera/c"), faulty(r, seq, "robot/r"), r.view(seq, x=1.0 if seq == 1 else 20.0 * seq)]
         )
     for seq in range(1, 6):
-        r.maps.take([faulty(r, seq, "camera/c")])
-    entries = [e for _, e in r.maps._journal._store.log(0)]
+        r.log.integrate([faulty(r, seq, "camera/c")])
+    entries = [e for _, e in r.log._store.log(0)]
     assert len([e for e in entries if e.source == "camera/c"]) == 1
     assert r.node.rejected.count("view.unreadable") >= 10
     assert r.maps.joint.revision == 1
-    assert (r.maps._journal._saving, r.maps.contents.robots["r"].seq) == (None, 5)
-    r.maps.take([r.view(6, "camera/c")])
-    assert r.maps._journal._saving is not None
+    assert (r.log._snapshots._thread, r.maps.processed.robots["r"].seq) == (None, 5)
+    r.log.integrate([r.view(6, "camera/c")])
+    assert r.log._snapshots._thread is not None
 
 
 def test_only_what_the_maps_took_need_not_be_looked_at_again(run, tmp_path):
     r = run()
     camera = "camera/c"
-    r.maps.take([r.view(1, camera)])
-    r.maps.take([r.view(2, camera, x=4.0)])  # it was moved
-    assert r.maps.contents.digests == {(camera, 0): bytes([1]) * 16}
+    r.log.integrate([r.view(1, camera)])
+    r.log.integrate([r.view(2, camera, x=4.0)])  # it was moved
+    assert r.maps.processed.digests == {(camera, 0): bytes([1]) * 16}
     assert r.node.rejected == ["view.pose_jump"]
-    r.maps.take([r.view(3, camera, x=4.0)])  # and stands by it
-    assert r.maps.contents.digests == {(camera, 0): bytes([3]) * 16}
-    assert (r.maps.joint.revision, r.maps.contents.troubles) == (2, {})
-    r.maps.take([r.view(3, camera, x=4.0)])
-    assert log_size(r.maps._journal._store)[0] == 3
+    r.log.integrate([r.view(3, camera, x=4.0)])  # and stands by it
+    assert r.maps.processed.digests == {(camera, 0): bytes([3]) * 16}
+    assert (r.maps.joint.revision, r.maps.processed.faults) == (2, {})
+    r.log.integrate([r.view(3, camera, x=4.0)])
+    assert log_size(r.log._store)[0] == 3
     r.close()
     away = r.path.rename(tmp_path / "away")
     r.path.mkdir()
     camera_view, digest = (camera, 0), bytes([3]) * 16
-    assert not r.start().holds(camera_view, digest)
+    assert not r.start().processed.contains(camera_view, digest)
     r.path.rmdir()
     away.rename(r.path)
     r.take(1)
-    assert r.maps.holds(camera_view, digest)
-    assert not r.maps.holds(camera_view, bytes([1]) * 16)
-    assert not r.maps.holds(camera_view, b"")
+    assert r.maps.processed.contains(camera_view, digest)
+    assert not r.maps.processed.contains(camera_view, bytes([1]) * 16)
+    assert not r.maps.processed.contains(camera_view, b"")
 
 
 def bytes_on_disk(run) -> bytes:
@@ -536,14 +538,14 @@ def has_picture_of(run, seq: int) -> bool:
 def settle(run) -> None:
     """Turns of the loop without news, until no snapshot is being written."""
     for _ in range(4):
-        run.maps.take([])
-        run.maps._journal._end_saving()
+        run.log.integrate([])
+        run.log._snapshots.wait()
 
 
 @pytest.mark.parametrize("keeps", [None, 3600.0])
 def test_pictures_that_shall_be_forgotten_are_nowhere_in_the_file(run, tools, tmp_path, keeps):
     r = run(snapshot_views=1000)
-    r.maps = DurableMap(r.node, r.maps._journal._settings, keeps)
+    r.start(keeps)
     r.take(*range(1, 9))
     aside = r.path.with_name("fusion.sqlite.corrupt")
     aside.write_bytes(bytes(r.view(3).payload))
@@ -551,7 +553,7 @@ def test_pictures_that_shall_be_forgotten_are_nowhere_in_the_file(run, tools, tm
     assert all(has_picture_of(r, seq) for seq in range(1, 9))
     assert aside.exists()
     maps, objects = dump(r.maps.joint), r.maps.joint.objects("0")
-    assert r.maps.forget_pictures()
+    assert r.log.forget_pictures()
     settle(r)
     assert not any(has_picture_of(r, seq) for seq in range(1, 9))
     assert not aside.exists()
@@ -561,19 +563,19 @@ def test_pictures_that_shall_be_forgotten_are_nowhere_in_the_file(run, tools, tm
     r.start()
     assert dump(r.maps.joint) == steady(tools, tmp_path, range(1, 10)), "the maps stay, and go on"
     assert maps != dump(r.maps.joint)
-    assert r.maps.history("0", objects[0].id)
+    assert r.log.object_history("0", objects[0].id)
 
 
 def test_pictures_go_when_they_are_old(run, monkeypatch):
     """With an age of 100 s: nothing is younger than it must be, nothing stays longer, also where no view comes any more."""
     now_s = 1000.0
-    monkeypatch.setattr(journal.time, "monotonic", lambda: now_s)
+    monkeypatch.setattr(snapshots.time, "monotonic", lambda: now_s)
     r = run(snapshot_views=1000)
-    r.maps = DurableMap(r.node, r.maps._journal._settings, 100.0)
+    r.start(100.0)
     r.take(1, 2)
     now_s = 1049.0
     settle(r)
-    assert log_size(r.maps._journal._store)[0] == 2
+    assert log_size(r.log._store)[0] == 2
     now_s = 1051.0
     r.take(3)
     settle(r)
@@ -584,10 +586,10 @@ def test_pictures_go_when_they_are_old(run, monkeypatch):
     now_s = 1102.0
     settle(r)
     assert not any(has_picture_of(r, seq) for seq in (1, 2, 3))
-    count = r.maps._journal._store._connection.execute("SELECT MAX(id) FROM snapshot").fetchone()[0]
+    count = r.log._store._connection.execute("SELECT MAX(id) FROM snapshot").fetchone()[0]
     now_s = 9999.0
     settle(r)
-    assert r.maps._journal._store._connection.execute("SELECT MAX(id) FROM snapshot").fetchone()[0] == count, (
+    assert r.log._store._connection.execute("SELECT MAX(id) FROM snapshot").fetchone()[0] == count, (
         "an empty log is left alone"
     )
 
@@ -597,24 +599,22 @@ def test_after_a_restart_with_an_age_the_log_is_emptied(run):
     r = run(snapshot_views=1000)
     r.take(1, 2, 3)
     r.close()
-    r.maps = DurableMap(r.node, r.maps._journal._settings, 3600.0)
+    r.start(3600.0)
     settle(r)
     assert not has_picture_of(r, 2)
 
 
 def test_pictures_that_cant_be_forgotten_now_are_later(run, monkeypatch):
     now_s = 1000.0
-    monkeypatch.setattr(journal.time, "monotonic", lambda: now_s)
+    monkeypatch.setattr(snapshots.time, "monotonic", lambda: now_s)
     r = run(snapshot_views=1000)
     r.take(1, 2)
-    save = r.maps._journal._store.save
-    monkeypatch.setattr(
-        r.maps._journal._store, "save", lambda *_: (_ for _ in ()).throw(StoreError("unwritable", "full"))
-    )
-    r.maps.forget_pictures()
+    save = r.log._store.save
+    monkeypatch.setattr(r.log._store, "save", lambda *_: (_ for _ in ()).throw(StoreError("unwritable", "full")))
+    r.log.forget_pictures()
     settle(r)
     assert "a snapshot can't be written" in r.node.said
-    monkeypatch.setattr(r.maps._journal._store, "save", save)
+    monkeypatch.setattr(r.log._store, "save", save)
     settle(r)
     assert has_picture_of(r, 1), "it rests for a while"
     now_s = 1040.0

@@ -1,4 +1,4 @@
-"""Answers to who wants to make the same maps again: the log of views, and the maps as they are."""
+"""Answers that let others make the same maps again: the log of views, and a snapshot of the maps."""
 
 from __future__ import annotations
 
@@ -8,33 +8,31 @@ import msgspec
 
 from surveilnav.bus import Answer, Refused, Request, clock_ns
 from surveilnav.messages import LoggedView, MapSnapshot
-from surveilnav.services.fusion.core.config import FusionConfig
+from surveilnav.services.fusion.building_maps import BuildingMaps, State
 from surveilnav.services.fusion.core.snapshot import digest, pack
-from surveilnav.services.fusion.map_log.journal import State
-from surveilnav.services.fusion.map_log.log import DurableMap
+from surveilnav.services.fusion.map_log.log import MapLog
 from surveilnav.services.fusion.map_log.store import StoreError
 
 _PIECE_BYTES = 8 << 20
 
 
-class History:
+class LogAnswers:
     """Called from the threads that serve queries."""
 
-    def __init__(self, config: FusionConfig, maps: DurableMap) -> None:
-        self._config, self._maps = config.model_dump_json(), maps
+    def __init__(self, maps: BuildingMaps, log: MapLog) -> None:
+        self._config, self._maps, self._log = maps.joint.config.model_dump_json(), maps, log
         self._lock = threading.Lock()
-        self._kept: tuple[MapSnapshot, bytes] | None = None
+        self._snapshot: tuple[MapSnapshot, bytes] | None = None  # of which somebody still fetches pieces
 
     def view(self, request: Request) -> Answer:
-        """The first view in the log after number ``after`` that the maps have taken."""
+        """The first integrated view in the log after number ``after``."""
         after = _number(request, "after")
         try:
-            newest, found = self._maps.logged_after(after)
+            newest, number, e = self._log.next_view(after)
         except StoreError as error:
             raise Refused("store_down", f"the log of views can't be read: {error}") from error
-        if found is None:
+        if e is None:
             return Answer(LoggedView(stamp_ns=clock_ns(), number=0, newest=newest))
-        number, e = found
         view = LoggedView(
             stamp_ns=clock_ns(),
             number=number,
@@ -49,29 +47,30 @@ class History:
         return Answer(view, e.payload)
 
     def snapshot(self, request: Request) -> Answer:
-        """The maps as they are now, from their first piece on; the other pieces of those with ``number``."""
+        """A snapshot of the maps as they are now, from its first piece on; the other pieces of it with ``number``."""
         if request.parameters.get("only") == "digest":
-            number, state = self._maps.frozen()
-            return Answer(self._header(number, state))
+            return Answer(self._header(self._maps.freeze()))
         offset = _number(request, "offset")
         with self._lock:
             if offset == 0:
-                number, state = self._maps.frozen()
+                state = self._maps.freeze()
                 data = pack(state)
-                self._kept = msgspec.structs.replace(self._header(number, state), n_bytes=len(data)), data
-            if self._kept is None or (offset and self._kept[0].number != _number(request, "number")):
+                self._snapshot = msgspec.structs.replace(self._header(state), n_bytes=len(data)), data
+            if self._snapshot is None or (offset and self._snapshot[0].number != _number(request, "number")):
                 raise Refused("gone", "these maps aren't kept any more: ask from offset 0 again")
-            header, data = self._kept
+            header, data = self._snapshot
             piece = data[offset : offset + _PIECE_BYTES]
             if offset + len(piece) >= len(data):
-                self._kept = None
+                self._snapshot = None
         return Answer(msgspec.structs.replace(header, offset=offset), piece)
 
-    def _header(self, number: int, state: State) -> MapSnapshot:
-        maps = state["maps"]
-        revision = maps["maps"]["revision"]
+    def _header(self, state: State) -> MapSnapshot:
         return MapSnapshot(
-            stamp_ns=clock_ns(), number=number, revision=revision, digest=digest(maps), config=self._config
+            stamp_ns=clock_ns(),
+            number=state["number"],
+            revision=state["maps"]["maps"]["revision"],
+            digest=digest(state["maps"]),
+            config=self._config,
         )
 
 

@@ -12,15 +12,16 @@ from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import Detected
-from surveilnav.services.fusion.answers.history import History
+from surveilnav.services.fusion.answers.log import LogAnswers
+from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.snapshot import digest, freeze, thaw, unpack
 from surveilnav.services.fusion.core.views.validation import ViewError
-from surveilnav.services.fusion.map_log.journal import perceived_of
-from surveilnav.services.fusion.map_log.log import DurableMap
+from surveilnav.services.fusion.map_log.log import MapLog
+from surveilnav.services.fusion.map_log.recovery import perceived_from_entry
 from surveilnav.services.fusion.map_log.store import Entry
-from surveilnav.services.fusion.records import PerceivedView
+from surveilnav.services.fusion.perceived import PerceivedView
 
 
 class Silent:
@@ -80,12 +81,13 @@ def request(**parameters: object) -> Request:
 def fusion(tmp_path, tools):
     """(history, take a view with that number) of a fusion with a store."""
     world = tools.world(boxes={"sofa": ((3.0, 1.0, 0.0), (4.6, 1.9, 0.8))})
-    maps = DurableMap(Silent(), FusionSettings(store=str(tmp_path / "fusion.sqlite"), snapshot_views=1000))
+    maps = BuildingMaps(FusionConfig())
+    log = MapLog(Silent(), FusionSettings(store=str(tmp_path / "fusion.sqlite"), snapshot_views=1000), maps)
     yield (
-        History(FusionConfig(), maps),
-        lambda *seqs, **more: [maps.take([view(tools, world, s, **more)]) for s in seqs],
+        LogAnswers(maps, log),
+        lambda *seqs, **more: [log.integrate([view(tools, world, s, **more)]) for s in seqs],
     )
-    maps.close()
+    log.close()
 
 
 def whole_snapshot(history):
@@ -106,7 +108,7 @@ def taken_again(joint: JointMap, history, after: int) -> JointMap:
         assert v.number == after + 1
         after = v.number
         entry = Entry(v.source, v.view, v.header, answer.payload, v.reply, v.digest, v.fault)
-        perceived = perceived_of(entry)
+        perceived = perceived_from_entry(entry)
         try:
             if perceived.view is not None:
                 joint.accept(perceived.view, perceived.perception)
@@ -119,7 +121,7 @@ def taken_again(joint: JointMap, history, after: int) -> JointMap:
 @pytest.mark.parametrize("begin", [0, 3])
 @pytest.mark.parametrize("piece", [8 << 20, 1000])
 def test_a_snapshot_and_the_views_after_it_make_the_same_maps(fusion, begin, piece, monkeypatch):
-    monkeypatch.setattr("surveilnav.services.fusion.answers.history._PIECE_BYTES", piece)
+    monkeypatch.setattr("surveilnav.services.fusion.answers.log._PIECE_BYTES", piece)
     history, take = fusion
     take(*range(1, begin + 1))
     header, data = whole_snapshot(history)
@@ -146,12 +148,12 @@ def test_the_log_tells_one_view_at_a_time_and_then_that_there_is_no_more(fusion)
 def test_a_view_that_is_logged_and_not_yet_taken_isnt_told(fusion):
     history, take = fusion
     take(1, 2)
-    history._maps._journal.number = 1
+    history._maps.number = 1
     assert history.view(request(after=1)).message.number == 0
 
 
 def test_pieces_of_maps_that_aren_t_kept_any_more_are_refused(fusion, monkeypatch):
-    monkeypatch.setattr("surveilnav.services.fusion.answers.history._PIECE_BYTES", 100)
+    monkeypatch.setattr("surveilnav.services.fusion.answers.log._PIECE_BYTES", 100)
     history, take = fusion
     take(1)
     first = history.snapshot(request()).message
@@ -170,8 +172,9 @@ def test_numbers_that_are_none(fusion, said):
 
 
 def test_without_a_store_there_is_no_log_but_maps(tools):
-    maps = DurableMap(Silent(), FusionSettings(store=""))
-    history = History(FusionConfig(), maps)
+    maps = BuildingMaps(FusionConfig())
+    log = MapLog(Silent(), FusionSettings(store=""), maps)
+    history = LogAnswers(maps, log)
     with pytest.raises(Refused, match="SURVEILNAV_FUSION__STORE"):
         history.view(request())
     assert history.snapshot(request()).message.n_bytes > 0
