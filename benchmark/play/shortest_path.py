@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.inputs import RobotView
 from surveilnav.services.planner.core.motion.drive import HEADINGS, Route
 from surveilnav.services.planner.core.motion.terrain import Terrain
-from surveilnav.services.planner.core.state import RobotView
 from surveilnav.simulator.world.distance_field import DistanceField
 from surveilnav.simulator.world.navigation import NavigationMap
 

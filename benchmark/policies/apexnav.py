@@ -22,7 +22,7 @@ from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
 from surveilnav.services.planner.core.context import FrontierChoice, StepContext
-from surveilnav.services.planner.core.goals.frontier_choice import held_frontier
+from surveilnav.services.planner.core.goals.frontier_choice import current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
 from surveilnav.services.planner.core.motion.terrain import coarse_travel_time_m
 
@@ -46,9 +46,10 @@ def choose(context: StepContext, frontiers: Callable[[], list[Frontier]]) -> Fro
         good = good_ones(ranked, config)
         first = first_of_tour(good, _ways(context, good))
         return FrontierChoice(good, first, f"first of a tour over {len(good)} by value")
-    nearest, held = min(ranked, key=lambda f: f.way_m), held_frontier(context, ranked, 1.5 * config.same_place_m)
-    if held is not None and held.way_m <= nearest.way_m + _MARGIN_M:
-        nearest = held
+    nearest = min(ranked, key=lambda f: f.travel_time_m)
+    current = current_frontier(context, ranked, 1.5 * config.same_place_m)
+    if current is not None and current.travel_time_m <= nearest.travel_time_m + _MARGIN_M:
+        nearest = current
     return FrontierChoice(ranked, nearest, "nearest")
 
 
@@ -58,14 +59,14 @@ def good_ones(frontiers: Sequence[Frontier], config: PlannerConfig) -> list[Fron
     ratio = values / np.nanmean(values)
     enough = max(config.exploit_min_ratio, _NEAR_THE_BEST * float(np.nanmax(ratio)))
     good = [f for f, r in zip(frontiers, ratio, strict=True) if r >= enough]
-    return sorted(good, key=lambda f: f.way_m)[:_MAX_TOUR]
+    return sorted(good, key=lambda f: f.travel_time_m)[:_MAX_TOUR]
 
 
 def first_of_tour(frontiers: Sequence[Frontier], way_m: NDArray[np.float64]) -> Frontier:
     """Where the shortest way from the robot over all of them begins; ``way_m`` (n, n) leads from one to another."""
 
     def length_m(order: tuple[int, ...]) -> float:
-        return frontiers[order[0]].way_m + sum(float(way_m[a, b]) for a, b in itertools.pairwise(order))
+        return frontiers[order[0]].travel_time_m + sum(float(way_m[a, b]) for a, b in itertools.pairwise(order))
 
     return frontiers[min(itertools.permutations(range(len(frontiers))), key=length_m)[0]]
 

@@ -21,7 +21,7 @@ from surveilnav.messages import ObjectRecord
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
 from surveilnav.services.planner.core.context import FrontierChoice, StepContext
-from surveilnav.services.planner.core.goals.frontier_choice import held_frontier
+from surveilnav.services.planner.core.goals.frontier_choice import current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier
 
 CONFIG = PlannerConfig(verification="paper", objects_first=True)
@@ -43,18 +43,18 @@ class Rule:
         found, state = frontiers(), context.state
         if not found:
             return None
-        held = held_frontier(context, found, 1.5 * context.config.same_place_m)
-        if held is None or state.step - self._chosen_at >= _EVERY_STEPS:
+        chosen = current_frontier(context, found, 1.5 * context.config.same_place_m)
+        if chosen is None or state.step - self._chosen_at >= _EVERY_STEPS:
             found = scored(found, context.maps.objects, state.target, self._known)
-            held, self._chosen_at = likeliest(found), state.step
-        return FrontierChoice(found, held, "by what is near")
+            chosen, self._chosen_at = likeliest(found), state.step
+        return FrontierChoice(found, chosen, "by what is near")
 
 
 def scored(
     frontiers: Sequence[Frontier], objects: Iterable[ObjectRecord], target: str, known: Cooccurrence
 ) -> list[Frontier]:
     """Those that come into question, with scores, in the order of cost and utility."""
-    within = [f for f in frontiers if _NEAR_M < f.way_m < _FAR_M] or frontiers
+    within = [f for f in frontiers if _NEAR_M < f.travel_time_m < _FAR_M] or frontiers
     order = sorted(within, key=lambda f: -_utility(f))[:_MOST]
     things = [o for o in objects if o.status != "rejected" and o.label in known.rooms]
     result = []
@@ -74,7 +74,7 @@ def likeliest(frontiers: Sequence[Frontier]) -> Frontier:
 
 
 def _utility(frontier: Frontier) -> int:
-    return frontier.n_cells + (_BONUS_CELLS if frontier.way_m < _COSTLY_M else 0)
+    return frontier.n_cells + (_BONUS_CELLS if frontier.travel_time_m < _COSTLY_M else 0)
 
 
 def _within(record: ObjectRecord, frontier: Frontier) -> bool:

@@ -14,7 +14,7 @@ from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.context import FrontierRule
 from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
-from surveilnav.services.planner.core.state import FloorChange
+from surveilnav.services.planner.core.memory.floor_goal import FloorChange
 
 #: A single detection of at least this score is believed by those who go to the first one. (VLFM asks .8 of YOLOv7;
 #: the detectors here are less sure of themselves, and .5 is what SurveilNav's confirmation asks.)

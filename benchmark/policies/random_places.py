@@ -30,16 +30,17 @@ class Rule:
 
     def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
         """See ``FrontierRule``: places stand in for frontiers."""
-        held, time_m = context.state.waypoint, context.travel_time_m
-        if held is not None and held.kind == "frontier":
-            place = Frontier(held.x_m, held.y_m, 1, float(time_m[context.terrain.cell(held.x_m, held.y_m)]))
+        waypoint, time_m = context.state.waypoint, context.travel_time_m
+        if waypoint is not None and waypoint.kind == "frontier":
+            cell = context.terrain.cell(waypoint.x_m, waypoint.y_m)
+            place = Frontier(waypoint.x_m, waypoint.y_m, 1, float(time_m[cell]))
         else:
             place = self._draw(context)
         return FrontierChoice([place], place, "at random")
 
     def _draw(self, context: StepContext) -> Frontier:
         terrain, robot, config, time_m = context.terrain, context.robot, context.config, context.travel_time_m
-        places = np.isfinite(time_m) & terrain.known & (terrain.speed > config.tight_speed)
+        places = np.isfinite(time_m) & terrain.known & (terrain.speed > config.constrained_speed)
         places &= ~terrain.disc(robot.x_m, robot.y_m, config.reached_m)
         if math.isfinite(self._within_m):
             places &= terrain.disc(robot.x_m, robot.y_m, self._within_m)
@@ -47,7 +48,7 @@ class Rule:
         if not len(cells):
             cells = np.argwhere(np.isfinite(time_m))
         row, col = (int(v) for v in cells[self._rng.integers(len(cells))])
-        return Frontier(*terrain.place(row, col), 1, float(time_m[row, col]))
+        return Frontier(*terrain.centre_of(row, col), 1, float(time_m[row, col]))
 
 
 RANDOM_WALK = Policy(

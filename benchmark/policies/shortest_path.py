@@ -79,7 +79,7 @@ class ShortestPath:
         if stair is None:
             return self._truth.goals.field.at(p, floor) <= SUCCESS_M
         end = stair[0].x_m, stair[0].y_m
-        near = math.dist(p, end) <= self._config.stairs_reach_m
+        near = math.dist(p, end) <= self._config.stairs_radius_m
         return near and self._truth.navigation.way_free(p, end, floor) >= 1.0
 
     def _stop(self) -> Decision:

@@ -21,7 +21,7 @@ from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig, MapConfig, ValueConfig
 from surveilnav.services.planner.core import MapView, PlannerConfig
 from surveilnav.services.planner.core.context import FrontierChoice, StepContext
-from surveilnav.services.planner.core.goals.frontier_choice import held_frontier
+from surveilnav.services.planner.core.goals.frontier_choice import current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier, values_near
 
 CONFIG = PlannerConfig(verification="paper", objects_first=True, value_radius_m=0.5, standoff_m=0.85, stop_m=0.9)
@@ -32,7 +32,7 @@ _WORSE = 0.01
 
 
 class Rule:
-    """The best frontier by value; remembers what the last one was worth."""
+    """Chooses the best frontier by value; remembers the value of the last one."""
 
     def __init__(self) -> None:
         self._last_value = 0.0
@@ -42,7 +42,7 @@ class Rule:
         found = [valued(frontier, context.maps, context.config) for frontier in frontiers()]
         if not found:
             return None
-        chosen = best(found, held_frontier(context, found, _SAME_M), self._last_value)
+        chosen = best(found, current_frontier(context, found, _SAME_M), self._last_value)
         self._last_value = chosen.value
         return FrontierChoice(found, chosen, "by value")
 
@@ -54,11 +54,11 @@ def valued(frontier: Frontier, maps: MapView, config: PlannerConfig) -> Frontier
     return replace(frontier, value=value, score=value)
 
 
-def best(frontiers: Sequence[Frontier], held: Frontier | None, last_value: float) -> Frontier:
-    """The highest value, of equals the nearest; the one that the robot is on its way to while it keeps its value."""
-    if held is not None and held.value + _WORSE > last_value:
-        return held
-    return min(frontiers, key=lambda f: (-f.value, f.way_m))
+def best(frontiers: Sequence[Frontier], current: Frontier | None, last_value: float) -> Frontier:
+    """The highest value, of equals the nearest; the current one as long as it keeps its value."""
+    if current is not None and current.value + _WORSE > last_value:
+        return current
+    return min(frontiers, key=lambda f: (-f.value, f.travel_time_m))
 
 
 VLFM = Policy(

@@ -28,7 +28,7 @@ from surveilnav.simulator.furniture.labels import TARGETS
 if TYPE_CHECKING:
     from surveilnav.benchmark.play.episode import EpisodeResult
     from surveilnav.geometry import Grid
-    from surveilnav.services.planner.core.state import FloorChange
+    from surveilnav.services.planner.core.memory.floor_goal import FloorChange
     from surveilnav.simulator.simulation import SimulatedBuilding
     from surveilnav.simulator.world.free_ground import FloorNavigation
     from surveilnav.simulator.world.goals import Goals, Start

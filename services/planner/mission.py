@@ -13,10 +13,10 @@ from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
 from surveilnav.services.planner.config import PlannerSettings
-from surveilnav.services.planner.core import Decision, MapView, MissionState, RobotView, memory, step
+from surveilnav.services.planner.core import Decision, MapView, MissionState, RobotView, step
 from surveilnav.services.planner.floor_maps import FloorMapsClient
 from surveilnav.services.planner.pausing import Pause, PausedError
-from surveilnav.services.planner.store import Pending, SavedMission, Store, StoreError
+from surveilnav.services.planner.store import PendingAction, SavedMission, Store, StoreError
 from surveilnav.services.planner.summaries import Summaries
 from surveilnav.services.planner.world import CancelError, LostError, World
 from surveilnav.words import canonical
@@ -91,7 +91,7 @@ class Mission:
             self._interrupted,
         )
         # what was heard before counts too: the choice stands on it
-        heard = sum(self._summaries.received_bytes().values()) - self._summaries.held_bytes()
+        heard = sum(self._summaries.received_bytes().values()) - self._summaries.fresh_bytes()
         self._summary_bytes_before = heard - self.status.floor_choice_bytes
         self._statuses: Publisher | None = None
         self._plans: Publisher | None = None
@@ -265,7 +265,7 @@ class Mission:
             self._pause.wait(_PAUSED_LOOK_S)
         self._say(state="active", phase="waiting", message="going on")
 
-    def _decide(self, status: RobotStatus, maps: MapView) -> Pending:
+    def _decide(self, status: RobotStatus, maps: MapView) -> PendingAction:
         """The next action; written to the store, so that it may be sent."""
         robot = self._robot_view(status)
         self._memory, decision = step(
@@ -287,7 +287,7 @@ class Mission:
             }
         self._note(**facts)
         self.plan = self._plan(decision, status, maps)
-        self._pending = Pending.of(decision, status.seq)
+        self._pending = PendingAction.from_decision(decision, status.seq)
         self._save_or_warn()
         self._tell(self._plans, self.plan)
         if not decision.finished:
@@ -302,17 +302,17 @@ class Mission:
         self._robot_path_m = robot.path_m
         return replace(robot, last_action=None, collided=False) if self._refusals else robot
 
-    def _carry_out(self, pending: Pending) -> bool:
+    def _carry_out(self, pending: PendingAction) -> bool:
         """Has the robot do what was decided; True if that ended the mission."""
         if pending.finished:
             if self._concluded(pending):
                 return True
-            memory.reopen(self._memory)  # the robot stands elsewhere than we thought: look again
+            self._memory.reopen()  # the robot stands elsewhere than we thought: look again
             return False
         self._act(pending)
         return False
 
-    def _act(self, pending: Pending) -> None:
+    def _act(self, pending: PendingAction) -> None:
         action = str(pending.action)
         try:
             self._world.move(action, pending.seq, self.id, pending.to_floor)
@@ -327,7 +327,7 @@ class Mission:
             return
         self._refusals = 0
 
-    def _concluded(self, pending: Pending) -> bool:
+    def _concluded(self, pending: PendingAction) -> bool:
         """Ends the mission as decided; False if the robot didn't carry out the stop that says "found"."""
         if not pending.found:
             self._stop_robot()

@@ -12,7 +12,7 @@ from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.mission import Mission, Surroundings, accepted
 from surveilnav.services.planner.store import Store, StoreError
 from surveilnav.services.planner.summaries import Summaries
-from surveilnav.services.planner.targets import understood
+from surveilnav.services.planner.targets import resolve_target
 
 
 class Missions:
@@ -49,7 +49,7 @@ class Missions:
         would be."""
         if not 1 <= goal.max_steps <= self._settings.max_steps:
             raise MissionError("bad_goal", f"max_steps must be 1 to {self._settings.max_steps}, got {goal.max_steps}")
-        target = understood(self._node, goal.target)
+        target = resolve_target(self._node, goal.target)
         with self._lock:
             if not self._resumed:  # a robot may have a mission already
                 raise MissionError("store_failed", "the store of missions can't be read yet: send the goal again later")
@@ -153,6 +153,6 @@ class Missions:
         for id in oldest:
             del self._missions[id]
         try:
-            self._store.forget(oldest)
+            self._store.delete(oldest)
         except StoreError as error:
             self._node.warn_seldom("store_failed: old missions stay in it", error=str(error))

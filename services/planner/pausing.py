@@ -1,4 +1,4 @@
-"""Whether a mission is paused, and why."""
+"""Pausing a mission."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ import threading
 
 
 class PausedError(Exception):
-    """The mission is paused: what was decided is kept for later."""
+    """The mission is paused. What it decided last is carried out once it is resumed."""
 
 
 class Pause:
-    """A pause that any thread may begin and end. ``reason`` None: the mission isn't paused."""
+    """Whether a mission is paused, and the ``reason``; None: it isn't. Any thread may begin and end the pause."""
 
     def __init__(self, reason: str | None) -> None:
         self.reason = reason
         self._ended = threading.Event()
 
     def begin(self, reason: str) -> None:
-        """Has the mission pause at its next turn."""
+        """Pauses the mission as soon as its current action is done."""
         self._ended.clear()
         self.reason = reason or "paused"
 
     def end(self) -> None:
-        """Has it go on."""
+        """Resumes the mission."""
         self.reason = None
         self._ended.set()
 
     def check(self) -> None:
-        """PausedError: it is paused."""
+        """Raises PausedError if the mission is paused."""
         if self.reason is not None:
             raise PausedError(self.reason)
 
     def wait(self, at_most_s: float) -> None:
-        """Until it ends, or so long."""
+        """Waits until the pause ends, for at most ``at_most_s``."""
         self._ended.wait(at_most_s)

@@ -1,7 +1,7 @@
-"""The planner's missions on disk, so that they outlive it: one SQLite file, a row a mission.
+"""The planner's missions on disk, so that they survive a restart: one SQLite file with a row for each mission.
 
-A goal is written before it is acknowledged, and what a mission decided before the action is sent. What is written
-survives ``kill -9`` of the planner; goals and ends, which are synced, survive a power cut too.
+A goal is written before it is acknowledged, and a decision before its action is sent. What is written survives ``kill -9`` of
+the planner. Goals and the ends of missions are synced to the disk, so they also survive a power cut.
 """
 
 from __future__ import annotations
@@ -18,10 +18,8 @@ from surveilnav.errors import SurveilNavError
 from surveilnav.messages import MissionStatus, Plan
 from surveilnav.services.planner.core import Decision
 
-#: Of the tables and of what is in them. Records of version 1 lack ``robot_path_m`` and have two fields more, which reading
-#: passes over. A store of any other version is set aside, not read.
-VERSION = 2
-_READABLE = (1, VERSION)
+#: Version of the tables and of what is in them. A store of another version is set aside, not read.
+VERSION = 3
 _SCHEMA = """CREATE TABLE IF NOT EXISTS missions (
     id TEXT PRIMARY KEY, finished INTEGER NOT NULL, record TEXT NOT NULL, memory TEXT NOT NULL)"""
 _SAVE = """INSERT INTO missions (id, finished, record, memory) VALUES (?, ?, ?, ?)
@@ -29,13 +27,13 @@ _SAVE = """INSERT INTO missions (id, finished, record, memory) VALUES (?, ?, ?, 
 
 
 class StoreError(SurveilNavError):
-    """The store can't be written or read now; the message says where it is and what SQLite said."""
+    """The store can't be read or written now. The message has its path and SQLite's error."""
 
 
-class Pending(msgspec.Struct, frozen=True, kw_only=True):
-    """An action that was decided after observation ``seq``, whether or not the robot has carried it out.
+class PendingAction(msgspec.Struct, frozen=True, kw_only=True):
+    """The decision made on observation ``seq``. The robot may or may not have carried it out yet.
 
-    It may be sent again as often as one likes: the robot carries out one action a sequence number.
+    Sending it again does no harm, because the robot carries out only one action for each sequence number.
     """
 
     seq: int
@@ -47,7 +45,7 @@ class Pending(msgspec.Struct, frozen=True, kw_only=True):
     message: str = ""
 
     @classmethod
-    def of(cls, decision: Decision, seq: int) -> Pending:
+    def from_decision(cls, decision: Decision, seq: int) -> PendingAction:
         return cls(
             seq=seq,
             action=decision.action,
@@ -60,16 +58,20 @@ class Pending(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SavedMission(msgspec.Struct, frozen=True, kw_only=True):
-    """A mission as it goes on after a restart.
+    """Everything that a mission needs to continue after a restart.
 
-    ``robot_path_m``: of ``status.path_m`` what the robot itself spoke of at the last decision; ``cancel``: the reason, once
-    somebody cancelled it; ``paused``: the same while it is paused; ``wanted_robot``: the one that it asked for, "": any;
-    ``memory``: the core's, as JSON ("": none yet, or the mission is over).
+    Attributes:
+        status, plan: the newest of their kind.
+        pending: the action that was decided last.
+        robot_path_m: the part of ``status.path_m`` that the robot itself reported at the last decision.
+        cancel: the reason, once it was cancelled. ``paused``: the reason, while it is paused.
+        wanted_robot: the robot that the goal asked for; "": any.
+        memory: the core's ``MissionState`` as JSON; "": there is none yet, or the mission has ended.
     """
 
     status: MissionStatus
     plan: Plan | None = None
-    pending: Pending | None = None
+    pending: PendingAction | None = None
     robot_path_m: float = 0.0
     cancel: str | None = None
     paused: str | None = None
@@ -77,23 +79,13 @@ class SavedMission(msgspec.Struct, frozen=True, kw_only=True):
     memory: str = ""
 
 
-class _Record(msgspec.Struct, frozen=True, kw_only=True):
-    """The column ``record``: a SavedMission but for its memory."""
-
-    status: MissionStatus
-    plan: Plan | None
-    pending: Pending | None
-    cancel: str | None
-    robot_path_m: float | None = None
-    paused: str | None = None
-    wanted_robot: str = ""
-
-
 class Store:
-    """The missions in the file ``path``; with an empty path nothing is kept. Safe to use from any thread.
+    """The missions in the file ``path``; with an empty path nothing is stored. Safe to use from any thread.
 
-    A file that can't be read (damaged, of another version) is set aside under another name, with a word in the log, and
-    a new one begun. Where nothing can be written ``StoreError`` is raised, each time anew: a disk may have room again.
+    A file that is damaged or of another version is moved aside under another name, which is logged, and a new one begins. Where
+    the file can't be read or written, every call tries again and raises ``StoreError``: the disk may have room by then.
+
+    The column ``record`` holds a SavedMission without its memory, which has a column of its own.
     """
 
     def __init__(self, path: str, node: Node) -> None:
@@ -108,27 +100,22 @@ class Store:
         missions = []
         for id, record, memory in rows:
             try:
-                r = msgspec.json.decode(record, type=_Record)
+                mission = msgspec.json.decode(record, type=SavedMission)
             except msgspec.MsgspecError as error:
                 self._log.error("store_unreadable: a mission can't be resumed", mission=id, error=str(error))
                 continue
-            facts = msgspec.structs.asdict(r)
-            if r.robot_path_m is None:  # of version 1
-                facts["robot_path_m"] = r.status.path_m
-            missions.append(SavedMission(**facts, memory=memory))
+            missions.append(msgspec.structs.replace(mission, memory=memory))
         return missions
 
     def save(self, mission: SavedMission, *, finished: bool = False, sync: bool = False) -> None:
-        """Writes a mission; ``sync``: down to the disk. Raises StoreError."""
-        facts = msgspec.structs.asdict(mission)
-        memory = facts.pop("memory")
-        record = msgspec.json.encode(_Record(**facts)).decode()
+        """Writes a mission. ``sync``: waits until it is on the disk, so that it survives a power cut. Raises StoreError."""
+        record = msgspec.json.encode(msgspec.structs.replace(mission, memory="")).decode()
         with self._lock:
             self._execute(f"PRAGMA synchronous = {'FULL' if sync else 'NORMAL'}")
-            self._execute(_SAVE, (mission.status.mission, finished, record, memory))
+            self._execute(_SAVE, (mission.status.mission, finished, record, mission.memory))
 
-    def forget(self, ids: list[str]) -> None:
-        """Removes missions. Raises StoreError."""
+    def delete(self, ids: list[str]) -> None:
+        """Deletes missions. Raises StoreError."""
         with self._lock:
             for id in ids:
                 self._execute("DELETE FROM missions WHERE id = ?", (id,))
@@ -184,10 +171,10 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _fault_of(path: Path) -> str:
-    """Why a store can't be read, by name; empty if it can, or if there is none yet.
+    """Why a store can't be read; empty if it can, or if there is none yet.
 
     Raises:
-        sqlite3.OperationalError: it can't be got at: locked, no permission, the disk is full.
+        sqlite3.OperationalError: the file can't be accessed: it is locked, there is no permission, or the disk is full.
     """
     if not path.exists() or path.stat().st_size == 0:
         return ""
@@ -203,5 +190,5 @@ def _fault_of(path: Path) -> str:
     except sqlite3.DatabaseError as error:
         return f"store_corrupt ({error})"
     if not sound:
-        return "store_corrupt (its pages don't fit together)"
-    return "" if version in _READABLE else f"store_version (expected {VERSION}, got {version})"
+        return "store_corrupt (its integrity check failed)"
+    return "" if version == VERSION else f"store_version (expected {VERSION}, got {version})"

@@ -1,4 +1,4 @@
-"""What the cameras of all floors last reported, checked and gathered by floor: for choosing the floor."""
+"""What the cameras of all floors last reported, checked and grouped by floor. The planner chooses the floor by it."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ _MAX_AGE_S = CAMERA_SUMMARY.max_age_ms / 1000
 
 
 class Summaries:
-    """The fresh summaries. What can't be is dropped, counted (``TrafficReport.rejected``) and logged, once a message."""
+    """The fresh summaries. Each invalid one is dropped, counted (``TrafficReport.rejected``) and logged once."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._table = node.table(CAMERA_SUMMARY)
-        self._judged: dict[str, tuple[int, bool]] = {}  # key -> when the newest came, and whether it is sound
+        self._checked: dict[str, tuple[int, bool]] = {}  # key -> when the newest arrived, and whether it is valid
 
     def by_floor(self) -> dict[str, dict[str, float]]:
-        """Floor -> label -> highest confidence that a camera of that floor last reported.
+        """Floor -> label -> the highest confidence that a camera of that floor last reported.
 
-        A floor whose cameras saw nothing is there with no label; one without fresh summaries isn't there.
+        A floor whose cameras saw nothing has no labels. A floor without fresh summaries is missing.
         """
         floors: dict[str, dict[str, float]] = {}
-        for row in self._sound():
+        for row in self._valid():
             labels = floors.setdefault(row.ids["floor"], {})
             for label, confidence in row.message.labels.items():
                 labels[label] = max(confidence, labels.get(label, 0.0))
@@ -42,27 +42,27 @@ class Summaries:
                 received[floor_of[count.key]] += count.n_bytes
         return received
 
-    def held_bytes(self) -> int:
-        """Bytes of the fresh summaries: what a choice made now stands on."""
-        return sum(len(msgspec.msgpack.encode(row.message)) + len(row.key) for row in self._sound())
+    def fresh_bytes(self) -> int:
+        """Bytes (payload and key) of the fresh summaries, on which a choice made now is based."""
+        return sum(len(msgspec.msgpack.encode(row.message)) + len(row.key) for row in self._valid())
 
-    def _sound(self) -> list[Received[CameraSummary]]:
+    def _valid(self) -> list[Received[CameraSummary]]:
         rows = self._table.rows(max_age_s=_MAX_AGE_S)
-        return [row for row in rows if self._is_sound(row)]
+        return [row for row in rows if self._is_valid(row)]
 
-    def _is_sound(self, row: Received[CameraSummary]) -> bool:
-        received_ns, sound = self._judged.get(row.key, (0, False))
+    def _is_valid(self, row: Received[CameraSummary]) -> bool:
+        received_ns, is_valid = self._checked.get(row.key, (0, False))
         if received_ns != row.received_ns:
             fault = fault_of(row.ids, row.message)
-            sound = not fault
-            self._judged[row.key] = row.received_ns, sound
+            is_valid = not fault
+            self._checked[row.key] = row.received_ns, is_valid
             if fault:
                 self._node.reject(CAMERA_SUMMARY.name, f"{row.key}: {fault}")
-        return sound
+        return is_valid
 
 
 def fault_of(ids: dict[str, str], message: CameraSummary) -> str:
-    """What is wrong with a summary that came on the key with these ids; empty if nothing is."""
+    """What is wrong with a summary that arrived on the key with these ids; empty if nothing is."""
     said = {"floor": message.floor, "camera": message.camera}
     if any(ids.get(name) != value for name, value in said.items()):
         return f"expected what its key says, got camera {message.camera!r:.80} of floor {message.floor!r:.80}"

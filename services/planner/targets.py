@@ -1,4 +1,4 @@
-"""What can be searched for: any phrase that whoever looks at the pictures understands."""
+"""What can be searched for: any phrase that a perception worker understands."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from surveilnav.messages import InferRequest, TextReply
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.words import checked_word
 
-_MOST_ASKED, _PATIENCE_S = 3, 1.0
-#: So long workers that warm up are asked again; who sends a goal waits five seconds.
-_WARM_UP_S, _AGAIN_S = 2.0, 0.2
+_MAX_WORKERS, _TIMEOUT_S = 3, 1.0
+#: Workers that are still warming up are asked again for this long; whoever sent the goal waits for five seconds.
+_WARM_UP_S, _RETRY_S = 2.0, 0.2
 
 
-def understood(node: Node, name: str) -> str:
-    """The target as whoever looks at the pictures calls it ("Fernseher": "tv"), in one spelling.
+def resolve_target(node: Node, name: str) -> str:
+    """The target in the perception workers' own vocabulary and spelling ("Fernseher" becomes "tv").
+
+    If no worker answers, the target is accepted as it is: it may well be known.
 
     Raises:
-        MissionError: it is no phrase, or no perception worker that answers knows it. Where none answers, it may be known.
+        MissionError: it isn't a valid phrase, or none of the workers that answer knows it.
     """
     try:
         word = checked_word(name)
@@ -29,7 +31,7 @@ def understood(node: Node, name: str) -> str:
     refusal, until_s = "", time.monotonic() + _WARM_UP_S
     for worker in _one_of_each_model(node):
         try:
-            return _own_name(_reply(node, worker, word, until_s), word)
+            return _own_name(_ask_worker(node, worker, word, until_s), word)
         except Refused as error:
             if error.name == "bad_target":
                 refusal = str(error)
@@ -40,20 +42,20 @@ def understood(node: Node, name: str) -> str:
     return word
 
 
-def _reply(node: Node, worker: str, word: str, until_s: float) -> TextReply:
-    """What a worker says of a target, asked again while it warms up. BusError: nothing, or it refuses."""
+def _ask_worker(node: Node, worker: str, word: str, until_s: float) -> TextReply:
+    """A worker's answer about a target; asks again while the worker warms up. Raises BusError: no answer, or a refusal."""
     while True:
         request = InferRequest(stamp_ns=clock_ns(), texts=[value_prompt(word)])
         try:
-            reply: TextReply = node.ask(PERCEPTION_TEXT, request, worker=worker, timeout_s=_PATIENCE_S).message
+            reply: TextReply = node.ask(PERCEPTION_TEXT, request, worker=worker, timeout_s=_TIMEOUT_S).message
             return reply
         except Refused as error:
-            if error.name != "not_ready" or time.monotonic() > until_s or node.stopping.wait(_AGAIN_S):
+            if error.name != "not_ready" or time.monotonic() > until_s or node.stopping.wait(_RETRY_S):
                 raise
 
 
 def _own_name(reply: TextReply, word: str) -> str:
-    """What the worker calls it; the word itself where it knows any, or says what is no word."""
+    """The worker's own name for a target; the word itself if the worker takes any word or its answer isn't a valid one."""
     try:
         return checked_word(reply.words[0]) if len(reply.words) == 1 and reply.words[0] else word
     except TargetError:
@@ -61,9 +63,9 @@ def _own_name(reply: TextReply, word: str) -> str:
 
 
 def _one_of_each_model(node: Node) -> list[str]:
-    """Perception workers that know other words than each other; those with a vocabulary first: any other knows their names."""
+    """One perception worker of each model, those with a fixed vocabulary first: the others know their names, too."""
     alive = node.alive("perception")
-    loads = [received.message for received in node.ask_all(PERCEPTION_LOAD, timeout_s=_PATIENCE_S)] if alive else []
+    loads = [received.message for received in node.ask_all(PERCEPTION_LOAD, timeout_s=_TIMEOUT_S)] if alive else []
     of_models = {load.models: load for load in loads if load.worker in alive}.values()
     ordered = sorted(of_models, key=lambda load: (load.open_vocabulary, load.worker))
-    return [load.worker for load in ordered][:_MOST_ASKED]
+    return [load.worker for load in ordered][:_MAX_WORKERS]

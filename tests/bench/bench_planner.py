@@ -69,7 +69,7 @@ def test_step(benchmark, side_cells, goal):
         )
         maps = replace(maps, objects=[record])
     robot = RobotView(0, 2.0, 2.0, 0.3, 0.0, "0", False, None, 0.0)
-    state = MissionState("bed", floor="0", floors={"0": FloorMemory(scan_left=0)})
+    state = MissionState("bed", floor="0", floors={"0": FloorMemory(scan_turns_left=0)})
     _, decision = benchmark(step, state, maps, robot, PlannerConfig())
     assert decision.action is not None
     assert decision.phase == ("exploring" if goal == "frontier" else "approaching")

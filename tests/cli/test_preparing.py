@@ -94,12 +94,12 @@ def test_without_furniture_only_an_example_home_is_a_mistake(monkeypatch):
 
 def test_loops_are_found_and_their_number_is_told(monkeypatch):
     import surveilnav.benchmark.canary
-    from surveilnav.services.planner.core.motion import marching
+    from surveilnav.services.planner.core.motion import fast_marching
 
     monkeypatch.setattr(surveilnav.benchmark.canary, "play", lambda search: None)
     told = []
     preparing.compile_loops(lambda done, of, which: told.append((done, of)))
-    assert any(value in preparing._loops() for value in vars(marching).values())
+    assert any(value in preparing._loops() for value in vars(fast_marching).values())
     assert told[-1] == (len(preparing._loops()),) * 2
 
 

@@ -105,7 +105,7 @@ def test_planner_and_judge_agree_where_the_body_is_at_ease(seed, share):
     terrain = terrain_of(blocked, robot, FloorMemory())
     rows, cols = terrain.occupied.shape
     assert (rows, cols) == GRID.shape
-    at_ease = terrain.speed > CONFIG.tight_speed
+    at_ease = terrain.speed > CONFIG.constrained_speed
     at_ease[terrain.cell(*HERE)] = fits(terrain.clearance_m)[terrain.cell(*HERE)]  # where it stands is never blocked
     assert np.array_equal(at_ease, fits(clearance_m(blocked, R)))
 

@@ -1,16 +1,20 @@
-"""Pure planning: ``step(state, maps, robot, config)`` gives the next action of a mission. No bus, no clock.
+"""Pure planning: ``step(state, maps, robot, config)`` gives a mission's next action. It uses no bus and no clock.
 
-goals/    what the robot may go to: objects, frontiers, floors (questions)
-motion/   how it gets there: terrain, fast marching, driving
-pursuit/  what it does on the way and there; ``approach`` looks at an object, believes, and decides the stop
-stages/   in which order waypoints are tried (``rounds``), one file each
-memory    everything that changes what a mission remembers
-config    every number
-warm_up   inner loops compiled before a robot waits for them
+inputs      the maps and the robot at one step; decision: what the step answers
+memory/     what a mission remembers, and every method that changes it
+goals/      what the robot may head for: objects, frontiers, floors, stairs (questions only)
+motion/     how it gets there: terrain, Fast Marching, the local planner
+behaviours/ what it does on the way and at a waypoint: explore, approach an object, take stairs
+stages/     the kinds of waypoints, one file each, and the order in which they are tried (``rounds``)
+config      every number
+warm_up     compiles the inner loops before a robot waits for them
 """
 
 from surveilnav.services.planner.core.config import PlannerConfig
-from surveilnav.services.planner.core.state import Decision, FloorMemory, MapView, MissionState, RobotView
+from surveilnav.services.planner.core.decision import Decision
+from surveilnav.services.planner.core.inputs import MapView, RobotView
+from surveilnav.services.planner.core.memory.floor_memory import FloorMemory
+from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.step import step
 
 __all__ = ["Decision", "FloorMemory", "MapView", "MissionState", "PlannerConfig", "RobotView", "step"]

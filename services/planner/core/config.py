@@ -1,4 +1,4 @@
-"""Every number of the planner's core. Lengths in metres, angles in radians."""
+"""All settings of the planner's core. Lengths are in metres, angles in radians."""
 
 from __future__ import annotations
 
@@ -10,151 +10,191 @@ from surveilnav import robot_body
 
 
 class PlannerConfig(BaseModel):
-    """Settings of the planner's core, by what they decide.
+    """Settings of the planner's core, grouped by what they decide.
 
     Raises:
-        pydantic.ValidationError: a setting that doesn't exist, or a value that can't be.
+        pydantic.ValidationError: a setting doesn't exist, or its value isn't allowed.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     strategy: Literal["greedy", "object", "region"] = Field(
         "region",
-        description="what ranks frontiers, the paper's three: the nearest, the relevance of objects near by, the value map",
+        description="what ranks frontiers, the paper's three strategies: greedy takes the nearest, object the relevance of "
+        "objects near the frontier, region the value map",
     )
     verification: Literal["two_level", "paper"] = Field(
         "two_level",
-        description="two_level stops only at what is confirmed and the robot itself sees, or at what is likely enough after it "
-        "looked from near by; paper stops at whatever fusion calls confirmed",
+        description="two_level stops only at an object that is confirmed and that the robot itself sees, or that is likely "
+        "enough after the robot looked at it from near by; paper stops at whatever fusion calls confirmed",
     )
 
     # --- the robot ---
     robot_radius_m: float = Field(
-        robot_body.RADIUS_M, description="its footprint is a disc of this radius (Habitat's ObjectNav robot)"
+        robot_body.RADIUS_M, description="the robot's footprint is a disc of this radius (Habitat's ObjectNav robot)"
     )
     step_m: float = Field(robot_body.STEP_M, description="how far move_forward goes")
     turn_rad: float = Field(robot_body.TURN_RAD, description="how far turn_left and turn_right turn")
-    half_fov_rad: float = Field(0.66, description="what lies within this of its heading is well in its camera's view")
-    camera_height_m: float = Field(robot_body.CAMERA_HEIGHT_M, description="of its camera above the floor")
+    half_fov_rad: float = Field(
+        0.66, description="an object within this angle of the robot's heading is well inside its camera's view"
+    )
+    camera_height_m: float = Field(robot_body.CAMERA_HEIGHT_M, description="height of its camera above the floor")
 
     # --- terrain ---
-    comfort_m: float = Field(0.45, description="farther than this from obstacles it drives at full speed")
-    wall_speed: float = Field(0.3, description="speed right at its radius from an obstacle, as a share of full speed")
-    spare_m: float = Field(
+    comfort_clearance_m: float = Field(0.45, description="farther than this from obstacles it drives at full speed")
+    wall_speed: float = Field(
+        0.3, description="speed where its body just fits beside an obstacle, as a share of full speed"
+    )
+    obstacle_excess_m: float = Field(
         0.075,
         ge=0,
-        description="where there is no other way: mapped obstacles are thicker than walls by so much, a cell and its corner",
+        description="mapped obstacles are assumed to be this much thicker than the real ones (a cell and its corner): where "
+        "there is no other way, the robot tries gaps that are too narrow by up to this",
     )
-    tight_speed: float = Field(0.05, description="speed nearer to an obstacle than its radius")
-    unknown_speed: float = Field(0.5, description="speed through unexplored space; 0 forbids it")
-    visited_radius_m: float = Field(
-        0.15, description="so near to where it stood the ground is free whatever the map says"
+    constrained_speed: float = Field(
+        0.05, description="speed where an obstacle is mapped nearer than the robot's radius, as a share of full speed"
     )
-    escape_radius_m: float = Field(0.30, description="so near to the robot the ground is free whatever the map says")
-    crop_margin_m: float = Field(1.0, description="unknown space around everything known that is planned through")
-    turn_cost_m: float = Field(0.015, description="what a turn costs when sequences of steps are compared")
+    unknown_speed: float = Field(
+        0.5, description="factor on the speed through unexplored space; 0 forbids driving through it"
+    )
+    visited_free_radius_m: float = Field(
+        0.15, description="within this distance of places where the robot stood, the ground counts as free"
+    )
+    robot_free_radius_m: float = Field(
+        0.30, description="within this distance of the robot, the ground counts as free whatever the map says"
+    )
+    crop_margin_m: float = Field(
+        1.0, description="planning covers everything known and this much unknown space around it"
+    )
+    turn_cost_m: float = Field(0.015, description="cost of a turn when sequences of steps are compared")
 
     # --- frontiers ---
-    frontier_min_cells: int = Field(8, description="smaller clusters of frontier cells are left out")
-    frontier_piece_m: float = Field(2.0, description="longer frontiers are cut into pieces of at most this")
-    frontier_wide_m: float = Field(1.0, description="a frontier this wide hides as much as any; a slit half of it")
-    frontier_score: Literal["worth", "value"] = Field(
-        "worth",
-        description="worth: chance per metre of way and exploring; value: the highest value whatever the way, else the nearest",
+    frontier_min_cells: int = Field(8, description="smaller clusters of frontier cells are ignored")
+    frontier_piece_m: float = Field(2.0, description="longer frontiers are cut into pieces of at most this length")
+    frontier_wide_m: float = Field(
+        1.0, description="a frontier of at least this width is expected to hide the most; a slit half as much"
+    )
+    frontier_score: Literal["utility", "value"] = Field(
+        "utility",
+        description="utility: expected chance per metre of travel and exploring; value: the highest value whatever the "
+        "distance, the nearest if none is known",
     )
     value_radius_m: float = Field(
-        0.5, description="a frontier's value is the best of the value map so near to its middle"
+        0.5, description="a frontier's value is the highest of the value map within this distance of its middle"
     )
-    object_radius_m: float = Field(3.0, description="strategy object: objects so near to a frontier count")
-    value_gain: float = Field(1.0, description="what the highest value adds to a frontier's chance, as a share of it")
+    object_radius_m: float = Field(
+        3.0, description="strategy object: objects within this distance of a frontier count for it"
+    )
+    value_gain: float = Field(
+        1.0, description="the frontier of the highest value has 1 + this times the chance of the one of the lowest"
+    )
     exploit: Literal["adaptive", "always"] = Field(
         "adaptive",
         description="adaptive: values decide only where they differ enough (ApexNav's rule, arXiv 2504.14478)",
     )
-    exploit_min_std: float = Field(0.015, description="adaptive: least standard deviation of the values")
-    exploit_min_ratio: float = Field(1.10, description="adaptive: least ratio of their highest to their mean")
+    exploit_min_std: float = Field(0.015, description="adaptive: least standard deviation of the frontiers' values")
+    exploit_min_ratio: float = Field(1.10, description="adaptive: least ratio of the highest value to the mean")
     distance_weight_per_m: float = Field(
-        0.05, description="second look: what a metre of way takes from a place's value"
+        0.05, description="second look: how much a metre of travel takes off a place's value"
     )
-    explore_m: float = Field(3.0, description="what exploring beyond a frontier costs, beside the way to it")
-    explore_chance: float = Field(0.12, description="how likely exploring one frontier finds the target")
+    explore_cost_m: float = Field(3.0, description="cost of exploring beyond a frontier, in addition to the way to it")
+    explore_chance: float = Field(0.12, description="chance that exploring one frontier finds the target")
     objects_first: bool = Field(False, description="any promising object comes before exploring, however far it is")
-    reached_m: float = Field(0.45, description="so near to a frontier or a place to look from the robot has arrived")
+    reached_m: float = Field(
+        0.45, description="the robot has reached a frontier, or a place to look around from, within this distance"
+    )
 
     # --- waypoints ---
-    same_place_m: float = Field(0.5, description="places so near to each other are one")
+    same_place_m: float = Field(0.5, description="places within this distance of each other count as the same place")
     switch_ratio: float = Field(
-        1.3, description="the waypoint on the way to is left for one that is worth so much more"
+        1.3,
+        description="the robot leaves its current waypoint only for one with this many times its utility (hysteresis)",
     )
     patience_steps: int = Field(
-        20, description="a waypoint that the robot gets no nearer to for so long is blacklisted"
+        20, description="a waypoint that the robot gets no nearer to for this many steps is blacklisted"
     )
-    blacklist_steps: int = Field(60, description="for so long a place is left alone that the robot failed to reach")
-    detour_m: float = Field(0.5, description="a way that grows by this is another way, and gets patience of its own")
-    max_detours: int = Field(4, description="how often a way may turn out longer before the waypoint is blacklisted")
-    hard_way_m: float = Field(
+    blacklist_steps: int = Field(60, description="how long a place is left alone after the robot failed to reach it")
+    detour_m: float = Field(
+        0.5, description="a way that becomes longer by this is a new way, for which patience begins anew"
+    )
+    max_detours: int = Field(
+        4, description="how often the way may turn out to be longer before the waypoint is blacklisted"
+    )
+    constrained_detour_m: float = Field(
         4.0,
-        description="a waypoint that only tight places lead to, on a way longer by this than twice its distance, is left for "
-        "the end unless a confirmed target is there: such gaps are mostly the map's",
+        description="a waypoint that only narrow gaps lead to, on a way that is longer than twice its distance by more than "
+        "this, is left for the end unless a confirmed target is there: such gaps are mostly errors of the map",
     )
-    steps_per_m: float = Field(
-        7.0, description="what a metre of way costs in steps, turns included, with some to spare"
-    )
+    steps_per_m: float = Field(7.0, description="steps that a metre of travel takes, turns included, on the safe side")
     scan_turns: int = Field(12, description="turns of a full look around")
-    scan_unless_m: float = Field(3.0, description="no first look around where the likely target is so near")
+    skip_scan_within_m: float = Field(
+        3.0, description="there is no initial scan where an object within this distance is likely the target"
+    )
     second_look_m: float | None = Field(
         2.0,
         gt=0,
-        description="when all is explored in vain, the robot looks around again until every place lies so near to a full look "
-        "around: a detector needs more than a glance from afar. None: never",
+        description="when all is explored in vain, the robot looks around again until every place is within this distance of "
+        "a full look around, because a detector needs more than a glance from afar. None: never",
     )
 
     # --- objects ---
     promising_chance: float | None = Field(
-        0.1, description="less likely objects aren't gone to before all is explored. None: none but confirmed ones are"
+        0.1,
+        description="unconfirmed objects with a lower chance wait until all is explored. None: all unconfirmed ones wait",
     )
-    confirmed_first: bool = Field(False, description="a confirmed target comes before all else, whatever the way")
-    verify_m: float = Field(2.0, gt=0, description="what looking at an object costs, beside the way to it")
-    standoff_m: float = Field(0.75, description="where to stand before an object, if a way leads so near")
-    stop_m: float = Field(0.85, description="where to stand before an object if no way leads to ``standoff_m``")
-    farthest_stop_m: float = Field(1.50, description="the farthest place from which an object counts as reached")
-    inspect_m: float = Field(2.0, description="so near on its way the robot turns to an object that isn't verified")
-    verify_confidence_robot: float = Field(0.25, description="the robot's own confidence that verifies or contradicts")
+    confirmed_first: bool = Field(
+        False, description="a confirmed target comes before all other objects, however far it is"
+    )
+    verify_cost_m: float = Field(2.0, gt=0, description="cost of looking at an object, in addition to the way to it")
+    standoff_m: float = Field(0.75, description="preferred distance from an object to stop at")
+    stop_m: float = Field(0.85, description="distance to stop at if no way leads to within standoff_m")
+    farthest_stop_m: float = Field(1.50, description="the farthest distance at which an object counts as reached")
+    inspect_m: float = Field(
+        2.0, description="on its way, the robot turns to an unverified object once it is within this distance"
+    )
+    verify_confidence_robot: float = Field(
+        0.25, description="least confidence of the robot's own views that verifies or contradicts an object"
+    )
     accept_chance: float = Field(
-        0.70, description="from which an object is accepted that was looked at from near by and isn't confirmed"
+        0.70,
+        description="an unconfirmed object that the robot looked at from near by is accepted from this chance on",
     )
-    max_looks: int = Field(4, description="looks from other directions at an object before it is dropped")
+    max_extra_looks: int = Field(
+        4, description="looks in other directions at an object that isn't verified, before the robot dismisses it"
+    )
     last_resort_chance: float | None = Field(
         0.30,
-        description="when nothing is left to explore, or no steps are, the likeliest object is accepted after all if it has this "
-        "chance, also one that was rejected if the robot itself takes it for the target. None: never",
+        description="when nothing is left to explore, or hardly any steps are, the likeliest object is accepted if it has at "
+        "least this chance; also a rejected one, if the robot itself takes it for the target. None: never",
     )
 
     # --- floors ---
     stairs_known: Literal["seen", "plan"] = Field(
         "seen",
-        description="which stairs may be headed for: those explored (any, once nothing else is left), or all of the plan",
+        description="which stairs the robot may head for: seen, those explored (any, once nothing else is left); plan, all "
+        "of the building's plan",
     )
     floor_confidence: float = Field(
-        0.2, description="another floor is gone to if its cameras saw what is the target with this chance"
+        0.2, description="the robot goes to another floor if its cameras saw the target with at least this confidence"
     )
     floor_margin: float = Field(
-        0.15, description="another floor is gone to only if its evidence beats this floor's by this"
+        0.15, description="and only if that is higher than the evidence on this floor by at least this"
     )
-    floor_m: float = Field(12.0, description="about how far the target is from the stairs")
+    floor_search_m: float = Field(12.0, description="expected distance from the stairs to a target on another floor")
     floor_chance: float = Field(
-        0.7, description="how often a floor has a target that its cameras don't see; 1: surely, the robot never leaves"
+        0.7,
+        description="chance that a floor has a target that its cameras don't see; 1: it surely has, the robot never leaves",
     )
-    stairs_reach_m: float = Field(
-        0.45, description="so near to its end a stair can be taken; halved with every refusal"
+    stairs_radius_m: float = Field(
+        0.45, description="stairs can be taken within this distance of their end; halved after every failure"
     )
-    stairs_tries: int = Field(3, description="a stair that failed so often is barred")
-    floor_visits: int = Field(3, description="how often the robot comes to a floor at most")
+    max_stairs_failures: int = Field(3, description="stairs that failed this often aren't tried again")
+    max_floor_visits: int = Field(3, description="how often the robot may come to the same floor")
 
-    # --- getting stuck ---
-    stuck_steps: int = Field(24, description="without any way gained for so long, the robot is stuck")
-    max_escapes: int = Field(3, description="ways out of that before the mission fails")
+    # --- being stuck ---
+    stuck_steps: int = Field(24, description="without getting anywhere for this many steps, the robot is stuck")
+    max_recoveries: int = Field(3, description="attempts to get a stuck robot moving before the mission fails")
 
     def changed(self, **changes: Any) -> PlannerConfig:
-        """The same with some settings changed. Raises pydantic.ValidationError."""
+        """A copy with some settings changed. Raises pydantic.ValidationError."""
         return PlannerConfig(**{**self.model_dump(), **changes})

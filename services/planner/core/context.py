@@ -1,4 +1,4 @@
-"""One step in the making: everything that is known about it."""
+"""Everything that is known at one step, and what frontier rules and behaviours build from it."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ from numpy.typing import NDArray
 
 from surveilnav.messages import Candidate
 from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.decision import Decision, Phase
 from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers
+from surveilnav.services.planner.core.inputs import MapView, RobotView
+from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import LocalPlanner, Route
 from surveilnav.services.planner.core.motion.terrain import Terrain, build_terrain, coarse_travel_time_m
-from surveilnav.services.planner.core.state import Decision, MapView, MissionState, Phase, RobotView
 
-_SHOWN = 12
+_MAX_CANDIDATES = 12
 
 
 @dataclass(frozen=True, slots=True)
 class FrontierChoice:
-    """What a ``FrontierRule`` says: the frontiers that it compared, the one to go to, and why."""
+    """The answer of a ``FrontierRule``: the frontiers that it compared, the one to explore, and why."""
 
     compared: Sequence[Frontier]
     chosen: Frontier
@@ -31,15 +33,16 @@ class FrontierChoice:
 
 
 class FrontierRule(Protocol):
-    """Which frontier to explore next; ``goals.frontier_choice.best_frontier`` is ours, those of others can stand in for it."""
+    """Chooses the frontier to explore next. Ours is ``goals.frontier_choice.best_frontier``; the baselines of the benchmark
+    bring their own."""
 
     def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
-        """One of ``frontiers()``, which may be none; None: nothing is left to explore."""
+        """Chooses one of ``frontiers()``, which may be empty. None: nothing is left to explore."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The waypoint chosen, among those that it was compared with."""
+    """The chosen waypoint, and the candidates that it was compared with."""
 
     chosen: Candidate
     compared: tuple[Candidate, ...]
@@ -47,9 +50,10 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class StepContext:
-    """This step. Asking it changes nothing; ``state`` is the step's own copy, which only ``memory`` changes.
+    """Everything that is known at this step.
 
-    ``travel_time_m``: from the robot to every cell of the terrain, in metres of comfortable free space.
+    Asking it never changes anything. ``state`` is the step's own copy; behaviours and stages change it through the methods of
+    ``MissionState``. ``travel_time_m``: from the robot to every cell of the terrain, in metres of comfortable free space.
     """
 
     state: MissionState
@@ -63,7 +67,7 @@ class StepContext:
     travel_time_m: NDArray[np.float64]
 
     @classmethod
-    def of(
+    def from_inputs(
         cls,
         state: MissionState,
         maps: MapView,
@@ -73,25 +77,25 @@ class StepContext:
         summaries: Mapping[str, Mapping[str, float]],
         rule: FrontierRule,
     ) -> StepContext:
-        """The terrain around everything known and everything that may be gone to, and the robot's travel time over it."""
+        """Builds the terrain around everything known and every possible goal, and the robot's travel times over it."""
         goals = objects.candidates(maps.objects, state, config) + objects.last_resorts(maps.objects, state, config)
-        places = [o.center_m[:2] for o in goals] + _stair_ends(state, robot, config)
+        places = [o.center_m[:2] for o in goals] + _stairs_ends(state, robot, config)
         terrain = build_terrain(maps, robot, state, config, places)
         travel_time_m = coarse_travel_time_m(terrain, robot.x_m, robot.y_m)
         return cls(state, maps, robot, config, planner, summaries, rule, terrain, travel_time_m)
 
     @cached_property
     def frontiers(self) -> list[Frontier]:
-        """All that a way leads to."""
+        """All frontiers that a way leads to."""
         return find_frontiers(self.maps, self.terrain, self.travel_time_m, self.config)
 
     @cached_property
-    def roomy_travel_time_m(self) -> NDArray[np.float64]:
-        """``travel_time_m`` without tight places, but those where the robot stands."""
+    def unconstrained_travel_time_m(self) -> NDArray[np.float64]:
+        """``travel_time_m`` for a robot that avoids narrow gaps, except where it stands in one."""
         here = self.terrain.disc(self.robot.x_m, self.robot.y_m, self.config.same_place_m)
-        tight = (self.terrain.speed <= self.config.tight_speed) & ~here
-        roomy = replace(self.terrain, speed=np.where(tight, 0.0, self.terrain.speed))
-        return coarse_travel_time_m(roomy, self.robot.x_m, self.robot.y_m)
+        constrained = (self.terrain.speed <= self.config.constrained_speed) & ~here
+        terrain = replace(self.terrain, speed=np.where(constrained, 0.0, self.terrain.speed))
+        return coarse_travel_time_m(terrain, self.robot.x_m, self.robot.y_m)
 
     def decide(
         self,
@@ -102,11 +106,11 @@ class StepContext:
         route: Route | None = None,
         to_floor: str | None = None,
     ) -> Decision:
-        """A decision for the waypoint chosen."""
+        """A decision for an action towards the chosen waypoint, along a route if there is one."""
         here = self.robot.x_m, self.robot.y_m
         path = (here, *route.path[1:]) if route else (here,)
         length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if route else None
-        chosen, compared = (choice.chosen, choice.compared[:_SHOWN]) if choice else (None, ())
+        chosen, compared = (choice.chosen, choice.compared[:_MAX_CANDIDATES]) if choice else (None, ())
         return Decision(
             action,
             phase,
@@ -120,8 +124,8 @@ class StepContext:
         )
 
 
-def _stair_ends(state: MissionState, robot: RobotView, config: PlannerConfig) -> list[tuple[float, float]]:
-    """(x, y) [m] of the stairs of this floor that may be headed for unseen."""
-    if config.stairs_known == "seen" and not state.here.exhausted:
+def _stairs_ends(state: MissionState, robot: RobotView, config: PlannerConfig) -> list[tuple[float, float]]:
+    """(x, y) [m] of the stairs of this floor that the robot may head for without having seen them."""
+    if config.stairs_known == "seen" and not state.here.is_searched:
         return []
-    return [stair.at_m[:2] for stair in robot.stairs if stair.floor == robot.floor]
+    return [stairs.at_m[:2] for stairs in robot.stairs if stairs.floor == robot.floor]

@@ -1,4 +1,4 @@
-"""Inner loops are compiled before anybody waits for them: by one step in a made-up map. See fusion's of the same name."""
+"""Compiles the inner loops by one step in a made-up map, so that no robot waits for the compiler."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import numpy as np
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
 from surveilnav.services.planner.core.config import PlannerConfig
-from surveilnav.services.planner.core.state import MapView, MissionState, RobotView
+from surveilnav.services.planner.core.inputs import MapView, RobotView
+from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.step import step
 
 _CHAIR = ObjectRecord(
@@ -32,14 +33,14 @@ _CHAIR = ObjectRecord(
 
 
 def warm_up(config: PlannerConfig) -> None:
-    """Has every loop compiled that a search calls, or read from Numba's cache."""
+    """Compiles every Numba function that a search calls, or loads it from Numba's cache."""
     maps = _half_a_room()
     robot = RobotView(0, 0.0, 0.0, 0.0, 0.0, maps.floor, False, None, 0.0)
     step(MissionState("chair"), maps, robot, config)
 
 
 def _half_a_room() -> MapView:
-    """A square of floor between walls. Half of it was seen: there are a robot, at (0, 0) [m], and a chair."""
+    """A square floor of 12 m between walls, half of it explored, with a chair. The robot stands at (0, 0) [m]."""
     grid = Grid.centred(0.0, 0.0, 12.0, 0.05)
     walls, seen, frontier = (np.zeros(grid.shape, np.uint8) for _ in range(3))
     walls[:2], walls[-2:], walls[:, :2], walls[:, -2:] = 1, 1, 1, 1

@@ -9,9 +9,9 @@ import pytest
 from surveilnav.benchmark.policies import Task, Truth
 from surveilnav.messages import ObjectRecord
 from surveilnav.services.planner.core import MapView
+from surveilnav.services.planner.core.inputs import RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
-from surveilnav.services.planner.core.motion.terrain import clear_lines
-from surveilnav.services.planner.core.state import RobotView
+from surveilnav.services.planner.core.motion.terrain import lines_are_clear
 from surveilnav.services.robot_node import core as robot
 from surveilnav.simulator.sources import open_building
 from surveilnav.simulator.world.goals import find_goals, judge, sample_start
@@ -57,7 +57,7 @@ class Search:
         away = np.linalg.norm(floor.grid.centres_of(cells) - here, axis=1)
         cells = cells[away <= SIGHT_M]
         start = np.broadcast_to(floor.grid.cells_of(here), cells.shape)
-        seen = cells[clear_lines(floor.obstacle, cells, start, 0.0)]
+        seen = cells[lines_are_clear(floor.obstacle, cells, start, 0.0)]
         self.explored[floor.id][seen[:, 0], seen[:, 1]] = True
         points = floor.grid.centres_of(seen)
         for thing in self.home.scene.instances:

@@ -16,8 +16,8 @@ from surveilnav.services.planner.core.goals.frontiers import Frontier
 from surveilnav.simulator.furniture.labels import TARGETS
 
 
-def frontier(way_m, value=math.nan, n_cells=20, x_m=0.0, y_m=0.0):
-    return Frontier(x_m, y_m, n_cells, way_m, value, value)
+def frontier(travel_time_m, value=math.nan, n_cells=20, x_m=0.0, y_m=0.0):
+    return Frontier(x_m, y_m, n_cells, travel_time_m, value, value)
 
 
 def thing(label, x_m, y_m, status="candidate"):
@@ -62,7 +62,7 @@ def test_vlfm(held, last_value, chosen):
 
 
 def test_vlfm_takes_the_nearest_of_equals():
-    assert vlfm.best([frontier(3.0, 0.3), frontier(2.0, 0.3)], None, 0.0).way_m == 2.0
+    assert vlfm.best([frontier(3.0, 0.3), frontier(2.0, 0.3)], None, 0.0).travel_time_m == 2.0
 
 
 # --- ApexNav ------------------------------------------------------------------------------------------------------
@@ -123,7 +123,7 @@ def test_l3mvn_looks_at_the_four_best_within_reach():
     ]
     scored = l3mvn.scored(found, [], "toilet", KNOWN)
     assert len(scored) == 4
-    assert all(f.way_m < 5.0 and f.n_cells > 5 for f in scored)
+    assert all(f.travel_time_m < 5.0 and f.n_cells > 5 for f in scored)
     assert l3mvn.scored(found[-1:], [], "toilet", KNOWN)[0].n_cells == 90
 
 

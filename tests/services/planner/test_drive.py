@@ -10,7 +10,7 @@ import pytest
 
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import clearance_m
-from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView, memory
+from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, bearing_error_rad, turn_towards
 from surveilnav.services.planner.core.motion.terrain import build_terrain
 
@@ -95,9 +95,8 @@ def test_goes_round_between_no_places_without_end(seed):
     maps = explored(occupied)
     body_fits = clearance_m(occupied != 0, maps.grid.resolution_m) >= 0.14
     state, robot = MissionState("x"), robot_at(x, y, yaw)
-    memory.arrive(state, robot)
     for _ in range(120):
-        memory.remember(state, robot, CONFIG)
+        state.record_robot(robot, CONFIG)
         terrain = build_terrain(maps, robot, state, CONFIG)
         goals = terrain.disc(4.0, 2.5, 0.3) & (terrain.speed > 0.0)
         if goals[terrain.cell(robot.x_m, robot.y_m)]:
@@ -108,15 +107,14 @@ def test_goes_round_between_no_places_without_end(seed):
 
 def test_a_place_that_the_robot_only_passes_again_costs_nothing():
     maps, state, robot = explored(), MissionState("x"), robot_at(1.0, 1.0)
-    memory.arrive(state, robot)
     revisits = []
     for x in (1.0, 1.0, 1.25, 1.0, 1.25, 1.0, 1.25, 1.0):
-        memory.remember(state, replace(robot, x_m=x), CONFIG)
+        state.record_robot(replace(robot, x_m=x), CONFIG)
         terrain = build_terrain(maps, robot, state, CONFIG)
         revisits.append(terrain.revisit_m[terrain.cell(1.0, 1.0)] / CONFIG.step_m)
     assert revisits == [0, 0, 0, 0, 0, 1, 1, 4]  # standing isn't coming; the third time costs
     for k in range(60):
-        memory.remember(state, replace(robot, x_m=0.52 + 0.05 * k), CONFIG)
+        state.record_robot(replace(robot, x_m=0.52 + 0.05 * k), CONFIG)
     assert not build_terrain(maps, robot, state, CONFIG).revisit_m.any()
 
 

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from surveilnav.services.planner.core import MissionState, PlannerConfig
+from surveilnav.services.planner.core import FloorMemory, MissionState, PlannerConfig
 from surveilnav.services.planner.core.goals.floors import chance_here
-from surveilnav.services.planner.core.goals.stairs import WayToFloor
+from surveilnav.services.planner.core.goals.stairs import PathToFloor
 from surveilnav.services.planner.core.stages import last_resort as stage
 from surveilnav.services.planner.core.stages.stage import RETRY
-from surveilnav.services.planner.core.state import FloorMemory
 
 #: A hall with a side room; ``C`` a thing in it. The stair's end is at (6.1, 0.9).
 FLOOR = """
@@ -119,7 +118,7 @@ def test_the_chance_here_is_by_bayes():
     """Against the formula written out: one in 11 m of exploring, 22 m walked, where half of the floors have one."""
     walked = [(0.25 * i, 0.0) for i in range(89)]
     state = MissionState("chair", floor="0", floors={"0": FloorMemory(visited=walked)})
-    config = PlannerConfig(floor_chance=0.5, explore_chance=3.0 / 11.0, explore_m=3.0)
+    config = PlannerConfig(floor_chance=0.5, explore_chance=3.0 / 11.0, explore_cost_m=3.0)
     context = SimpleNamespace(state=state, config=config)
     missed = math.exp(-2.0)
     assert chance_here(context) == pytest.approx(0.5 * missed / (0.5 * missed + 0.5))
@@ -155,7 +154,7 @@ def test_all_floors_are_searched_once_before_it_ends(world, house):
     state, decision = h.run(max_steps=900)
     assert decision.error == "not_found"
     assert h.trail == ["0", "1", "2"]
-    assert all(memory.exhausted for memory in state.floors.values())
+    assert all(memory.is_searched for memory in state.floors.values())
 
 
 def test_cameras_that_are_wrong_about_both_floors_do_not_make_it_swing(world, house):
@@ -209,7 +208,7 @@ def test_a_refused_stair_is_tried_nearer_and_then_barred(two_floors, refuses, fo
     if not found:
         assert decision.error == "unreachable"
         assert "(6.1, 0.9) to floor 1" in decision.message
-        assert state.floors["0"].stairs_failed == {"(6.1, 0.9)": 3}
+        assert state.floors["0"].stairs_failures == {"(6.1, 0.9)": 3}
 
 
 def test_another_stair_is_taken_when_one_is_shut(two_floors):
@@ -232,7 +231,7 @@ def test_a_stair_counts_by_its_length(two_floors):
     assert state.step >= sum(before.values()) + 15  # 4 m of stairs are 16 moves
 
 
-def test_the_best_of_what_was_dropped_on_another_floor(world, house, thing):
+def test_the_best_of_what_was_dismissed_on_another_floor(world, house, thing):
     """Nothing is ever confirmed: at the end the robot goes back to the floor with the best candidate."""
     import msgspec
 
@@ -257,9 +256,9 @@ def test_the_best_of_what_was_dropped_on_another_floor(world, house, thing):
 def test_what_was_accepted_in_vain_holds_nobody_back(monkeypatch, accepted, goes):
     """The better candidate was here; once it was tried, the weaker one on the other floor is next."""
     state = MissionState("chair", floor="0")
-    state.here.reserve, state.here.accepted_object = 0.4, accepted
-    state.floors["1"] = FloorMemory(reserve=0.35, visits=1, exhausted=True)
-    monkeypatch.setattr(stage, "ways", lambda context: {"1": WayToFloor(3.0, None)})
+    state.here.best_remaining_chance, state.here.accepted_object = 0.4, accepted
+    state.floors["1"] = FloorMemory(best_remaining_chance=0.35, visits=1, is_searched=True)
+    monkeypatch.setattr(stage, "paths_to_floors", lambda context: {"1": PathToFloor(3.0, None)})
     monkeypatch.setattr(stage, "likeliest_last_resort", lambda context: None)
     outcome = stage.last_resort(SimpleNamespace(state=state, config=PlannerConfig()))
     assert (outcome is RETRY) == goes

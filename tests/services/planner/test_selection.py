@@ -14,23 +14,24 @@ import pytest
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate
 from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core.behaviours.approach_object import _describe, approach_object
+from surveilnav.services.planner.core.behaviours.follow_route import follow_route
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals import goal_region as regions
 from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
-from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers, rank, worth_exploiting
+from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers, rank, values_differ_enough
 from surveilnav.services.planner.core.goals.goal_region import footprint, goal_region
 from surveilnav.services.planner.core.goals.object_choice import likeliest_last_resort, promising_object
 from surveilnav.services.planner.core.goals.objects import candidates, chance, promising
-from surveilnav.services.planner.core.goals.verification import good_enough, verify
-from surveilnav.services.planner.core.memory import accept_last_resort, blacklist, commit, is_blacklisted, wake_all
+from surveilnav.services.planner.core.goals.verification import is_likely_enough, verify
+from surveilnav.services.planner.core.memory.floor_goal import FloorGoal
+from surveilnav.services.planner.core.memory.floor_memory import DismissedObject
+from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
 from surveilnav.services.planner.core.motion.drive import Route
 from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
-from surveilnav.services.planner.core.pursuit.approach import _name, approach
-from surveilnav.services.planner.core.pursuit.follow import follow
 from surveilnav.services.planner.core.stages import objects as object_stages
 from surveilnav.services.planner.core.stages.promising_candidate import promising_candidate
-from surveilnav.services.planner.core.state import CurrentWaypoint, FloorGoal
 
 CONFIG = PlannerConfig()
 HALL = """
@@ -104,8 +105,8 @@ def test_frontier_by_objects_near_it(make_record):
         ([math.nan, 0.1, 0.9], True),
     ],
 )
-def test_worth_exploiting(values, expected):
-    assert worth_exploiting(np.array(values), CONFIG) == expected
+def test_values_differ_enough(values, expected):
+    assert values_differ_enough(np.array(values), CONFIG) == expected
 
 
 def test_long_frontiers_are_cut_and_specks_left_out():
@@ -115,21 +116,21 @@ def test_long_frontiers_are_cut_and_specks_left_out():
     found = find_frontiers(m, terrain, coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m), CONFIG)
     assert len(found) == 3
     assert sum(f.n_cells for f in found) == 120
-    assert all(abs(f.y_m - 5.025) < 1e-9 and f.way_m > 3.5 for f in found)
+    assert all(abs(f.y_m - 5.025) < 1e-9 and f.travel_time_m > 3.5 for f in found)
 
 
 def test_given_up_twice_is_for_good():
     state = MissionState("chair")
-    blacklist(state, 1.0, 1.0, CONFIG)
-    assert is_blacklisted(state, 1.1, 1.0, CONFIG)
-    assert not is_blacklisted(state, 2.0, 1.0, CONFIG)
-    assert wake_all(state)
-    assert not is_blacklisted(state, 1.0, 1.0, CONFIG)
-    blacklist(state, 1.05, 1.0, CONFIG)
-    wake_all(state)
-    assert is_blacklisted(state, 1.0, 1.0, CONFIG)
-    assert not is_blacklisted(state, 1.0, 1.0, CONFIG, confirmed=True)  # a confirmed target has more tries
-    assert not wake_all(state)
+    state.blacklist_place(1.0, 1.0, CONFIG)
+    assert state.is_blacklisted(1.1, 1.0, CONFIG)
+    assert not state.is_blacklisted(2.0, 1.0, CONFIG)
+    assert state.release_blacklisted()
+    assert not state.is_blacklisted(1.0, 1.0, CONFIG)
+    state.blacklist_place(1.05, 1.0, CONFIG)
+    state.release_blacklisted()
+    assert state.is_blacklisted(1.0, 1.0, CONFIG)
+    assert not state.is_blacklisted(1.0, 1.0, CONFIG, confirmed=True)  # a confirmed target has more tries
+    assert not state.release_blacklisted()
 
 
 @pytest.mark.parametrize(
@@ -152,13 +153,13 @@ def test_candidates_and_promising_ones(make_record, facts, weak, taken):
     assert bool(found) == taken
 
 
-def test_confirmed_comes_first_and_dropped_stays_out(make_record):
+def test_confirmed_comes_first_and_dismissed_stays_out(make_record):
     a = make_record(id=1, confidence=0.9, at=(1, 1))
     b = make_record(id=2, confidence=0.6, status="confirmed", at=(3, 3))
-    again = make_record(id=3, confidence=0.9, at=(3.1, 3))  # the dropped one under a new id
+    again = make_record(id=3, confidence=0.9, at=(3.1, 3))  # the dismissed one under a new id
     state = MissionState("chair")
     assert promising([a, b, again], state, CONFIG)[0].id == 2
-    state.here.dropped[2] = (3.0, 3.0, "no")
+    state.here.dismissed[2] = DismissedObject(3.0, 3.0, "no")
     assert [o.id for o in promising([a, b, again], state, CONFIG)] == [1]
     seen = make_record(id=3, at=(3.1, 3), label_robot="chair", confidence_robot=0.8)
     assert [o.id for o in promising([seen], state, CONFIG)] == [3]
@@ -204,7 +205,7 @@ CAMERAS = {"label_surveillance": "chair", "confidence_surveillance": 0.9, "confi
 def test_verdict(make_record, facts, config, expected, enough):
     record = make_record(**facts)
     assert verify(record, "chair", config) == expected
-    assert good_enough(record, "chair", config) == enough
+    assert is_likely_enough(record, "chair", config) == enough
 
 
 def test_standoff_is_near_and_not_behind_a_wall(make_record):
@@ -248,8 +249,8 @@ def test_a_goal_region_is_the_same_looked_for_nearby_or_everywhere(make_record, 
         center_m=(x, y, 0.5 if low else 1.0), size_m=(0.8, 0.4, 0.8), seen_from=(0.0, 0.8), points=points.tobytes()
     )
     nearby = goal_region(terrain, travel_time_m, thing, HERE, CONFIG)
-    whole = regions._Part(terrain, 0, 0, terrain.grid.shape)
-    monkeypatch.setattr(regions._Part, "around", classmethod(lambda cls, terrain, cells, margin_m: whole))
+    whole = regions._Window(terrain, 0, 0, terrain.grid.shape)
+    monkeypatch.setattr(regions._Window, "around", classmethod(lambda cls, terrain, cells, margin_m: whole))
     everywhere = goal_region(terrain, travel_time_m, thing, HERE, CONFIG)
     assert (nearby is None) == (everywhere is None)
     if nearby is not None:
@@ -278,7 +279,7 @@ def test_a_thing_on_a_table_is_looked_at_over_the_table_and_not_over_a_wall(make
     for occupancy, south in ((table, True), (walled, False)):
         terrain, place = standing(make_record, occupancy, **high)
         assert place.distance_m[place.goals].max() <= 0.85 + 1e-6
-        assert terrain.speed[place.goals].min() > CONFIG.tight_speed
+        assert terrain.speed[place.goals].min() > CONFIG.constrained_speed
         ys = terrain.grid.centres_of(np.argwhere(place.goals))[:, 1]
         assert (ys < 4.3).any() == south
     terrain, place = standing(make_record, table)  # as high as the table's legs: it is under the table
@@ -319,7 +320,7 @@ def test_nobody_stands_in_a_gap_that_is_too_tight_by_the_map(make_record):
     occupancy = np.zeros(GRID.shape, np.uint8)
     occupancy[90:100, 60:97] = occupancy[90:100, 103:140] = 1
     terrain, place = standing(make_record, occupancy)
-    assert terrain.speed[place.goals].min() > CONFIG.tight_speed
+    assert terrain.speed[place.goals].min() > CONFIG.constrained_speed
 
 
 @pytest.mark.parametrize("score", [-1e6, math.nan, math.inf, 1.5])
@@ -347,7 +348,7 @@ def test_exploring_near_by_may_be_worth_more_than_a_faint_candidate_far_away(mak
     candidate = make_record(at=(1.0 + far_m, 1.0), confidence=confidence)
     m = MapView("0", 0.0, grid, nothing, explored, frontier, np.full(grid.shape, np.nan, np.float32), [candidate], 1)
     state = MissionState("chair", floor="0")
-    state.here.scan_left = 0
+    state.here.scan_turns_left = 0
     here = RobotView(1, 1.0, 1.0, 0.0, 0.0, "0", False, None, 0.0)
     assert step(state, m, here, PlannerConfig())[1].phase == ("approaching" if first == "far" else "exploring")
     assert step(state, m, here, PlannerConfig(explore_chance=1.0))[1].phase == "exploring"
@@ -365,17 +366,17 @@ class Routes:
 
 
 @pytest.mark.parametrize(("detours", "kept"), [(1, True), (CONFIG.max_detours, True), (CONFIG.max_detours + 1, False)])
-def test_a_way_that_turns_out_longer_is_given_new_patience_but_not_for_ever(detours, kept):
+def test_a_way_that_turns_out_longer_gets_new_patience_but_not_for_ever(detours, kept):
     """Every 15 steps, in which nothing is gained on the best so far, the map shows that the way is 10 m longer."""
     n = CONFIG.patience_steps * 3 // 4
     lengths_m = [5.0 + 10.0 * k + 0.01 * i for k in range(detours + 1) for i in range(n)]
     m = maps([(100, c) for c in range(90, 110)])
     state = MissionState("chair")
-    context = StepContext.of(state, m, HERE, CONFIG, Routes(lengths_m), {}, best_frontier)
-    commit(state, Candidate("frontier", 5.0, 5.0, 0.0, True, ""), CONFIG)
+    context = StepContext.from_inputs(state, m, HERE, CONFIG, Routes(lengths_m), {}, best_frontier)
+    state.commit_to(Candidate("frontier", 5.0, 5.0, 0.0, True, ""), CONFIG)
     gone = []
     for _ in lengths_m:
-        if follow(context, context.terrain.disc(5.0, 5.0, 0.3)) is None:
+        if follow_route(context, context.terrain.disc(5.0, 5.0, 0.3)) is None:
             gone.append(state.step)
             break
         state.step += 1
@@ -383,16 +384,16 @@ def test_a_way_that_turns_out_longer_is_given_new_patience_but_not_for_ever(deto
 
 
 def context_with(record, state):
-    return StepContext.of(state, maps(objects=[record]), HERE, CONFIG, Routes([]), {}, best_frontier)
+    return StepContext.from_inputs(state, maps(objects=[record]), HERE, CONFIG, Routes([]), {}, best_frontier)
 
 
 @pytest.mark.parametrize(("share", "kept"), [(0.5, False), (0.9, True), (1.5, True)])
 def test_the_way_to_the_stairs_is_left_only_for_what_is_clearly_worth_more(make_record, monkeypatch, share, kept):
     """``share``: what the way to the stairs is worth of what the candidate is."""
-    monkeypatch.setattr(object_stages, "approach", lambda context, record, choice: record)
+    monkeypatch.setattr(object_stages, "approach_object", lambda context, record, choice: record)
     candidate = make_record(at=(5.0, 5.0), confidence=0.3, n_detections=3)
     alone = promising_object(context_with(candidate, MissionState("chair")))
-    state = MissionState("chair", floor_goal=FloorGoal("1", "cameras", share * alone.worth))
+    state = MissionState("chair", floor_goal=FloorGoal("1", "cameras", share * alone.utility))
     assert promising_candidate(context_with(candidate, state)) is candidate  # not on the way yet
     state.waypoint = CurrentWaypoint("stairs", 9.0, 9.0, None, 0)
     assert (promising_candidate(context_with(candidate, state)) is None) == kept
@@ -403,7 +404,7 @@ def test_a_confirmed_target_is_tried_again_more_often(make_record, status, tries
     record = make_record(at=(5.0, 5.0), status=status, confidence=0.6, n_detections=3)
     state = MissionState("chair")
     for n in range(1, tries + 1):
-        blacklist(state, 5.0, 5.0, CONFIG)
+        state.blacklist_place(5.0, 5.0, CONFIG)
         assert promising_object(context_with(record, state)) is None  # for now
         state.step += CONFIG.blacklist_steps
         assert (promising_object(context_with(record, state)) is None) == (n == tries)
@@ -426,12 +427,12 @@ def test_the_floor_at_its_foot_is_no_part_of_an_object(make_record):
 
 
 @pytest.mark.parametrize(("steps_left", "goes"), [(200, False), (15, True)])
-def test_the_best_of_what_was_dropped_is_taken_when_the_steps_run_out(make_record, steps_left, goes):
+def test_the_best_of_what_was_dismissed_is_taken_when_the_steps_run_out(make_record, steps_left, goes):
     """A chair that the robot was half sure of, 1 m away, and a whole building to explore."""
     seen = make_record(at=(6.0, 1.0), label_robot="chair", confidence_robot=0.35, confidence=0.35, n_detections=6)
     state = MissionState("chair", step=500 - steps_left, floor="0")
-    state.here.scan_left = 0
-    state.here.dropped[seen.id] = (6.0, 1.0, "not sure")
+    state.here.scan_turns_left = 0
+    state.here.dismissed[seen.id] = DismissedObject(6.0, 1.0, "not sure")
     m = maps([(60, c) for c in range(90, 110)], objects=[seen])
     after, decision = step(state, m, HERE, CONFIG)
     assert (after.here.accepted_object == seen.id) == goes
@@ -439,7 +440,7 @@ def test_the_best_of_what_was_dropped_is_taken_when_the_steps_run_out(make_recor
 
 
 @pytest.mark.parametrize(
-    ("status", "dropped", "label_robot", "may_be"),
+    ("status", "dismissed", "label_robot", "may_be"),
     [
         ("candidate", False, "", True),
         ("candidate", False, "bed", True),
@@ -451,12 +452,12 @@ def test_the_best_of_what_was_dropped_is_taken_when_the_steps_run_out(make_recor
         ("confirmed", False, "chair", True),
     ],
 )
-def test_what_may_be_a_last_resort(make_record, status, dropped, label_robot, may_be):
+def test_what_may_be_a_last_resort(make_record, status, dismissed, label_robot, may_be):
     """What nobody judged, or what the robot itself takes for the target though it was judged."""
     record = make_record(at=(6.0, 1.0), confidence=0.5, label_robot=label_robot, status=status, n_detections=6)
     state = MissionState("chair", floor="0")
-    if dropped:
-        state.here.dropped[record.id] = (6.0, 1.0, "not confirmed")
+    if dismissed:
+        state.here.dismissed[record.id] = DismissedObject(6.0, 1.0, "not confirmed")
     assert objects.last_resorts([record], state, CONFIG) == [record] * may_be
     under_a_new_id = msgspec.structs.replace(record, id=77)
     if status != "confirmed":
@@ -477,28 +478,28 @@ def test_less_than_the_chance_asked_for_is_no_last_resort(make_record, status):
 
 
 def test_the_likeliest_that_a_way_leads_to_is_the_last_resort(make_record):
-    """The best stands in a closed room; the next was dropped, and wavered; the third is less likely."""
+    """The best stands in a closed room; the next was dismissed, and oscillated; the third is less likely."""
     walls = np.zeros(GRID.shape, np.uint8)
     walls[100:161, 100] = walls[100:161, 160] = walls[100, 100:161] = walls[160, 100:161] = 1
     walled = make_record(id=1, at=(6.5, 6.5), confidence=0.9, n_detections=6)
     second = make_record(id=2, at=(7.0, 1.0), confidence=0.5, label_robot="chair", n_detections=6)
     third = make_record(id=3, at=(6.0, 1.0), confidence=0.4, n_detections=6)
     state = MissionState("chair", floor="0")
-    state.here.dropped[2], state.here.wavered[2] = (7.0, 1.0, "not confirmed"), 5
-    blacklist(state, 7.0, 1.0, CONFIG)
+    state.here.dismissed[2], state.here.oscillations[2] = DismissedObject(7.0, 1.0, "not confirmed"), 5
+    state.blacklist_place(7.0, 1.0, CONFIG)
     m = maps(objects=[walled, second, third], occupancy=walls)
-    context = StepContext.of(state, m, HERE, CONFIG, Routes([]), {}, best_frontier)
+    context = StepContext.from_inputs(state, m, HERE, CONFIG, Routes([]), {}, best_frontier)
 
     def accept():
-        return accept_last_resort(state, likeliest_last_resort(context), CONFIG)
+        return state.accept_last_resort(likeliest_last_resort(context), CONFIG)
 
     assert objects.last_resorts(m.objects, state, CONFIG)[0] is walled
     assert accept()
     assert state.here.accepted_object == 2
-    assert promising_object(context).record is second, "neither the blacklist nor wavering holds it back"
+    assert promising_object(context).record is second, "neither the blacklist nor oscillating holds it back"
     assert not accept(), "no news"
     for _ in range(2):
-        blacklist(state, 7.0, 1.0, CONFIG)
+        state.blacklist_place(7.0, 1.0, CONFIG)
     assert accept()
     assert state.here.accepted_object == 3, "what was given up for good makes room for the next"
     m.objects.remove(third)
@@ -508,18 +509,18 @@ def test_the_likeliest_that_a_way_leads_to_is_the_last_resort(make_record):
 
 @pytest.mark.parametrize("judged_before", [False, True])
 def test_a_last_resort_is_judged_once(make_record, judged_before):
-    """Nobody had looked at it, and it is a bed: dropped. It was dropped before: views that disagree decide nothing."""
+    """Nobody had looked at it, and it is a bed: dismissed. It was dismissed before: views that disagree decide nothing."""
     record = make_record(at=(6.0, 1.0), label="bed", confidence=0.6, label_robot="bed", confidence_robot=0.6)
     record = msgspec.structs.replace(record, label_scores={"bed": 0.6, "chair": 0.3})
     state = MissionState("chair", floor="0")
     state.here.accepted_object = record.id
     if judged_before:
-        state.here.dropped[record.id] = (6.0, 1.0, "not confirmed")
+        state.here.dismissed[record.id] = DismissedObject(6.0, 1.0, "not confirmed")
     context = context_with(record, state)
-    assert (approach(context, record, promising_object(context).choice) is None) is not judged_before
+    assert (approach_object(context, record, promising_object(context).choice) is None) is not judged_before
     assert state.here.accepted_object == (record.id if judged_before else None)
-    assert record.id in state.here.dropped
-    assert accept_last_resort(state, likeliest_last_resort(context), CONFIG) is False
+    assert record.id in state.here.dismissed
+    assert state.accept_last_resort(likeliest_last_resort(context), CONFIG) is False
     assert state.here.accepted_object == (record.id if judged_before else None)
 
 
@@ -530,7 +531,7 @@ def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
     explored[:60, :120] = 1
     m = replace(maps([(30, c) for c in range(90, 110)], objects=[seen]), explored=explored)
     state = MissionState("chair", step=450, floor="0")
-    state.here.scan_left = 0
+    state.here.scan_turns_left = 0
     after, decision = step(state, m, HERE, CONFIG)
     assert (after.here.accepted_object, decision.object_id) == (seen.id, seen.id)
 
@@ -547,4 +548,4 @@ def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
 )
 def test_an_object_of_another_name_is_said_with_the_chance_that_sends_the_robot_there(make_record, facts, said):
     context = SimpleNamespace(state=SimpleNamespace(target="tv"))
-    assert _name(context, make_record(id=15, **facts)) == said
+    assert _describe(context, make_record(id=15, **facts)) == said

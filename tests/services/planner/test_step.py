@@ -54,19 +54,19 @@ def test_explores_finds_and_stops_near(world, thing):
     assert w.path_m < 1.6 * math.dist(w.trace[0], w.trace[-1])
 
 
-@pytest.mark.parametrize("scan_unless_m", [3.0, 30.0])
-def test_surveillance_needs_no_exploring_and_near_by_no_look_around(world, thing, scan_unless_m):
+@pytest.mark.parametrize("skip_scan_within_m", [3.0, 30.0])
+def test_surveillance_needs_no_exploring_and_near_by_no_look_around(world, thing, skip_scan_within_m):
     known = {"label": "chair", "confidence": 0.9, "status": "confirmed"}
     w = world(TWO_ROOMS, {"C": thing("chair", looks_like="chair", known=known)}, yaw_rad=0.5)
     phases = []
-    config = PlannerConfig(scan_unless_m=scan_unless_m)
+    config = PlannerConfig(skip_scan_within_m=skip_scan_within_m)
     _, decision = w.run(config=config, watch=lambda m, r, s, d: phases.append(d.phase))
     assert decision.found
-    assert phases.count("scanning") == (config.scan_turns if scan_unless_m == 3.0 else 0)
+    assert phases.count("scanning") == (config.scan_turns if skip_scan_within_m == 3.0 else 0)
     assert "exploring" not in phases
 
 
-def test_false_positive_is_dropped_and_search_goes_on(world, thing):
+def test_false_positive_is_dismissed_and_search_goes_on(world, thing):
     drawing = TWO_ROOMS.replace("#   R               #", "#   R      TT       #")
     known = {"label": "chair", "confidence": 0.9, "status": "confirmed"}
     things = {"T": thing("table", looks_like="dining table", known=known), "C": thing("chair", looks_like="chair")}
@@ -78,17 +78,17 @@ def test_false_positive_is_dropped_and_search_goes_on(world, thing):
     state, decision = w.run()
     assert decision.found
     assert w.gap_m("C") <= 0.85
-    assert 1 in state.here.dropped
+    assert 1 in state.here.dismissed
 
 
-def test_unconfirmed_by_the_robot_is_dropped(world, thing):
+def test_unconfirmed_by_the_robot_is_dismissed(world, thing):
     """What cameras confirmed and is less likely after the robot's looks: two levels say no, ``paper`` says yes."""
     known = {"label": "chair", "confidence": 0.6, "status": "confirmed"}
     w = world(TWO_ROOMS, {"C": thing("chair", known=known)})
     state, decision = w.run()
     assert not decision.found
     assert decision.error == "not_found"
-    assert state.here.dropped
+    assert state.here.dismissed
     w = world(TWO_ROOMS, {"C": thing("chair", known=known)})
     _, decision = w.run(config=PlannerConfig(verification="paper"))
     assert decision.found
@@ -203,13 +203,13 @@ WINDOW = """
 """
 
 
-@pytest.mark.parametrize(("hard_way_m", "soon"), [(4.0, True), (1e9, False)])
-def test_what_is_seen_through_a_gap_comes_last(world, thing, hard_way_m, soon):
+@pytest.mark.parametrize(("constrained_detour_m", "soon"), [(4.0, True), (1e9, False)])
+def test_what_is_seen_through_a_gap_comes_last(world, thing, constrained_detour_m, soon):
     """The yard looks promising, but only a map has a way there: the rooms are explored first."""
     w = world(WINDOW, {"C": thing("chair", looks_like="chair")}, yaw_rad=-1.5, sees_from_m=5.0)
     w.value[:] = 0.1
     w.value[: w.grid.cells_of((0.0, 1.2))[0]] = 0.9
-    state, decision = w.run(config=PlannerConfig(hard_way_m=hard_way_m))
+    state, decision = w.run(config=PlannerConfig(constrained_detour_m=constrained_detour_m))
     assert decision.found
     assert (state.step < 60) == soon
 

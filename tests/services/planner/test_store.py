@@ -13,7 +13,7 @@ from structlog.testing import capture_logs
 
 from surveilnav.messages import Candidate, MissionStatus, Plan
 from surveilnav.services.planner.core import MissionState
-from surveilnav.services.planner.store import VERSION, Pending, SavedMission, Store, StoreError
+from surveilnav.services.planner.store import VERSION, PendingAction, SavedMission, Store, StoreError
 
 
 def saved(id="m1", **more):
@@ -39,7 +39,7 @@ def full(id="m1"):
         robot_path_m=1.0,
         cancel="enough",
         memory=MissionState("chair").to_json().decode(),
-        pending=Pending(seq=41, action="take_stairs", to_floor="1"),
+        pending=PendingAction(seq=41, action="take_stairs", to_floor="1"),
         plan=Plan(
             stamp_ns=1,
             mission=id,
@@ -83,11 +83,11 @@ def test_missions_come_back_as_they_were_in_the_order_they_came(open_store):
     assert open_store().load() == [changed, *missions[1:]]
 
 
-def test_forgotten_missions_are_gone(open_store):
+def test_deleted_missions_are_gone(open_store):
     store = open_store()
     for id in "abc":
         store.save(saved(id), finished=True)
-    store.forget(["a", "c"])
+    store.delete(["a", "c"])
     store.close()
     assert [m.status.mission for m in open_store().load()] == ["b"]
 
@@ -144,15 +144,29 @@ def scribbled(path):
     path.write_bytes(bytes(data))
 
 
-def newer(path):
+def of_version(path, version):
     with sqlite3.connect(path) as connection:
-        connection.execute(f"PRAGMA user_version = {VERSION + 1}")
+        connection.execute(f"PRAGMA user_version = {version}")
     connection.close()
+
+
+def newer(path):
+    of_version(path, VERSION + 1)
+
+
+def older(path):
+    of_version(path, VERSION - 1)
 
 
 @pytest.mark.parametrize(
     ("damage", "name"),
-    [(text, "store_corrupt"), (torn, "store_corrupt"), (scribbled, "store_corrupt"), (newer, "store_version")],
+    [
+        (text, "store_corrupt"),
+        (torn, "store_corrupt"),
+        (scribbled, "store_corrupt"),
+        (newer, "store_version"),
+        (older, "store_version"),
+    ],
 )
 def test_a_store_that_cannot_be_read_is_named_set_aside_and_begun_anew(open_store, tmp_path, damage, name):
     path = tmp_path / "planner.sqlite"
@@ -216,22 +230,3 @@ def test_people_can_read_it(open_store, tmp_path):
     connection = sqlite3.connect(path)
     assert connection.execute("SELECT json_extract(record, '$.status.target') FROM missions").fetchone() == ("chair",)
     connection.close()
-
-
-def test_a_store_of_the_version_before_goes_on(open_store, tmp_path):
-    """Its records have the robot's place and last action, and not what the robot itself said of its way."""
-    path = tmp_path / "planner.sqlite"
-    store = open_store(path)
-    store.save(full("m1"), sync=True)
-    store.close()
-    with sqlite3.connect(path) as connection:
-        (record,) = connection.execute("SELECT record FROM missions").fetchone()
-        facts = msgspec.json.decode(record)
-        del facts["robot_path_m"]
-        facts |= {"place": [1.0, -2.5], "last_action": "move_forward"}
-        connection.execute("UPDATE missions SET record = ?", [msgspec.json.encode(facts).decode()])
-        connection.execute("PRAGMA user_version = 1")
-    connection.close()
-    (mission,) = open_store(path).load()
-    assert mission == msgspec.structs.replace(full("m1"), robot_path_m=1.25)
-    assert [p.name for p in tmp_path.glob("planner.sqlite.2*")] == [], "nothing was set aside"

@@ -165,8 +165,8 @@ def test_driving_is_as_short_as_by_a_tidy_field(seed):
         speed=speed,
     )
     open_cells = np.argwhere(speed == 1.0)
-    x, y = terrain.place(*(int(v) for v in open_cells[seed % len(open_cells)]))
-    gx, gy = terrain.place(*(int(v) for v in open_cells[(seed * 13 + 5) % len(open_cells)]))
+    x, y = terrain.centre_of(*(int(v) for v in open_cells[seed % len(open_cells)]))
+    gx, gy = terrain.centre_of(*(int(v) for v in open_cells[(seed * 13 + 5) % len(open_cells)]))
     goals = terrain.disc(gx, gy, 0.3) & (speed > 0)
 
     field = fast_marching_m(speed, goals, 0.05)

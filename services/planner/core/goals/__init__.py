@@ -1,1 +1,1 @@
-"""What the robot may go to: objects, frontiers, floors. Questions only: nothing here changes what a mission remembers."""
+"""What the robot may head for: objects, frontiers, floors, stairs. Questions only: nothing here changes the memory."""

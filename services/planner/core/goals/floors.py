@@ -1,6 +1,6 @@
-"""Which floor the target may be on: what each floor's cameras saw, and what the robot's own floor promises.
+"""Which floor the target may be on: what each floor's cameras saw, and what can be expected of the robot's own floor.
 
-The cameras of every floor report what they last saw (``summaries``, a few hundred bytes a camera).
+The cameras of every floor report what they last saw in summaries of a few hundred bytes each.
 """
 
 from __future__ import annotations
@@ -8,73 +8,80 @@ from __future__ import annotations
 import itertools
 import math
 
-from surveilnav.services.planner.core import memory
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals import objects
-from surveilnav.services.planner.core.state import FloorMemory
+from surveilnav.services.planner.core.memory.floor_memory import FloorMemory, stairs_name
 
-_NEW = FloorMemory()
+_NEVER_VISITED = FloorMemory()
 
 
 def memory_of(context: StepContext, floor: str) -> FloorMemory:
-    """What the mission remembers of a floor; of one that it was never on, nothing."""
-    return context.state.floors.get(floor, _NEW)
+    """What the mission remembers of a floor; an empty memory if the robot was never there."""
+    return context.state.floors.get(floor, _NEVER_VISITED)
 
 
 def may_visit(context: StepContext, floor: str) -> bool:
-    """Whether the robot may go to a floor: it isn't there, and wasn't there too often."""
-    return floor != context.state.floor and memory_of(context, floor).visits < context.config.floor_visits
+    """Whether the robot may go to a floor: it isn't there now and hasn't been there too often."""
+    return floor != context.state.floor and memory_of(context, floor).visits < context.config.max_floor_visits
 
 
 def evidence(context: StepContext, floor: str) -> float:
-    """How surely a floor's cameras saw the target; nothing once the floor is searched or something there was
-    looked at and dropped: that is most likely what they saw."""
+    """The highest confidence with which a floor's cameras reported the target.
+
+    0 once the floor is searched, or an object there was dismissed: that is most likely what the cameras saw.
+    """
     known = memory_of(context, floor)
-    if known.exhausted or known.dropped:
+    if known.is_searched or known.dismissed:
         return 0.0
     return float(context.summaries.get(floor, {}).get(context.state.target, 0.0))
 
 
 def evidence_here(context: StepContext) -> float:
-    """The same for the robot's floor: what the joint map makes of it, once the first look around
-    is over: the cameras' views are in it by then."""
+    """The evidence on the robot's own floor.
+
+    Until the initial scan is over that is what its cameras report; from then on their views are in the joint map, and it is
+    the chance of the likeliest object there.
+    """
     state = context.state
-    if state.here.scan_left != 0:
+    if state.here.scan_turns_left != 0:
         return evidence(context, state.floor)
     known = objects.candidates(context.maps.objects, state, context.config)
     return max([objects.chance(o, state.target) for o in known], default=0.0)
 
 
-def surely_here(context: StepContext) -> bool:
-    """Whether the robot was told that its floor has the target: it then never leaves it."""
+def never_leaves(context: StepContext) -> bool:
+    """Whether the robot was told that the target is on its floor, so that it stays there."""
     return context.config.floor_chance >= 1.0
 
 
 def chance_here(context: StepContext) -> float:
-    """How likely the target is on the robot's floor although its cameras didn't see it: at first as floors of training
-    buildings have one, then, by Bayes, the less, the farther the robot went on it without finding it."""
+    """The chance that the target is on the robot's floor although its cameras didn't see it.
+
+    It begins with the prior ``floor_chance``, and falls by Bayes' rule with the distance that the robot travelled on the
+    floor without finding the target.
+    """
     config = context.config
     prior = config.floor_chance
-    found_per_m = config.explore_chance / config.explore_m
+    found_per_m = config.explore_chance / config.explore_cost_m
     walked_m = sum(math.dist(a, b) for a, b in itertools.pairwise(context.state.here.visited))
     missed = math.exp(-found_per_m * walked_m)
     return max(prior * missed / (prior * missed + 1.0 - prior), 1e-6)
 
 
-def seen_elsewhere(context: StepContext) -> str:
-    """The floor, not searched, whose cameras saw the target surely enough; "" if none did."""
+def floor_with_evidence(context: StepContext) -> str:
+    """The other floor with the highest evidence, if that is at least ``floor_confidence``; "" if there is none."""
     found = {f: evidence(context, f) for f in sorted(context.summaries) if f != context.state.floor}
     best = max(found, key=lambda floor: found[floor], default="")
     return best if best and found[best] >= context.config.floor_confidence else ""
 
 
-def what_was_barred(context: StepContext) -> str:
-    """Which stairs of this floor to floors not searched the robot couldn't take, for people; "" if none."""
-    if surely_here(context):
+def describe_failed_stairs(context: StepContext) -> str:
+    """Which stairs of this floor to floors not searched couldn't be reached or taken, for people; "" if there are none."""
+    if never_leaves(context):
         return ""
-    barred = [
-        f"{memory.stair_name(*s.at_m[:2])} to floor {s.to_floor}"
+    failed = [
+        f"{stairs_name(*s.at_m[:2])} to floor {s.to_floor}"
         for s in context.robot.stairs
-        if s.floor == context.state.floor and not memory_of(context, s.to_floor).exhausted
+        if s.floor == context.state.floor and not memory_of(context, s.to_floor).is_searched
     ]
-    return f"the stairs at {', '.join(sorted(barred))} couldn't be reached or taken" if barred else ""
+    return f"the stairs at {', '.join(sorted(failed))} couldn't be reached or taken" if failed else ""

@@ -1,4 +1,4 @@
-"""Frontiers: from cells to places worth going to, and what each is worth."""
+"""Frontiers: from frontier cells to places that the robot can head for, and their ranking."""
 
 from __future__ import annotations
 
@@ -11,24 +11,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.inputs import MapView
 from surveilnav.services.planner.core.motion.terrain import Terrain
-from surveilnav.services.planner.core.state import MapView
 
-#: Where the value alone ranks frontiers, a metre of way costs so little that it decides only between equals.
-_WAY_PRICE = 1e-6
-#: Values that differ by less are the same.
-_ANY = 1e-6
+#: Where the value alone ranks frontiers, a metre of travel costs this little, so that it only decides between equal values.
+_TIE_BREAK_PER_M = 1e-6
+#: Values whose standard deviation is less are equal.
+_MIN_STD = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Frontier:
-    """A stretch of frontier. (x, y): its middle cell [m, world]; ``way_m``: travel time from the robot;
-    ``value``: what the strategy says, NaN where nothing is known; ``score``: what ranks it."""
+    """A piece of frontier.
+
+    Attributes:
+        x_m, y_m: its middle cell [m, world].
+        n_cells: its size in cells.
+        travel_time_m: from the robot, in metres of comfortable free space.
+        value: relevance to the target by the strategy; NaN where nothing is known.
+        score: what ranks it, higher is better.
+    """
 
     x_m: float
     y_m: float
     n_cells: int
-    way_m: float
+    travel_time_m: float
     value: float = math.nan
     score: float = 0.0
 
@@ -36,10 +43,10 @@ class Frontier:
 def find_frontiers(
     maps: MapView, terrain: Terrain, travel_time_m: NDArray[np.float64], config: PlannerConfig
 ) -> list[Frontier]:
-    """Clusters of at least ``frontier_min_cells`` (8-connected), long ones cut into pieces, that a way leads to.
+    """Finds clusters of at least ``frontier_min_cells`` cells (8-connected) that a way leads to; long ones are cut into pieces.
 
-    ``travel_time_m``: from the robot (the terrain's shape). A piece that lies in a grown obstacle is
-    reached through the nearest open cell, within ``same_place_m``.
+    ``travel_time_m``: from the robot (the terrain's shape). A piece whose middle lies in an inflated obstacle is reached
+    through the nearest open cell within ``same_place_m``.
     """
     cells = np.ascontiguousarray(terrain.crop(maps.frontier) != 0).astype(np.uint8)
     _, labels = cv2.connectedComponents(cells, connectivity=8)
@@ -52,23 +59,23 @@ def find_frontiers(
             continue
         for piece in _pieces(members, config.frontier_piece_m / terrain.grid.resolution_m):
             middle = piece[np.argmin(((piece - piece.mean(axis=0)) ** 2).sum(axis=1))]
-            way_m = _nearest_way(travel_time_m, middle, config.same_place_m / terrain.grid.resolution_m)
-            if math.isfinite(way_m):
-                x, y = terrain.place(int(middle[0]), int(middle[1]))
-                found.append(Frontier(x, y, len(piece), way_m))
+            time_m = _least_travel_time(travel_time_m, middle, config.same_place_m / terrain.grid.resolution_m)
+            if math.isfinite(time_m):
+                x, y = terrain.centre_of(int(middle[0]), int(middle[1]))
+                found.append(Frontier(x, y, len(piece), time_m))
     return found
 
 
 def rank(
     frontiers: Sequence[Frontier], maps: MapView, target: str, config: PlannerConfig
 ) -> tuple[list[Frontier], bool]:
-    """Frontiers with value and score, best first, and whether values decided.
+    """The frontiers with their values and scores, best first, and whether values were used.
 
-    Values decide where they differ enough to mean something (``worth_exploiting``).
+    Values are used where they differ enough to mean something (``values_differ_enough``).
     """
     valued = [replace(f, value=_value(f, maps, target, config)) for f in frontiers]
     values = np.array([f.value for f in valued])
-    exploit = config.strategy != "greedy" and worth_exploiting(values, config)
+    exploit = config.strategy != "greedy" and values_differ_enough(values, config)
     if exploit:
         low, high = np.nanmin(values), np.nanmax(values)
         scaled = np.nan_to_num((values - low) / (high - low), nan=0.0)
@@ -80,31 +87,34 @@ def rank(
 
 
 def _score(frontier: Frontier, scaled_value: float, wide: float, config: PlannerConfig) -> float:
-    """What ranks a frontier: a relative chance per metre, or its value (0 to 1) alone.
+    """A frontier's score: its utility, which is a relative chance per metre, or its scaled value (0 to 1) alone.
 
-    A wide frontier (``wide`` cells) hides more than a slit, and the one of the best value has ``1 + value_gain`` times the
-    chance of the worst.
+    A wide frontier (``wide`` cells) is expected to hide more than a slit, and the frontier of the highest value has
+    ``1 + value_gain`` times the chance of the one of the lowest.
     """
     if config.frontier_score == "value":
-        return (scaled_value + _WAY_PRICE) / (1.0 + _WAY_PRICE * frontier.way_m)
+        return (scaled_value + _TIE_BREAK_PER_M) / (1.0 + _TIE_BREAK_PER_M * frontier.travel_time_m)
     hides = 0.5 + 0.5 * min(1.0, frontier.n_cells / wide)
-    return hides * (1.0 + config.value_gain * scaled_value) / (frontier.way_m + config.explore_m)
+    return hides * (1.0 + config.value_gain * scaled_value) / (frontier.travel_time_m + config.explore_cost_m)
 
 
-def worth_exploiting(values: NDArray[np.float64], config: PlannerConfig) -> bool:
-    """Whether values differ enough to decide, by ApexNav's rule: their standard deviation and their max/mean are large
-    enough; with ``exploit`` always, whether they differ at all."""
+def values_differ_enough(values: NDArray[np.float64], config: PlannerConfig) -> bool:
+    """Whether values differ enough to rank frontiers by them (ApexNav's rule, arXiv 2504.14478).
+
+    Their standard deviation and the ratio of their maximum to their mean must both be large enough. With ``exploit``
+    "always" it suffices that they differ at all.
+    """
     known = values[np.isfinite(values)]
     if known.size < 2:
         return False
     mean, top = float(known.mean()), float(known.max())
     always = config.exploit == "always"
-    least_std, least_ratio = (_ANY, 1.0) if always else (config.exploit_min_std, config.exploit_min_ratio)
+    least_std, least_ratio = (_MIN_STD, 1.0) if always else (config.exploit_min_std, config.exploit_min_ratio)
     return float(known.std()) >= least_std and mean > 0.0 and top / mean >= least_ratio
 
 
-def unknown_side(maps: MapView, terrain: Terrain, x_m: float, y_m: float) -> tuple[float, float] | None:
-    """The middle (x, y) [m] of the unexplored cells within 0.5 m of a frontier's middle: where to look. None: none."""
+def unexplored_side(maps: MapView, terrain: Terrain, x_m: float, y_m: float) -> tuple[float, float] | None:
+    """Where to look from a frontier: the middle (x, y) [m] of the unexplored cells within 0.5 m of it. None: there are none."""
     hidden = (terrain.crop(maps.explored) == 0) & ~terrain.occupied & terrain.disc(x_m, y_m, 0.5)
     cells = np.argwhere(hidden)
     if cells.size == 0:
@@ -114,7 +124,7 @@ def unknown_side(maps: MapView, terrain: Terrain, x_m: float, y_m: float) -> tup
 
 
 def _pieces(cells: NDArray[np.int64], length: float) -> list[NDArray[np.int64]]:
-    """Cuts cells (N, 2) along their main axis into equal stretches of at most ``length`` cells."""
+    """Cuts cells (n, 2) along their principal axis into pieces of equal length, at most ``length`` cells."""
     centred = cells - cells.mean(axis=0)
     axis = np.linalg.eigh(centred.T @ centred)[1][:, -1]
     along = centred @ axis
@@ -125,8 +135,8 @@ def _pieces(cells: NDArray[np.int64], length: float) -> list[NDArray[np.int64]]:
     return [cells[bins == b] for b in range(n) if (bins == b).any()]
 
 
-def _nearest_way(travel_time_m: NDArray[np.float64], cell: NDArray[np.int64], radius: float) -> float:
-    """The shortest travel time within ``radius`` cells of a cell; the cell's own if it is open."""
+def _least_travel_time(travel_time_m: NDArray[np.float64], cell: NDArray[np.int64], radius: float) -> float:
+    """The travel time to a cell or, if it isn't open, the least within ``radius`` cells of it."""
     row, col = int(cell[0]), int(cell[1])
     if math.isfinite(travel_time_m[row, col]):
         return float(travel_time_m[row, col])
@@ -135,7 +145,7 @@ def _nearest_way(travel_time_m: NDArray[np.float64], cell: NDArray[np.int64], ra
 
 
 def _value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig) -> float:
-    """What the strategy says about a place: NaN where it knows nothing."""
+    """A frontier's value by the strategy; NaN where nothing is known."""
     if config.strategy == "region":
         return _map_value(frontier, maps, config)
     if config.strategy == "object":
@@ -144,7 +154,7 @@ def _value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig
 
 
 def values_near(maps: MapView, frontier: Frontier, radius_m: float) -> NDArray[np.float32]:
-    """The known values of the map within ``radius_m`` of a frontier's middle, along rows and columns: (n,)."""
+    """The known values (n,) of the map in a square around a frontier's middle, ``radius_m`` to each side."""
     row, col = (int(v) for v in maps.grid.cells_of((frontier.x_m, frontier.y_m)))
     k = max(1, round(radius_m / maps.grid.resolution_m))
     window = maps.value[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1]
@@ -152,13 +162,13 @@ def values_near(maps: MapView, frontier: Frontier, radius_m: float) -> NDArray[n
 
 
 def _map_value(frontier: Frontier, maps: MapView, config: PlannerConfig) -> float:
-    """The best value of the map within ``value_radius_m``."""
+    """The highest value of the map within ``value_radius_m``; NaN if none is known."""
     known = values_near(maps, frontier, config.value_radius_m)
     return float(known.max()) if known.size else math.nan
 
 
 def _object_value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig) -> float:
-    """The most relevant object near by, fading with distance; 0 if none is."""
+    """The relevance of the most relevant object near by, less with its distance; 0 if there is none."""
     best = 0.0
     for record in maps.objects:
         away_m = math.hypot(record.center_m[0] - frontier.x_m, record.center_m[1] - frontier.y_m)

@@ -1,4 +1,4 @@
-"""Which object to go to: the one most worth its way."""
+"""Which object to head for: the one of the highest utility, its chance per metre."""
 
 from __future__ import annotations
 
@@ -8,123 +8,132 @@ from dataclasses import dataclass
 from typing import Literal
 
 from surveilnav.messages import Candidate, ObjectRecord
-from surveilnav.services.planner.core import memory
 from surveilnav.services.planner.core.context import Choice, StepContext
 from surveilnav.services.planner.core.goals import objects
-from surveilnav.services.planner.core.goals.reach import is_hard, is_reachable, way_to
+from surveilnav.services.planner.core.goals.travel import is_constrained, is_reachable, travel_time_to
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectGoal:
-    """An object to go to.
+    """An object to head for.
 
-    ``worth``: its chance per metre (``objects.chance``, way and looking counted). ``held``: the robot is on its way to one
-    of those compared, so whatever is no object has to be clearly better. ``choice``: what it was compared with.
+    Attributes:
+        record: the object.
+        utility: its chance per metre, with travel and looking counted (``object_utility``).
+        confirmed: fusion confirmed it as the target.
+        has_current: the robot is already heading for one of the compared objects, so frontiers and floors have to be clearly
+            better.
+        choice: the objects that it was compared with.
     """
 
     record: ObjectRecord
-    worth: float
+    utility: float
     confirmed: bool
-    held: bool
+    has_current: bool
     choice: Choice
 
 
 def promising_object(context: StepContext) -> ObjectGoal | None:
-    """The best of the promising candidates that aren't blacklisted, hard to get to or wavering; confirmed ones may be."""
-    return _best(context, _awake_promising(context))
+    """The best of the promising objects that aren't blacklisted; unconfirmed ones that are deferred are left out, too."""
+    return _best(context, _available_promising(context))
 
 
 def any_object(context: StepContext) -> ObjectGoal | None:
-    """The best of all candidates that aren't blacklisted: also those that hardly anything speaks for."""
+    """The best of all candidates that aren't blacklisted, however unlikely they are."""
     known = objects.candidates(context.maps.objects, context.state, context.config)
-    return _best(context, [o for o in known if not is_left_alone(context, o)])
+    return _best(context, [o for o in known if not is_blacklisted(context, o)])
 
 
-def lost_promise(context: StepContext) -> bool:
-    """Whether the robot is on its way to an object that isn't promising any more."""
-    held = context.state.waypoint
-    on_the_way = held is not None and held.object_id is not None and not held.unpromising
-    return on_the_way and not any(_is_held(context, o) for o in _awake_promising(context))
+def current_lost_promise(context: StepContext) -> bool:
+    """Whether the robot is heading for an object that isn't promising any more."""
+    waypoint = context.state.waypoint
+    if waypoint is None or waypoint.object_id is None or waypoint.is_fallback:
+        return False
+    return not any(_is_current(context, o) for o in _available_promising(context))
 
 
 def likeliest_last_resort(context: StepContext) -> ObjectRecord | None:
-    """The last resort that was accepted before, while it is one, else the likeliest that a way leads to."""
+    """The last resort that was accepted before, while it still is one; else the likeliest that a way leads to."""
     state = context.state
-    may_be = objects.last_resorts(context.maps.objects, state, context.config)
-    accepted = next((o for o in may_be if o.id == state.here.accepted_object), None)
-    return accepted or next((o for o in may_be if is_reachable(context, o)), None)
+    last_resorts = objects.last_resorts(context.maps.objects, state, context.config)
+    accepted = next((o for o in last_resorts if o.id == state.here.accepted_object), None)
+    return accepted or next((o for o in last_resorts if is_reachable(context, o)), None)
 
 
-def floor_goal_worth(context: StepContext) -> float:
-    """What the way to the stairs that the robot is on was worth when it set out: to be beaten clearly, as the waypoint
-    held always is."""
+def current_stairs_utility(context: StepContext) -> float:
+    """The utility that the floor goal had when the robot set out for the stairs; 0: it isn't heading for stairs."""
     state = context.state
-    on_the_way = state.waypoint is not None and state.waypoint.kind == "stairs"
-    return state.floor_goal.worth if on_the_way and state.floor_goal is not None else 0.0
+    heads_for_stairs = state.waypoint is not None and state.waypoint.kind == "stairs"
+    return state.floor_goal.utility if heads_for_stairs and state.floor_goal is not None else 0.0
+
+
+def object_utility(context: StepContext, record: ObjectRecord) -> float:
+    """The chance per metre of an object; an accepted last resort comes before everything else."""
+    if record.id == context.state.here.accepted_object:
+        return 1.0
+    chance = objects.chance(record, context.state.target)
+    return chance / (travel_time_to(context, record) + context.config.verify_cost_m)
+
+
+def is_blacklisted(context: StepContext, record: ObjectRecord) -> bool:
+    """Whether the robot leaves an object alone, for now or permanently, because it failed to reach it."""
+    confirmed = objects.is_confirmed(record, context.state.target)
+    return context.state.is_blacklisted(*record.center_m[:2], context.config, confirmed=confirmed)
+
+
+def is_deferred(context: StepContext, record: ObjectRecord) -> bool:
+    """Whether an unconfirmed object has to wait until all is explored.
+
+    Either it stopped being promising more than once while the robot was heading for it, and views that disagree must not turn
+    the robot to and fro, or only narrow gaps lead there. An accepted last resort is never deferred.
+    """
+    here = context.state.here
+    if record.id == here.accepted_object:
+        return False
+    if here.oscillations.get(record.id, 0) > 1:
+        return True
+    return is_constrained(context, *record.center_m[:2], travel_time_to(context, record))
 
 
 def _best(context: StepContext, known: Sequence[ObjectRecord]) -> ObjectGoal | None:
-    """The one most worth its way; the one that the robot is on its way to unless another is clearly better."""
+    """The object of the highest utility; the current one is kept unless another is clearly better."""
     state, config = context.state, context.config
     confirmed = [o for o in known if objects.is_confirmed(o, state.target)]
     if config.confirmed_first and confirmed:
         known = confirmed
     if not known:
         return None
-    worth = {o.id: worth_of(context, o) for o in known}
-    best = max(known, key=lambda o: worth[o.id])
-    held = next((o for o in known if _is_held(context, o)), None)
-    chosen = held if held is not None and worth[best.id] <= config.switch_ratio * worth[held.id] else best
-    compared = tuple(_candidate(context, o, worth[o.id], chosen=o is chosen) for o in known)
+    utility = {o.id: object_utility(context, o) for o in known}
+    best = max(known, key=lambda o: utility[o.id])
+    current = next((o for o in known if _is_current(context, o)), None)
+    keep = current is not None and utility[best.id] <= config.switch_ratio * utility[current.id]
+    chosen = current if keep and current is not None else best
+    compared = tuple(_candidate(context, o, utility[o.id], chosen=o is chosen) for o in known)
     choice = Choice(next(c for c in compared if c.chosen), compared)
-    sure = objects.is_confirmed(chosen, state.target)
-    return ObjectGoal(chosen, worth[chosen.id], sure, held is not None, choice)
+    is_confirmed = objects.is_confirmed(chosen, state.target)
+    return ObjectGoal(chosen, utility[chosen.id], is_confirmed, current is not None, choice)
 
 
-def _candidate(context: StepContext, record: ObjectRecord, worth: float, *, chosen: bool) -> Candidate:
+def _candidate(context: StepContext, record: ObjectRecord, utility: float, *, chosen: bool) -> Candidate:
     confirmed = objects.is_confirmed(record, context.state.target)
     kind: Literal["target", "candidate"] = "target" if confirmed else "candidate"
-    return Candidate(kind, record.center_m[0], record.center_m[1], worth, chosen, record.reason[:120], record.id)
+    return Candidate(kind, record.center_m[0], record.center_m[1], utility, chosen, record.reason[:120], record.id)
 
 
-def worth_of(context: StepContext, record: ObjectRecord) -> float:
-    """The chance per metre of an object; an accepted last resort comes before all else."""
-    if record.id == context.state.here.accepted_object:
-        return 1.0
-    chance = objects.chance(record, context.state.target)
-    return chance / (way_to(context, record) + context.config.verify_m)
-
-
-def _awake_promising(context: StepContext) -> list[ObjectRecord]:
+def _available_promising(context: StepContext) -> list[ObjectRecord]:
     return [
         o
         for o in objects.promising(context.maps.objects, context.state, context.config)
-        if not is_left_alone(context, o)
-        and (objects.is_confirmed(o, context.state.target) or not is_doubtful(context, o))
+        if not is_blacklisted(context, o)
+        and (objects.is_confirmed(o, context.state.target) or not is_deferred(context, o))
     ]
 
 
-def _is_held(context: StepContext, record: ObjectRecord) -> bool:
-    """The object that the robot is on its way to, also after fusion merged it into another at the same place."""
-    held = context.state.waypoint
-    if held is None or held.object_id is None:
+def _is_current(context: StepContext, record: ObjectRecord) -> bool:
+    """Whether the robot is heading for an object, also after fusion merged it into another one at the same place."""
+    waypoint = context.state.waypoint
+    if waypoint is None or waypoint.object_id is None:
         return False
-    near = math.hypot(record.center_m[0] - held.x_m, record.center_m[1] - held.y_m) < context.config.same_place_m
-    return held.object_id == record.id or near
-
-
-def is_left_alone(context: StepContext, record: ObjectRecord) -> bool:
-    """Whether the robot leaves it alone, for now or for good, since going there failed."""
-    confirmed = objects.is_confirmed(record, context.state.target)
-    return memory.is_blacklisted(context.state, *record.center_m[:2], context.config, confirmed=confirmed)
-
-
-def is_doubtful(context: StepContext, record: ObjectRecord) -> bool:
-    """Whether an unconfirmed object had better wait: it stopped being promising more than once with the robot on its way
-    there (views that disagree must not turn it to and fro), or is hard to get to. An accepted last resort isn't."""
-    here = context.state.here
-    if record.id == here.accepted_object:
-        return False
-    if here.wavered.get(record.id, 0) > 1:
-        return True
-    return is_hard(context, *record.center_m[:2], way_to(context, record))
+    x_m, y_m, _ = record.center_m
+    is_near = math.hypot(x_m - waypoint.x_m, y_m - waypoint.y_m) < context.config.same_place_m
+    return waypoint.object_id == record.id or is_near

@@ -1,1 +1,1 @@
-"""How the robot gets to a goal: terrain, fast marching, driving."""
+"""How the robot gets to a goal: the terrain, travel times by Fast Marching, and the local planner."""

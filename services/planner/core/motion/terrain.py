@@ -1,6 +1,6 @@
-"""Where the robot can drive and how fast: the speed map that the Fast Marching Method runs on.
+"""Where the robot can drive and how fast: the speed map on which the Fast Marching Method runs.
 
-Travel time is measured in metres of comfortable free space: a cell near a wall or in unknown space counts more.
+Travel time is given in metres of comfortable free space: a metre near a wall or through unknown space counts as more.
 """
 
 from __future__ import annotations
@@ -18,25 +18,26 @@ from numpy.typing import NDArray
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import clearance_m, fits
 from surveilnav.services.planner.core.config import PlannerConfig
-from surveilnav.services.planner.core.motion.marching import march
-from surveilnav.services.planner.core.state import MapView, MissionState, RobotView
+from surveilnav.services.planner.core.inputs import MapView, RobotView
+from surveilnav.services.planner.core.memory.mission_state import MissionState
+from surveilnav.services.planner.core.motion.fast_marching import fast_march
 
-#: Travel time to a cell that the front never reached.
+#: Travel time to a cell that no way leads to.
 UNREACHED = np.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terrain:
-    """A window of the map around everything known.
+    """A window of the map around everything known, with the speed at which the robot can drive in every cell.
 
     Attributes:
-        grid: frame of the window; all arrays are (rows, cols) of it. ``row0``, ``col0``: its corner in the map.
+        grid: frame of the window; all arrays are (rows, cols) of it. ``row0``, ``col0``: its first cell in the map.
         occupied: bool, obstacles as mapped.
         known: bool, explored and not occupied.
         clearance_m: float32, distance to the nearest obstacle as mapped.
         speed: float64, 0 where the robot's centre can't be, else in (0, 1].
-        bumps: (n, 3) float64 x, y [m], yaw [rad]: headings that met something.
-        revisit_m: float64, what a step that ends in a cell costs more because the robot came there again and again of late.
+        bumps: (n, 3) float64 x, y [m], yaw [rad]: places and headings from which a move was cut short.
+        revisit_m: float64, additional cost of a step that ends in a cell to which the robot came repeatedly of late.
     """
 
     grid: Grid
@@ -50,28 +51,28 @@ class Terrain:
     revisit_m: NDArray[np.float64]
 
     def crop(self, layer: NDArray) -> NDArray:
-        """The window of a layer of the whole map."""
+        """The window of a layer of the whole map, as a view."""
         return layer[self.row0 : self.row0 + self.grid.rows, self.col0 : self.col0 + self.grid.cols]
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """(row, col) of a place, clipped into the window."""
+        """(row, col) of the cell at a place; the nearest cell of the window if the place is outside."""
         row, col = self.grid.cells_of((x_m, y_m))
         return min(max(int(row), 0), self.grid.rows - 1), min(max(int(col), 0), self.grid.cols - 1)
 
-    def place(self, row: int, col: int) -> tuple[float, float]:
-        """World (x, y) [m] of a cell's centre."""
+    def centre_of(self, row: int, col: int) -> tuple[float, float]:
+        """(x, y) [m, world] of a cell's centre."""
         x, y = self.grid.centres_of((row, col))
         return float(x), float(y)
 
     def disc(self, x_m: float, y_m: float, radius_m: float) -> NDArray[np.bool_]:
-        """Cells whose centre lies within ``radius_m`` of a place, bool of the window's shape."""
+        """The cells within ``radius_m`` of a place (at least the cell there), bool of the window's shape."""
         mask = np.zeros(self.grid.shape, dtype=bool)
-        mask[_within(self.grid, [(x_m, y_m)], radius_m)] = True
+        mask[_cells_within(self.grid, [(x_m, y_m)], radius_m)] = True
         return mask
 
-    def least_near(self, layer: NDArray[np.float64], x_m: float, y_m: float, radius_m: float) -> float:
-        """The least value of a layer of the window's shape in such a disc; inf if it has no cell."""
-        return float(layer[_within(self.grid, [(x_m, y_m)], radius_m)].min(initial=math.inf))
+    def min_near(self, layer: NDArray[np.float64], x_m: float, y_m: float, radius_m: float) -> float:
+        """The least value of a layer of the window's shape within ``radius_m`` of a place; inf if no cell is."""
+        return float(layer[_cells_within(self.grid, [(x_m, y_m)], radius_m)].min(initial=math.inf))
 
 
 def build_terrain(
@@ -81,9 +82,9 @@ def build_terrain(
     config: PlannerConfig,
     places_m: Sequence[tuple[float, float]] = (),
 ) -> Terrain:
-    """Crops the map to what is known and to ``places_m`` (plus a margin) and rates every cell.
+    """Crops the map to everything known and ``places_m``, plus a margin, and gives every cell its speed.
 
-    Where the robot stands and has stood is never blocked, so a robot that starts inside a grown obstacle can leave it.
+    Cells where the robot stands or stood are never blocked, so a robot that starts inside an inflated obstacle can leave it.
     """
     r = maps.grid.resolution_m
     row0, row1, col0, col1 = _known_window(maps, robot, places_m, config)
@@ -104,16 +105,17 @@ def build_terrain(
     return Terrain(grid, row0, col0, occupied, explored & ~occupied, clearance, speed, bumps, revisit)
 
 
-#: Steps that count as recent, and arrivals at a place among them that cost nothing.
+#: How many of the last steps count as recent, and how many arrivals at a cell among them are free.
 _RECENT_STEPS = 60
 _FREE_ARRIVALS = 2
 
 
 def _revisit_m(grid: Grid, visited: Sequence[tuple[float, float]], config: PlannerConfig) -> NDArray[np.float64]:
-    """By cell, a price that grows with the square of how often the robot came there.
+    """The cost of revisiting, (rows, cols): it grows with the square of how often the robot came to a cell.
 
-    A planner that looks a few steps ahead can go round between places each of which looks better from another. Visits raise
-    what it expects to pay there (node counting: Koenig & Szymanski 1999, "Value-update rules for real-time search").
+    A planner that looks only a few steps ahead can cycle between places each of which looks better from the one before.
+    Raising the cost of visited cells breaks such cycles (node counting: Koenig & Szymanski 1999, "Value-update rules for
+    real-time search").
     """
     cost = np.zeros(grid.shape)
     if len(visited) > _FREE_ARRIVALS:
@@ -127,26 +129,31 @@ def _revisit_m(grid: Grid, visited: Sequence[tuple[float, float]], config: Plann
 
 
 def _speed(clearance: NDArray[np.float32], explored: NDArray[np.bool_], config: PlannerConfig) -> NDArray[np.float64]:
-    """Up to the robot's radius from an obstacle it is hard to pass (``tight_speed``), beyond that the speed rises from
-    ``wall_speed`` to 1 at ``comfort_m``; unknown space is slower by ``unknown_speed``."""
-    rise = (clearance - config.robot_radius_m) / (config.comfort_m - config.robot_radius_m)
+    """The speed in every cell by its clearance.
+
+    It is ``constrained_speed`` within the robot's radius of an obstacle, and rises beyond that from ``wall_speed`` to 1 at
+    ``comfort_clearance_m``. In unexplored space that is multiplied by ``unknown_speed``.
+    """
+    rise = (clearance - config.robot_radius_m) / (config.comfort_clearance_m - config.robot_radius_m)
     speed = (config.wall_speed + (1.0 - config.wall_speed) * np.clip(rise, 0.0, 1.0)).astype(np.float64)
     speed[~explored] *= config.unknown_speed
-    speed[~fits(clearance, config.robot_radius_m)] = config.tight_speed
+    speed[~fits(clearance, config.robot_radius_m)] = config.constrained_speed
     return np.asarray(speed)
 
 
 def _blocked(
     clearance: NDArray[np.float32], grid: Grid, robot: RobotView, state: MissionState, config: PlannerConfig
 ) -> NDArray[np.bool_]:
-    """Where it doesn't fit even if the map is too thick, but where it stands or has stood; and what it bumped into.
+    """Where the robot's centre can't be, (rows, cols) bool.
 
-    A cell around what may be wide enough is left to steer in: maps spill over more to one side than to the other.
+    That is where the robot doesn't fit even if mapped obstacles are too thick by ``obstacle_excess_m``, except where it stands
+    or stood; and where it bumped into something. One cell around gaps that may be wide enough stays open for steering, because
+    maps are often thicker on one side of a gap than on the other.
     """
-    narrow = ~fits(clearance, config.robot_radius_m, config.spare_m)
+    narrow = ~fits(clearance, config.robot_radius_m, config.obstacle_excess_m)
     blocked = cv2.erode(narrow.astype(np.uint8), np.ones((3, 3), np.uint8))
-    _paint(blocked, grid, state.here.visited, config.visited_radius_m, value=0)
-    _paint(blocked, grid, [(robot.x_m, robot.y_m)], config.escape_radius_m, value=0)
+    _paint(blocked, grid, state.here.visited, config.visited_free_radius_m, value=0)
+    _paint(blocked, grid, [(robot.x_m, robot.y_m)], config.robot_free_radius_m, value=0)
     _paint(blocked, grid, state.here.collisions, 0.0)
     return np.asarray(blocked != 0)
 
@@ -155,29 +162,30 @@ def travel_time_m(
     speed: NDArray[np.float64],
     sources: NDArray[np.bool_],
     resolution_m: float,
-    until: tuple[int, int] | None = None,
+    stop_cell: tuple[int, int] | None = None,
     margin_m: float = np.inf,
 ) -> NDArray[np.float64]:
-    """Travel time [m of free space] from the nearest source to every cell: |grad T| = 1/speed.
+    """Travel time [m of free space] from the nearest source to every cell: |grad T| = 1 / speed.
 
     Args:
         speed: (rows, cols), 0 where nothing passes.
         sources: (rows, cols) bool; blocked ones don't count.
         resolution_m: side of a cell.
-        until, margin_m: the front stops so long after it came to this (row, col).
+        stop_cell: (row, col) of a cell. Cells farther than it by more than ``margin_m`` aren't computed.
+        margin_m: a travel time.
 
     Returns:
-        (rows, cols) float64, ``UNREACHED`` (inf) where no way leads or the front didn't come.
+        (rows, cols) float64, ``UNREACHED`` (inf) where no way leads or nothing was computed.
     """
-    return march(speed, sources, until, margin_m / resolution_m) * resolution_m
+    return fast_march(speed, sources, stop_cell, margin_m / resolution_m) * resolution_m
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def clear_lines(obstacles, start, end, run):  # type: ignore[no-untyped-def]
+def lines_are_clear(obstacles, start, end, run):  # type: ignore[no-untyped-def]
     """Whether the straight lines between cells ``start`` (n, 2) and ``end`` (n, 2), int64, meet no obstacle: (n,) bool.
 
-    ``obstacles``: (rows, cols) bool. A line is looked at once a cell along its longer side. ``run``: the cells nearest to
-    the end, up to the first that is free and no more than so many, may be obstacles.
+    ``obstacles``: (rows, cols) bool. A line is sampled once per cell along its longer side. The cells nearest to the end may be
+    obstacles, up to the first that is free, over a length of at most ``run`` cells.
     """
     clear = np.ones(len(start), dtype=np.bool_)
     for i in range(len(start)):
@@ -200,7 +208,7 @@ def clear_lines(obstacles, start, end, run):  # type: ignore[no-untyped-def]
 def coarse_travel_time_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np.float64]:
     """Travel time from a place to every cell of the window, computed on cells of twice the size.
 
-    Four cells are passable if one of them is: grown obstacles are several cells thick, so this opens no wall.
+    Of four cells the fastest counts. Inflated obstacles are several cells thick, so this opens no wall.
     """
     rows, cols = terrain.grid.shape
     speed = np.pad(terrain.speed, ((0, rows % 2), (0, cols % 2)))
@@ -217,7 +225,7 @@ def coarse_travel_time_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np
 def _known_window(
     maps: MapView, robot: RobotView, places_m: Sequence[tuple[float, float]], config: PlannerConfig
 ) -> tuple[int, int, int, int]:
-    """Rows and columns [row0, row1) x [col0, col1) that hold everything known, the robot, the places and a margin."""
+    """(row0, row1, col0, col1), ends excluded, of a window around everything known, the robot and the places, with a margin."""
     known = (maps.explored != 0) | (maps.occupancy != 0)
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     cells = maps.grid.cells_of([(robot.x_m, robot.y_m), *places_m])
@@ -235,15 +243,15 @@ def _known_window(
 def _paint(
     mask: NDArray[np.uint8], grid: Grid, places_m: Sequence[tuple[float, float]], radius_m: float, value: int = 1
 ) -> None:
-    """Sets all cells within ``radius_m`` of the places (at least the cell each lies in)."""
+    """Sets all cells within ``radius_m`` of the places (at least the cell that each lies in) to ``value``."""
     if places_m:
-        mask[_within(grid, places_m, radius_m)] = value
+        mask[_cells_within(grid, places_m, radius_m)] = value
 
 
-def _within(
+def _cells_within(
     grid: Grid, places_m: Sequence[tuple[float, float]], radius_m: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the cells within ``radius_m`` of the places (at least the cell each lies in), some repeated."""
+    """Rows and columns of the cells within ``radius_m`` of the places (at least the cell that each lies in); some repeat."""
     near = _disc_offsets(radius_m / grid.resolution_m)
     cells = (grid.cells_of(np.asarray(places_m))[:, None, :] + near[None, :, :]).reshape(-1, 2)
     cells = cells[grid.contains(cells)]
@@ -252,7 +260,7 @@ def _within(
 
 @lru_cache(maxsize=64)
 def _disc_offsets(radius: float) -> NDArray[np.int64]:
-    """(n, 2): (row, col) of the cells within ``radius`` cells of a cell."""
+    """(n, 2): offsets (row, col) of the cells within ``radius`` cells of a cell."""
     half = int(radius)
     if half == 0:
         return np.zeros((1, 2), dtype=np.int64)

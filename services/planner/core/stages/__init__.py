@@ -1,1 +1,1 @@
-"""Kinds of waypoints, one file each; ``rounds`` has their order."""
+"""The kinds of waypoints, one stage in a file each. ``rounds`` has the order in which they are tried."""

@@ -1,4 +1,4 @@
-"""What stages share about exploring: which frontiers are worth a way, and what they are weighed against."""
+"""What stages share about exploring: which frontiers are considered, and whether exploring beats another waypoint."""
 
 from __future__ import annotations
 
@@ -7,78 +7,81 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from surveilnav.messages import Candidate
-from surveilnav.services.planner.core import memory
+from surveilnav.services.planner.core.behaviours.explore_frontier import explore_frontier
 from surveilnav.services.planner.core.context import Choice, FrontierChoice, StepContext
-from surveilnav.services.planner.core.goals.frontier_choice import all_frontiers
+from surveilnav.services.planner.core.decision import Decision
+from surveilnav.services.planner.core.goals.frontier_choice import available_frontiers
 from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
-from surveilnav.services.planner.core.goals.reach import is_hard
-from surveilnav.services.planner.core.pursuit.explore import explore
+from surveilnav.services.planner.core.goals.travel import is_constrained
 from surveilnav.services.planner.core.stages.stage import RETRY, Retry
-from surveilnav.services.planner.core.state import Decision
 
 
 @dataclass(frozen=True, slots=True)
-class Exploring:
-    """What exploring has against another waypoint.
+class ExploringComparison:
+    """Exploring compared with another waypoint.
 
-    ``outdoes``: some frontier promises more per metre. ``hard``: frontiers found hard to get to on the way; to be put off.
+    ``is_better``: some frontier has a higher utility. ``constrained``: the frontiers found to be reachable only through narrow
+    gaps; the caller defers them.
     """
 
-    outdoes: bool
-    hard: Sequence[Frontier] = ()
+    is_better: bool
+    constrained: Sequence[Frontier] = ()
 
 
-def weigh_exploring(context: StepContext, worth: float) -> Exploring:
-    """Exploring against a waypoint of this chance per metre. Changes nothing."""
+def compare_exploring(context: StepContext, utility: float) -> ExploringComparison:
+    """Compares exploring with a waypoint of this utility (chance per metre). Changes nothing."""
     config = context.config
     chance = config.explore_chance
-    if config.objects_first or chance * (1.0 + config.value_gain) <= worth * config.explore_m:
-        return Exploring(False)  # no frontier could, so none is looked at
-    easy, hard = _easy_and_hard(context)
-    if not easy:
-        return Exploring(False, hard)
-    ranked, _ = rank(easy, context.maps, context.state.target, config)
-    return Exploring(chance * ranked[0].score > worth, hard)
+    if config.objects_first or chance * (1.0 + config.value_gain) <= utility * config.explore_cost_m:
+        return ExploringComparison(False)  # no frontier could be better, so none is looked at
+    unconstrained, constrained = _split_frontiers(context)
+    if not unconstrained:
+        return ExploringComparison(False, constrained)
+    ranked, _ = rank(unconstrained, context.maps, context.state.target, config)
+    return ExploringComparison(chance * ranked[0].score > utility, constrained)
 
 
-def put_off(context: StepContext, hard: Sequence[Frontier]) -> None:
-    """Notes, for good, that frontiers are hard to get to."""
-    for f in hard:
-        memory.put_off(context.state, f.x_m, f.y_m)
+def defer(context: StepContext, frontiers: Sequence[Frontier]) -> None:
+    """Leaves frontiers for the end."""
+    for f in frontiers:
+        context.state.here.defer_frontier(f.x_m, f.y_m)
 
 
-def put_off_hard_frontiers(context: StepContext) -> list[Frontier]:
-    """Puts off the frontiers that are hard to get to, and returns the others that aren't blacklisted."""
-    easy, hard = _easy_and_hard(context)
-    put_off(context, hard)
-    return easy
+def defer_constrained_frontiers(context: StepContext) -> list[Frontier]:
+    """Defers the frontiers that only narrow gaps lead to, and returns the other available ones."""
+    unconstrained, constrained = _split_frontiers(context)
+    defer(context, constrained)
+    return unconstrained
 
 
-def _easy_and_hard(context: StepContext) -> tuple[list[Frontier], list[Frontier]]:
-    """The frontiers that aren't blacklisted or put off. What is beside a hard one before it in the list is neither."""
+def _split_frontiers(context: StepContext) -> tuple[list[Frontier], list[Frontier]]:
+    """The available frontiers that aren't deferred: those that can be reached without narrow gaps, and those that can't.
+
+    A frontier near a constrained one that comes before it in the list is in neither.
+    """
     near_m = context.config.same_place_m
-    places = list(context.state.here.put_off)
-    easy: list[Frontier] = []
-    hard: list[Frontier] = []
-    for f in all_frontiers(context):
-        if any(math.dist(place, (f.x_m, f.y_m)) < near_m for place in places):
+    deferred = list(context.state.here.deferred_frontiers)
+    unconstrained: list[Frontier] = []
+    constrained: list[Frontier] = []
+    for f in available_frontiers(context):
+        if any(math.dist(place, (f.x_m, f.y_m)) < near_m for place in deferred):
             continue
-        if is_hard(context, f.x_m, f.y_m, f.way_m):
-            places.append((f.x_m, f.y_m))
-            hard.append(f)
+        if is_constrained(context, f.x_m, f.y_m, f.travel_time_m):
+            deferred.append((f.x_m, f.y_m))
+            constrained.append(f)
         else:
-            easy.append(f)
-    return easy, hard
+            unconstrained.append(f)
+    return unconstrained, constrained
 
 
-def explore_chosen(context: StepContext, found: FrontierChoice | None) -> Decision | Retry | None:
-    """Commits to the frontier that a rule chose and drives there."""
-    if found is None:
+def explore_chosen(context: StepContext, choice: FrontierChoice | None) -> Decision | Retry | None:
+    """Commits to the frontier that a rule chose, and explores it."""
+    if choice is None:
         return None
     compared = tuple(
-        Candidate("frontier", f.x_m, f.y_m, f.score, f is found.chosen, f"{found.why}, {f.way_m:.1f} m")
-        for f in found.compared
+        Candidate("frontier", f.x_m, f.y_m, f.score, f is choice.chosen, f"{choice.why}, {f.travel_time_m:.1f} m")
+        for f in choice.compared
     )
-    choice = Choice(next(c for c in compared if c.chosen), compared)
-    memory.commit(context.state, choice.chosen, context.config)
-    return explore(context, found.chosen, choice) or RETRY
+    waypoint = Choice(next(c for c in compared if c.chosen), compared)
+    context.state.commit_to(waypoint.chosen, context.config)
+    return explore_frontier(context, choice.chosen, waypoint) or RETRY

@@ -1,15 +1,15 @@
-"""What a stage is: one kind of waypoint, tried."""
+"""What a stage is: it tries one kind of waypoint."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
 from surveilnav.services.planner.core.context import StepContext
-from surveilnav.services.planner.core.state import Decision
+from surveilnav.services.planner.core.decision import Decision
 
 
 class Retry:
-    """A stage gave a waypoint up, or ended a wait: what is known changed, so the choice begins again."""
+    """A stage changed what the choice depends on, by abandoning a waypoint for example. So the round begins again."""
 
 
 RETRY = Retry()
@@ -21,4 +21,4 @@ class Stage(Protocol):
     __name__: str
 
     def __call__(self, context: StepContext) -> Decision | Retry | None:
-        """The next action; ``RETRY``; None: there is no waypoint of this kind."""
+        """The next action; ``RETRY`` to begin the round again; None: there is no waypoint of this kind."""

@@ -1,8 +1,8 @@
-"""Fast Marching (Sethian 1996; the paper's section IV-E), first order, with an untidy priority queue: O(n) in the cells.
+"""The Fast Marching Method (Sethian 1996; the paper's section IV-E), first order, in time O(n) for n cells.
 
-The queue is a ring of buckets, each as wide as half a cell takes at full speed (Yatziv, Bartesaghi, Sapiro 2006: "O(N)
-implementation of the fast marching algorithm"). Cells of one bucket are accepted in any order, which costs far less
-accuracy than the first-order scheme itself (a test compares both) and spares the heap.
+It uses an untidy priority queue (Yatziv, Bartesaghi, Sapiro 2006: "O(N) implementation of the fast marching algorithm"): a
+ring of buckets, each as wide as the time that half a cell takes at full speed. Cells of one bucket are accepted in any order.
+That saves the heap, and costs far less accuracy than the first-order scheme itself (a test compares both).
 """
 
 from __future__ import annotations
@@ -14,41 +14,42 @@ from numba import njit
 from numpy.typing import NDArray
 
 _NONE = -1
-_PER_CELL = 2.0  # buckets
+_BUCKETS_PER_CELL = 2.0
 
 
-def march(
+def fast_march(
     speed: NDArray[np.float64],
     sources: NDArray[np.bool_],
-    until: tuple[int, int] | None = None,
+    stop_cell: tuple[int, int] | None = None,
     margin: float = math.inf,
 ) -> NDArray[np.float64]:
-    """Arrival times T of a front that starts at the sources: |grad T| = 1 / speed.
+    """Solves |grad T| = 1 / speed: the arrival times T of a front that starts at the sources.
 
     Args:
         speed: (rows, cols) in [0, 1], 0 where nothing passes.
-        sources: (rows, cols) bool; those where nothing passes don't count.
-        until: (row, col) of a cell: the front stops ``margin`` (in cells at speed 1) after it came there.
+        sources: (rows, cols) bool; sources where nothing passes don't count.
+        stop_cell: (row, col) of a cell. The front stops ``margin`` after it reached this cell.
+        margin: a time, in cells at speed 1.
 
     Returns:
-        (rows, cols) float64, in cells at speed 1; inf where the front didn't come.
+        (rows, cols) float64, times in cells at speed 1; inf where the front didn't arrive.
     """
     rows, cols = speed.shape
-    slowness = np.zeros((rows + 2, cols + 2))  # a rim that nothing passes spares looking out for the edge
+    slowness = np.zeros((rows + 2, cols + 2))  # an impassable rim saves checking for the edge
     np.divide(1.0, speed, out=slowness[1:-1, 1:-1], where=speed > 0.0)
     seeds = np.flatnonzero(np.pad(sources & (speed > 0.0), 1))
-    stop = -1 if until is None else (until[0] + 1) * (cols + 2) + until[1] + 1
-    time: NDArray[np.float64] = _march(slowness.ravel(), cols + 2, seeds, stop, margin)
+    stop = -1 if stop_cell is None else (stop_cell[0] + 1) * (cols + 2) + stop_cell[1] + 1
+    time: NDArray[np.float64] = _propagate(slowness.ravel(), cols + 2, seeds, stop, margin)
     return time.reshape(rows + 2, cols + 2)[1:-1, 1:-1]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _march(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped-def]
+def _propagate(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped-def]
     time = np.full(slowness.size, np.inf)
     done = np.full(slowness.size, np.inf)  # times of accepted cells only
     after = np.empty(slowness.size, dtype=np.int32)  # doubly linked lists of the cells in each bucket
     before = np.empty(slowness.size, dtype=np.int32)
-    n_buckets = math.ceil(_PER_CELL * slowness.max()) + 3
+    n_buckets = math.ceil(_BUCKETS_PER_CELL * slowness.max()) + 3
     first = np.full(n_buckets, _NONE, dtype=np.int32)
     for cell in seeds:
         time[cell] = 0.0
@@ -60,11 +61,11 @@ def _march(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped-def
         if cell == _NONE:
             bucket += 1
             continue
-        _take(first, after, before, cell, bucket % n_buckets)
+        _remove(first, after, before, cell, bucket % n_buckets)
         done[cell] = time[cell]
         waiting -= 1
         if cell == stop:
-            limit = (time[cell] + margin) * _PER_CELL
+            limit = (time[cell] + margin) * _BUCKETS_PER_CELL
         for n in (cell - width, cell - 1, cell + 1, cell + width):
             slow = slowness[n]
             if slow == 0.0 or done[n] < np.inf:
@@ -80,12 +81,12 @@ def _march(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped-def
             if new >= old:
                 continue
             time[n] = new
-            now = max(bucket, int(new * _PER_CELL))
+            now = max(bucket, int(new * _BUCKETS_PER_CELL))
             if old < np.inf:
-                was = max(bucket, int(old * _PER_CELL))
+                was = max(bucket, int(old * _BUCKETS_PER_CELL))
                 if now == was:
                     continue
-                _take(first, after, before, n, was % n_buckets)
+                _remove(first, after, before, n, was % n_buckets)
             else:
                 waiting += 1
             _push(first, after, before, n, now % n_buckets)
@@ -102,7 +103,7 @@ def _push(first, after, before, cell, slot):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _take(first, after, before, cell, slot):  # type: ignore[no-untyped-def]
+def _remove(first, after, before, cell, slot):  # type: ignore[no-untyped-def]
     prior, later = before[cell], after[cell]
     if prior == _NONE:
         first[slot] = later

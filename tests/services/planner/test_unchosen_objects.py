@@ -1,4 +1,4 @@
-"""What isn't gone to, and why: told to people, decided nowhere."""
+"""Objects that the robot isn't heading for, and the reasons that people are told."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from surveilnav.messages import Candidate
 from surveilnav.services.planner.core import MissionState, PlannerConfig, step
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
-from surveilnav.services.planner.core.goals.passed_over import passed_over
-from surveilnav.services.planner.core.memory import blacklist, drop
+from surveilnav.services.planner.core.goals.unchosen_objects import unchosen_objects
+from surveilnav.services.planner.core.memory.floor_memory import DismissedObject
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 
 CONFIG = PlannerConfig()
@@ -33,27 +33,28 @@ def hall(world):
 def told(hall, objects, state=None, known=()):
     state = state or MissionState("chair", floor="0")
     maps = replace(hall.maps(), objects=objects)
-    return passed_over(StepContext.of(state, maps, hall.robot(), CONFIG, FmmPlanner(), {}, best_frontier), known)
+    context = StepContext.from_inputs(state, maps, hall.robot(), CONFIG, FmmPlanner(), {}, best_frontier)
+    return unchosen_objects(context, known)
 
 
 def rejected(record, state):
     return {"status": "rejected", "reason": "a couch from near by"}
 
 
-def dropped(record, state):
-    drop(state, record, "not confirmed")
+def dismissed(record, state):
+    state.dismiss(record, "not confirmed")
 
 
-def dropped_beside(record, state):
-    state.here.dropped[99] = (*AT, "not confirmed")
+def dismissed_beside(record, state):
+    state.here.dismissed[99] = DismissedObject(*AT, "not confirmed")
 
 
 def failed(record, state):
-    blacklist(state, *AT, CONFIG)
+    state.blacklist_place(*AT, CONFIG)
 
 
-def wavered(record, state):
-    state.here.wavered[record.id] = 5
+def oscillating(record, state):
+    state.here.oscillations[record.id] = 5
 
 
 def far_off(record, state):
@@ -72,10 +73,10 @@ def sure(record, state):
     ("happened", "why"),
     [
         (rejected, "the maps rejected it: a couch from near by"),
-        (dropped, "dropped it: not confirmed"),
-        (dropped_beside, "looked at this place"),
+        (dismissed, "dismissed it: not confirmed"),
+        (dismissed_beside, "looked at this place"),
         (failed, "going there failed"),
-        (wavered, "views disagree"),
+        (oscillating, "views disagree"),
         (far_off, "no way leads there"),
         (faint, "exploring comes first"),
         (sure, "something else is worth more"),

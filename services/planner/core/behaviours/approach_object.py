@@ -1,0 +1,155 @@
+"""Approaching an object: going near, looking, verifying it (on two levels), and stopping."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core.behaviours.follow_route import follow_route, level_camera
+from surveilnav.services.planner.core.context import Choice, StepContext
+from surveilnav.services.planner.core.decision import Decision
+from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.goals.goal_region import GoalRegion, goal_region
+from surveilnav.services.planner.core.goals.verification import Verification, is_likely_enough, verify
+from surveilnav.services.planner.core.motion.drive import bearing_error_rad, turn_towards
+
+
+@dataclass(frozen=True, slots=True)
+class _Approach:
+    """An approach to an object at this step: what it was chosen among, and what the joint map says of it now."""
+
+    context: StepContext
+    record: ObjectRecord
+    choice: Choice
+    verification: Verification
+
+
+def approach_object(context: StepContext, record: ObjectRecord, choice: Choice) -> Decision | None:
+    """Goes near an object, looks at it on the way, and stops if it is the target. None: it was dismissed or blacklisted."""
+    verification = _verification_of(context, record)
+    if verification == "contradicted":
+        context.state.dismiss(record, f"the robot sees {record.label_robot or 'something else'}")
+        return None
+    region = goal_region(
+        context.terrain, context.travel_time_m, record, context.robot, context.config, context.maps.floor_z_m
+    )
+    if region is None:
+        if objects.is_confirmed(record, context.state.target):
+            context.state.record_unreachable(record)
+        context.state.blacklist_place(*record.center_m[:2], context.config)
+        return None
+    approach = _Approach(context, record, choice, verification)
+    if _has_arrived(context, region):
+        return _look_and_decide(approach)
+    return level_camera(context, choice) or _turn_to_unverified(approach, region) or _drive_nearer(approach, region)
+
+
+def _verification_of(context: StepContext, record: ObjectRecord) -> Verification:
+    """What the joint map says now. An accepted last resort that was ruled out before isn't contradicted by more such views."""
+    verification = verify(record, context.state.target, context.config)
+    accepted = record.id == context.state.here.accepted_object
+    if verification == "contradicted" and accepted and objects.is_ruled_out(record, context.state, context.config):
+        return "open"
+    return verification
+
+
+def _has_arrived(context: StepContext, region: GoalRegion) -> bool:
+    here = context.terrain.cell(context.robot.x_m, context.robot.y_m)
+    is_near = float(region.distance_m[here]) <= max(context.config.stop_m, region.nearest_m)
+    return bool(region.goals[here]) or (is_near and bool(region.sight[here]))
+
+
+def _turn_to_unverified(approach: _Approach, region: GoalRegion) -> Decision | None:
+    """On the way, turns to an unverified object once it is near by and in sight, until it was seen from near by."""
+    context, record = approach.context, approach.record
+    memory, config, max_turns = context.state.here, context.config, context.config.scan_turns // 2
+    if approach.verification == "verified" or not _sees_from_within(context, region, config.inspect_m):
+        return None
+    error_rad = bearing_error_rad(context.robot, *record.center_m[:2])
+    if abs(error_rad) <= config.half_fov_rad:  # it is in view now, so there is no need to turn back to it later
+        memory.record_inspection(record.id, max_turns)
+        return None
+    turns = memory.inspection_turns.get(record.id, 0)
+    if turns >= max_turns:
+        return None
+    memory.record_inspection(record.id, turns + 1)
+    turn = "turn_left" if error_rad > 0 else "turn_right"
+    return context.decide(turn, "confirming", f"turning to {_describe(context, record)}", approach.choice)
+
+
+def _drive_nearer(approach: _Approach, region: GoalRegion) -> Decision | None:
+    """Takes a step nearer. Where no way leads nearer, stops if the object is verified or accepted and in sight."""
+    context, record = approach.context, approach.record
+    route = follow_route(context, region.goals)
+    if route is not None:
+        message = f"to {_describe(context, record)}, {route.remaining_m:.1f} m"
+        return context.decide(route.action, "approaching", message, approach.choice, route)
+    if not _sees_from_within(context, region, context.config.farthest_stop_m):
+        return None
+    if approach.verification == "verified":
+        return _found(approach, "seen by the robot itself, and no way leads nearer")
+    return _accepted(approach) if record.id == context.state.here.accepted_object else None
+
+
+def _look_and_decide(approach: _Approach) -> Decision | None:
+    """At the object: faces it and stops if it is verified; else looks in a few more directions and then decides."""
+    context, record = approach.context, approach.record
+    state, config = context.state, context.config
+    state.reset_stuck_timer()
+    verified = approach.verification == "verified"
+    looks_taken = state.here.extra_looks.get(record.id, 0)
+    turn = turn_towards(context.robot, *record.center_m[:2], config)
+    waited = state.step - state.waypoint.progress_step if state.waypoint is not None else 0
+    if turn and waited < config.patience_steps and (verified or looks_taken == 0):
+        return context.decide(turn, "confirming", f"turning to {_describe(context, record)}", approach.choice)
+    if verified:
+        return _found(approach, "seen by the robot itself")
+    looks = _extra_looks(context, record)
+    if looks_taken < len(looks) and config.verification != "paper":
+        state.here.record_extra_look(record.id)
+        message = f"looking at {_describe(context, record)} again, {looks_taken + 1} of {len(looks)}"
+        return context.decide(looks[looks_taken], "confirming", message, approach.choice)
+    if is_likely_enough(record, state.target, config):
+        return _found(approach, "likely enough after all looks at it")
+    if record.id == state.here.accepted_object:
+        return _accepted(approach)
+    state.dismiss(record, "the robot's own views didn't confirm it")
+    return None
+
+
+def _sees_from_within(context: StepContext, region: GoalRegion, distance_m: float) -> bool:
+    """Whether the robot is within a distance of the object, with nothing known in between."""
+    here = context.terrain.cell(context.robot.x_m, context.robot.y_m)
+    return float(region.distance_m[here]) <= distance_m and bool(region.sight[here])
+
+
+def _extra_looks(context: StepContext, record: ObjectRecord) -> tuple[str, ...]:
+    """Actions that bring the object to other parts of the picture, beginning with a look down if it is low."""
+    config, robot = context.config, context.robot
+    distance_m = math.hypot(record.center_m[0] - robot.x_m, record.center_m[1] - robot.y_m)
+    below_m = context.maps.floor_z_m + config.camera_height_m - record.center_m[2]
+    is_low = math.atan2(below_m, max(distance_m, 0.1)) > config.turn_rad / 2
+    return ("look_down" if is_low else "turn_right", "turn_left", "turn_right", "turn_right")[: config.max_extra_looks]
+
+
+def _found(approach: _Approach, why: str) -> Decision:
+    return _stop(approach, f"found {_describe(approach.context, approach.record)}: {why}")
+
+
+def _accepted(approach: _Approach) -> Decision:
+    described, target = _describe(approach.context, approach.record), approach.context.state.target
+    return _stop(approach, f"took {described} for {target!r}: weak evidence, but nothing better was found")
+
+
+def _stop(approach: _Approach, message: str) -> Decision:
+    decision = approach.context.decide("stop", "finished", message, approach.choice)
+    return replace(decision, finished=True, found=True)
+
+
+def _describe(context: StepContext, record: ObjectRecord) -> str:
+    """An object in words. If it is rather something else than the target, with the chance that it is the target."""
+    target = context.state.target
+    term = "confidence" if record.label == target else f"{target} by"
+    number = record.confidence if record.label == target else objects.chance(record, target)
+    return f"{record.label} {record.id} ({term} {number:.2f})"
