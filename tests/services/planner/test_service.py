@@ -792,7 +792,7 @@ def test_stairs_that_cannot_be_are_dropped(two_floors, planner, client):
 )
 def test_hostile_summaries_are_dropped_and_counted(planner, cameras, labels, says):
     service = planner()
-    summaries = service._missions._around.summaries
+    summaries = service._missions._context.summaries
     cameras("1", "c1-1", labels, said=says)
     cameras("1", "c1-9", {"chair": 0.25})
     until(lambda: summaries.by_floor() == {"1": {"chair": 0.25}}, summaries.by_floor)
@@ -804,7 +804,7 @@ def test_hostile_summaries_are_dropped_and_counted(planner, cameras, labels, say
 
 
 def test_a_floor_is_what_its_cameras_last_said(planner, cameras, monkeypatch):
-    summaries = planner()._missions._around.summaries
+    summaries = planner()._missions._context.summaries
     cameras("0", "c0-1", {"tv": 0.5})
     cameras("0", "c0-2", {"tv": 0.7, "bed": 0.2})
     cameras("1", "c1-1", {})

@@ -136,7 +136,7 @@ class LastView:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ValidationResult:
     """The answer of ``ViewValidator.validate``.
 
     Attributes:
@@ -169,12 +169,12 @@ class ViewValidator:
         self._last_seq: dict[str, int] = {}  # robot source -> the newest sequence number that arrived
         self.missed: dict[str, int] = {}
 
-    def validate(self, view: PosedView) -> Verdict:
+    def validate(self, view: PosedView) -> ValidationResult:
         """Judges a view that passed ``check_view``. Changes nothing: ``record_arrival`` and ``record_integrated`` do."""
         key, current = (view.source, view.view), LastView.from_view(view)
         last, doubted = self._last.get(key), self._doubted.get(key)
         if last is not None and _is_repeat(last, current, view.is_robot):
-            return Verdict(is_new=False)
+            return ValidationResult(is_new=False)
         n_missed = self._count_missed(view)
         fault = self._fault(last, current, view.is_robot)
         believed = (
@@ -183,12 +183,12 @@ class ViewValidator:
             and not self._fault(doubted, current, view.is_robot)
         )
         if fault is not None and not believed:
-            return Verdict(True, fault, n_missed, is_doubted=True)
+            return ValidationResult(True, fault, n_missed, is_doubted=True)
         if not _any_depth(view.depth_m):
-            return Verdict(True, ViewError("no_depth", "not one pixel has a depth"), n_missed)
-        return Verdict(True, None, n_missed)
+            return ValidationResult(True, ViewError("no_depth", "not one pixel has a depth"), n_missed)
+        return ValidationResult(True, None, n_missed)
 
-    def record_arrival(self, view: PosedView, verdict: Verdict) -> None:
+    def record_arrival(self, view: PosedView, verdict: ValidationResult) -> None:
         """Updates the counts by a view that has arrived, and remembers it if the verdict doubts it."""
         if not verdict.is_new:
             return

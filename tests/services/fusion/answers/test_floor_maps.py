@@ -13,7 +13,7 @@ from surveilnav.errors import WireError
 from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, Part, Revision
 from surveilnav.sensing.layers import GRID_LAYERS
-from surveilnav.sensing.views import Detected
+from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.answers.floor_maps import FloorMapsAnswers
 from surveilnav.services.fusion.answers.reader import MapReader
 from surveilnav.services.fusion.building_maps import BuildingMaps
@@ -49,7 +49,9 @@ class Fusion:
             self.world.detect(view, name, label, 0.6, self.tools.unit(k))
             for k, (name, label) in enumerate((("sofa", "couch"), ("box", "chair")))
         ]
-        seen = self.tools.seen(*[d for d in found if isinstance(d, Detected)], image=self.tools.unit(self.seq % 4))
+        seen = self.tools.seen(
+            *[d for d in found if isinstance(d, DetectedObject)], image=self.tools.unit(self.seq % 4)
+        )
         header = FrameHeader(
             stamp_ns=view.stamp_ns,
             source=view.source,

@@ -1,4 +1,4 @@
-"""One mission: the step-synchronous loop of one robot, on a thread of its own."""
+"""One mission: the loop observe, decide, act of one robot, on a thread of its own."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Pla
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.core import Decision, MapView, MissionState, RobotView, step
 from surveilnav.services.planner.floor_maps import FloorMapsClient
+from surveilnav.services.planner.mission_bus import MissionBus, MissionCancelledError, MissionFailedError
 from surveilnav.services.planner.pausing import Pause, PausedError
 from surveilnav.services.planner.store import PendingAction, SavedMission, Store, StoreError
 from surveilnav.services.planner.summaries import Summaries
-from surveilnav.services.planner.world import CancelError, LostError, World
 from surveilnav.words import canonical
 
-#: So often in a row a robot may refuse a stair; the core gives the stair up long before.
+#: How often in a row a robot may refuse a stair; the core gives the stair up long before.
 _MAX_REFUSALS = 5
-_PAUSED_LOOK_S = 0.1
+_PAUSE_CHECK_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What all missions share: the bus, the settings, what is heard from fusion and the cameras, and the store."""
+class MissionContext:
+    """What all missions share: the bus, the settings, the latest messages of fusion and the cameras, and the store."""
 
     node: Node
     settings: PlannerSettings
@@ -37,8 +37,8 @@ class Surroundings:
     store: Store
 
 
-def accepted(goal: MissionGoal, target: str, robot: str, message: str = "") -> SavedMission:
-    """A mission that nothing was done for yet. ``robot`` "": it waits for the goal's, or for any; ``message`` says so."""
+def new_mission(goal: MissionGoal, target: str, robot: str, message: str = "") -> SavedMission:
+    """A mission before its first step. ``robot`` "": it waits for the goal's robot, or for any; ``message`` says why."""
     now_ns = clock_ns()
     asked = _as_asked(goal) if canonical(goal.target) != target else ""
     return SavedMission(
@@ -61,18 +61,24 @@ def accepted(goal: MissionGoal, target: str, robot: str, message: str = "") -> S
 
 
 def _as_asked(goal: MissionGoal) -> str:
-    """A goal's target as it was typed, on one line."""
+    """The target as the user typed it, on one line."""
     return " ".join(goal.target.split())
 
 
-class Mission:
-    """A goal and what became of it, new or as the store kept it. ``status`` and ``plan`` are the newest of their kind."""
+class MissionRunner:
+    """Runs one mission, a new one or one that the store kept.
 
-    def __init__(self, around: Surroundings, saved: SavedMission) -> None:
-        self._node, self._settings, self._store = around.node, around.settings, around.store
-        self._summaries = around.summaries
+    Attributes:
+        status, plan: the latest ones.
+        robot: the robot's id; "" while the mission waits for one.
+        unsaved: whether the store lacks the latest state.
+    """
+
+    def __init__(self, context: MissionContext, saved: SavedMission) -> None:
+        self._node, self._settings, self._store = context.node, context.settings, context.store
+        self._summaries = context.summaries
         self.status, self.plan, self.robot = saved.status, saved.plan, saved.status.robot
-        self._memory = self._remembered(saved)
+        self._state = self._load_state(saved)
         self._pending, self._cancel, self._pause = saved.pending, saved.cancel, Pause(saved.paused)
         self.wanted_robot = saved.wanted_robot
         self._robot_path_m = saved.robot_path_m
@@ -80,23 +86,25 @@ class Mission:
         self._refusals = 0
         self._ended = threading.Event()
         self.unsaved = False
-        self._saving = threading.Lock()  # who cancels writes too, and an older state must not come last
-        self._world = World(
+        self._saving = (
+            threading.Lock()
+        )  # cancelling writes from another thread; an older state must not be written last
+        self._bus = MissionBus(
             self._node,
             self._settings,
-            around.revisions,
+            context.revisions,
             FloorMapsClient(self._node, self.status.target, self._settings.ask_timeout_s),
             self.robot,
-            self._hold,
-            self._interrupted,
+            self._report_waiting,
+            self._check_interrupted,
         )
-        # what was heard before counts too: the choice stands on it
+        # summaries received before the mission count too: its choices of floor are based on them
         heard = sum(self._summaries.received_bytes().values()) - self._summaries.fresh_bytes()
         self._summary_bytes_before = heard - self.status.floor_choice_bytes
         self._statuses: Publisher | None = None
         self._plans: Publisher | None = None
         self._thread = threading.Thread(target=self._run, name=f"mission-{self.id}", daemon=True)
-        self._starting = threading.Lock()  # who cancels a mission that waits for a robot may meet its start
+        self._starting = threading.Lock()  # a queued mission may be cancelled while it is being started
 
     @property
     def id(self) -> str:
@@ -106,21 +114,23 @@ class Mission:
     def finished(self) -> bool:
         return self.status.state in FINISHED_STATES
 
-    def is_of(self, goal: MissionGoal, target: str) -> bool:
-        """Whether a goal is that of this mission, sent again. ``target``: as perception calls it now; meanwhile it may know
-        other words."""
+    def matches(self, goal: MissionGoal, target: str) -> bool:
+        """Whether a goal is the one of this mission, sent again.
+
+        ``target``: the goal's target in perception's present vocabulary, which may have changed since.
+        """
         said = {self.status.target, self.status.asked} - {""}
         return self.status.max_steps == goal.max_steps and not said.isdisjoint({target, _as_asked(goal)})
 
     @property
-    def waits(self) -> bool:
+    def is_queued(self) -> bool:
         """Whether it has no robot yet."""
         return not self.robot and not self.finished
 
     def save(self) -> None:
         """Writes the mission to the store. Raises StoreError."""
         with self._saving:
-            memory = "" if self.finished else self._memory.to_json().decode()
+            memory = "" if self.finished else self._state.to_json().decode()
             saved = SavedMission(
                 status=self.status,
                 plan=self.plan,
@@ -135,44 +145,44 @@ class Mission:
             self._store.save(saved, finished=self.finished, sync=not under_way)
 
     def announce(self) -> None:
-        """Says that it is there; one that has a robot begins, or goes on where the store says that it was."""
+        """Publishes the mission. If it has a robot, it starts, or goes on where the store says that it was."""
         self._statuses = self._node.publisher(MISSION_STATUS, mission=self.id)
         self._plans = self._node.publisher(MISSION_PLAN, mission=self.id)
-        self._say()
+        self._publish_status()
         if self.robot:
             self._thread.start()
 
-    def give(self, robot: str) -> None:
-        """Begins with a robot; one that waited for it. Raises StoreError: that can't be written, so it still waits."""
+    def assign(self, robot: str) -> None:
+        """Starts a queued mission with a robot. StoreError: that can't be written, and the mission stays queued."""
         with self._starting:
-            if not self.waits:
+            if not self.is_queued:
                 return
             waiting = self.status
-            self._note(robot=robot, message="")
+            self._update_status(robot=robot, message="")
             try:
                 self.save()
             except StoreError:
                 self.status = waiting
                 raise
-            self.robot, self._world = robot, replace(self._world, robot=robot)
-            self._say()
+            self.robot, self._bus = robot, replace(self._bus, robot=robot)
+            self._publish_status()
             self._thread.start()
 
     def supersede(self, by: str) -> None:
-        """Ends a mission that can't be taken up again: its robot has a later one."""
+        """Ends a mission that can't be resumed because its robot was given a later one."""
         self._end("failed", error="superseded", message=f"robot {self.robot} was given mission {by!r} meanwhile")
         self._ended.set()
 
-    def save_again(self) -> None:
-        """Another try where the store couldn't be written: a mission that ended must not begin again."""
-        if self.unsaved and self.finished:  # one under way is written with its next decision
+    def retry_saving(self) -> None:
+        """Tries again to write the end of a mission that the store couldn't take, so that it isn't resumed after a restart."""
+        if self.unsaved and self.finished:  # an open one is written with its next decision
             self._save_or_warn()
 
     def cancel(self, reason: str, wait_s: float) -> None:
-        """Has the robot stop; waits a little for that to have happened."""
+        """Cancels the mission and stops the robot; waits for that, at most ``wait_s``."""
         with self._starting:
             self._cancel = reason or "cancelled"
-            if self.waits:
+            if self.is_queued:
                 self._end("cancelled", message=self._cancel)
                 self._close()
                 self._ended.set()
@@ -180,17 +190,17 @@ class Mission:
         self._ended.wait(wait_s)
 
     def pause(self, reason: str) -> None:
-        """Has the robot stay where it is once its action is done; the status says when that is so."""
+        """Pauses the mission once the current action is done; then its state is "paused"."""
         self._pause.begin(reason)
         self._save_or_warn()
 
     def resume(self) -> None:
-        """Has it go on where it was paused."""
+        """Resumes a paused mission."""
         self._pause.end()
         self._save_or_warn()
 
     def wait_until(self, *, paused: bool, at_most_s: float) -> None:
-        """Until its status says that it is paused, or isn't, or that it ended; at most so long."""
+        """Waits until the mission is paused, or isn't, or has ended; at most ``at_most_s``."""
         until_s = time.monotonic() + at_most_s
         while (self.status.state == "paused") != paused and not self.finished and time.monotonic() < until_s:
             time.sleep(0.01)
@@ -199,19 +209,21 @@ class Mission:
 
     def _run(self) -> None:
         try:
-            self._say(state="active", phase="waiting", message="waiting for the robot's first view in the maps")
+            self._publish_status(
+                state="active", phase="waiting", message="waiting for the robot's first view in the maps"
+            )
             self._search_with_pauses()
-        except CancelError:
+        except MissionCancelledError:
             if self._node.stopping.is_set():
-                return  # nobody hears us any more; the robot's own deadline stops it
+                return  # the session is closing; the robot's command deadline stops it
             self._stop_robot()
             self._end("cancelled", message=self._cancel or "")
-        except LostError as lost:
+        except MissionFailedError as lost:
             self._stop_robot()
             self._end("failed", error=lost.name, message=str(lost))
-        except Exception as error:  # a bug must end this mission only, and not in silence
+        except Exception as error:  # a bug must end this mission alone, and visibly
             if self._node.stopping.is_set():
-                return  # the session was closed under our feet
+                return  # the session was closed meanwhile
             self._node.log.exception("mission failed", mission=self.id)
             self._stop_robot()
             self._end("failed", error="internal", message=f"{type(error).__name__} in the planner; see its log")
@@ -226,53 +238,53 @@ class Mission:
                 publisher.close()
 
     def _search(self) -> None:
-        """Maps that hold observation n -> decision -> action -> observation n + 1, until the mission ends.
+        """Repeats until the mission ends: maps that contain observation n, a decision, an action, observation n + 1.
 
-        A mission that was interrupted begins with the action that it last decided on: whether the robot had carried it
-        out is told by its sequence number.
+        A resumed mission starts with the action that it decided on last. The robot's sequence number tells whether that
+        was carried out already.
         """
         while True:
-            self._world.check_cancelled()
+            self._bus.check_cancelled()
             if self._pending is None:
-                status = self._world.robot_status()
-                maps = self._world.maps_with(status.seq)
+                status = self._bus.robot_status()
+                maps = self._bus.maps_with(status.seq)
                 self._pending = self._decide(status, maps)
-            self._world.check_cancelled()
+            self._bus.check_cancelled()
             if self._carry_out(self._pending):
                 return
             self._pending = None
 
     def _search_with_pauses(self) -> None:
-        """The search goes on with the same decision after each pause."""
+        """Searches; after a pause the search goes on with the decision that it interrupted."""
         while True:
             try:
                 return self._search()
             except PausedError:
                 self._wait_while_paused()
 
-    def _interrupted(self) -> bool:
-        """Whether it was cancelled. PausedError: it is paused."""
+    def _check_interrupted(self) -> bool:
+        """Whether the mission was cancelled. PausedError: it is paused."""
         if self._cancel is None:
             self._pause.check()
         return self._cancel is not None
 
     def _wait_while_paused(self) -> None:
-        """CancelError: it was cancelled meanwhile, or the service ends."""
-        self._say(state="paused", phase="paused", message=self._pause.reason or "")
+        """Waits until the mission is resumed. MissionCancelledError: it was cancelled, or the service ends."""
+        self._publish_status(state="paused", phase="paused", message=self._pause.reason or "")
         while self._pause.reason is not None:
             if self._cancel is not None or self._node.stopping.is_set():
-                raise CancelError
-            self._pause.wait(_PAUSED_LOOK_S)
-        self._say(state="active", phase="waiting", message="going on")
+                raise MissionCancelledError
+            self._pause.wait(_PAUSE_CHECK_S)
+        self._publish_status(state="active", phase="waiting", message="going on")
 
     def _decide(self, status: RobotStatus, maps: MapView) -> PendingAction:
-        """The next action; written to the store, so that it may be sent."""
+        """Decides on the next action, and writes it to the store before the robot hears of it."""
         robot = self._robot_view(status)
-        self._memory, decision = step(
-            self._memory, maps, robot, self._settings.core, summaries=self._summaries.by_floor()
+        self._state, decision = step(
+            self._state, maps, robot, self._settings.core, summaries=self._summaries.by_floor()
         )
         facts = {
-            "step": self._memory.step,
+            "step": self._state.step,
             "path_m": self._path_before_m + robot.path_m,
             "floor": status.floor,
             "object_id": decision.object_id,
@@ -285,29 +297,29 @@ class Mission:
                 "distance_remaining_m": decision.distance_m,
                 "message": decision.message,
             }
-        self._note(**facts)
+        self._update_status(**facts)
         self.plan = self._plan(decision, status, maps)
         self._pending = PendingAction.from_decision(decision, status.seq)
         self._save_or_warn()
-        self._tell(self._plans, self.plan)
+        self._publish(self._plans, self.plan)
         if not decision.finished:
-            self._tell(self._statuses, self.status)
+            self._publish(self._statuses, self.status)
         return self._pending
 
     def _robot_view(self, status: RobotStatus) -> RobotView:
-        """The robot by its own word; a stair that it refused wasn't its last action."""
-        robot = RobotView.from_status(status, self.id, self._world.stairs(status))
-        if robot.path_m < self._robot_path_m:  # it forgot its way: it was started anew
+        """The robot as the core sees it. A stair that it refused doesn't count as its last action."""
+        robot = RobotView.from_status(status, self.id, self._bus.stairs(status))
+        if robot.path_m < self._robot_path_m:  # the robot was restarted, and counts from zero
             self._path_before_m += self._robot_path_m
         self._robot_path_m = robot.path_m
         return replace(robot, last_action=None, collided=False) if self._refusals else robot
 
     def _carry_out(self, pending: PendingAction) -> bool:
-        """Has the robot do what was decided; True if that ended the mission."""
+        """Carries out a decision; True if that ended the mission."""
         if pending.finished:
-            if self._concluded(pending):
+            if self._conclude(pending):
                 return True
-            self._memory.reopen()  # the robot stands elsewhere than we thought: look again
+            self._state.reopen()  # the robot had moved on: the decision was for another observation
             return False
         self._act(pending)
         return False
@@ -315,52 +327,52 @@ class Mission:
     def _act(self, pending: PendingAction) -> None:
         action = str(pending.action)
         try:
-            self._world.move(action, pending.seq, self.id, pending.to_floor)
+            self._bus.move(action, pending.seq, self.id, pending.to_floor)
         except Refused as refused:
-            if refused.name == "halted":  # it may go on when a person says so, not when the robot is released
+            if refused.name == "halted":  # releasing the robot isn't enough: a person must resume the mission
                 self.pause(f"robot {self.robot} is halted: release it, then resume this mission")
                 raise PausedError from refused
-            self._refusals += 1  # the core counts it against the stair, and chooses again
+            self._refusals += 1  # the core counts this against the stair and decides again
             if action != "take_stairs" or self._refusals > _MAX_REFUSALS:
-                raise LostError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
-            self._hold(f"robot {self.robot} refused {action}: {refused}")
+                raise MissionFailedError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
+            self._report_waiting(f"robot {self.robot} refused {action}: {refused}")
             return
         self._refusals = 0
 
-    def _concluded(self, pending: PendingAction) -> bool:
-        """Ends the mission as decided; False if the robot didn't carry out the stop that says "found"."""
+    def _conclude(self, pending: PendingAction) -> bool:
+        """Ends the mission as decided; False if the robot refused the stop because it is at another observation."""
         if not pending.found:
             self._stop_robot()
             self._end("failed", error=pending.error, message=pending.message)
             return True
         try:
-            if self._world.move("stop", pending.seq, self.id) != pending.seq + 1:
+            if self._bus.move("stop", pending.seq, self.id) != pending.seq + 1:
                 return False
         except Refused as refused:
-            raise LostError("stuck", f"robot {self.robot} refused to stop: {refused}") from refused
+            raise MissionFailedError("stuck", f"robot {self.robot} refused to stop: {refused}") from refused
         self._end("done", found=True, message=pending.message)
         return True
 
     def _stop_robot(self) -> None:
-        """Tells the robot to stop, once and without insisting: its own deadline does the rest."""
-        world = World(
+        """Asks the robot once to stop. If that fails, the deadline of its last command stops it."""
+        world = MissionBus(
             self._node,
             self._settings.model_copy(update={"robot_timeout_s": 1e-3}),
-            self._world.revisions,
-            self._world.maps,
+            self._bus.revisions,
+            self._bus.maps,
             self.robot,
             lambda _: None,
             lambda: False,
         )
         try:
             world.move("stop", world.robot_status().seq, self.id)
-        except (LostError, Refused, CancelError) as error:
+        except (MissionFailedError, Refused, MissionCancelledError) as error:
             self._node.log.warning("couldn't stop the robot", robot=self.robot, error=str(error))
 
-    # --- keeping it -----------------------------------------------------------------------------------------------
+    # --- the store -----------------------------------------------------------------------------------------------
 
-    def _remembered(self, saved: SavedMission) -> MissionState:
-        """What the core remembered; a planner of another version may have to begin anew, with the steps counted on."""
+    def _load_state(self, saved: SavedMission) -> MissionState:
+        """The core's state from the store; if it can't be read, a fresh one that continues the count of steps."""
         status = saved.status
         fresh = MissionState(status.target, max_steps=status.max_steps, step=status.step)
         if not saved.memory:
@@ -372,7 +384,7 @@ class Mission:
             return fresh
 
     def _save_or_warn(self) -> None:
-        """A mission under way goes on also where its store is full: it may only not outlive the planner."""
+        """Writes the mission to the store. If that fails the mission goes on, but may not survive a restart of the planner."""
         try:
             self.save()
             self.unsaved = False
@@ -380,28 +392,28 @@ class Mission:
             self.unsaved = True
             self._node.warn_seldom("store_failed: this mission may not survive a restart", error=str(error))
 
-    # --- saying so ------------------------------------------------------------------------------------------------
+    # --- status and plan ------------------------------------------------------------------------------------------------
 
     def _floor_choice_bytes(self) -> int:
         return sum(self._summaries.received_bytes().values()) - self._summary_bytes_before
 
-    def _hold(self, why: str) -> None:
+    def _report_waiting(self, why: str) -> None:
         if self.status.message != why:
-            self._say(phase="waiting", message=why)
+            self._publish_status(phase="waiting", message=why)
 
-    def _note(self, **changes: Any) -> None:
+    def _update_status(self, **changes: Any) -> None:
         self.status = msgspec.structs.replace(self.status, stamp_ns=clock_ns(), **changes)
 
-    def _say(self, **changes: Any) -> None:
-        self._note(**changes)
-        self._tell(self._statuses, self.status)
+    def _publish_status(self, **changes: Any) -> None:
+        self._update_status(**changes)
+        self._publish(self._statuses, self.status)
 
-    def _tell(self, publisher: Publisher | None, message: MissionStatus | Plan) -> None:
+    def _publish(self, publisher: Publisher | None, message: MissionStatus | Plan) -> None:
         if publisher is not None:
             publisher.put(message)
 
     def _end(self, state: str, *, error: str = "", message: str = "", found: bool = False) -> None:
-        self._note(
+        self._update_status(
             state=state,
             phase="finished",
             error=error,
@@ -412,7 +424,7 @@ class Mission:
             floor_choice_bytes=self._floor_choice_bytes(),
         )
         self._save_or_warn()
-        self._tell(self._statuses, self.status)
+        self._publish(self._statuses, self.status)
         self._node.log.info(
             "mission ended",
             mission=self.id,
@@ -429,7 +441,7 @@ class Mission:
             mission=self.id,
             robot=self.robot,
             floor=status.floor,
-            step=self._memory.step,
+            step=self._state.step,
             seq=status.seq,
             action=decision.action or "",
             waypoint=decision.waypoint,

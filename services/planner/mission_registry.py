@@ -1,4 +1,4 @@
-"""All missions of a building: which there are, which robot has which, what outlives a restart."""
+"""All missions of a building: which there are, which robot has which, and which are resumed after a restart."""
 
 from __future__ import annotations
 
@@ -9,44 +9,47 @@ from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
 from surveilnav.services.planner.config import PlannerSettings
-from surveilnav.services.planner.mission import Mission, Surroundings, accepted
+from surveilnav.services.planner.mission_runner import MissionContext, MissionRunner, new_mission
 from surveilnav.services.planner.store import Store, StoreError
 from surveilnav.services.planner.summaries import Summaries
 from surveilnav.services.planner.targets import resolve_target
 
 
-class Missions:
+class MissionRegistry:
     """One mission per robot at a time, several robots at once. Safe to use from any thread."""
 
     def __init__(self, node: Node, settings: PlannerSettings) -> None:
         self._node, self._settings = node, settings
         self._lock = threading.Lock()
-        self._missions: dict[str, Mission] = {}
+        self._missions: dict[str, MissionRunner] = {}
         self._robots = node.table(ROBOT_STATUS)
         self._store = Store(settings.store, node)
-        self._around = Surroundings(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
+        self._context = MissionContext(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
         self._resumed = self._resume()
 
-    def all(self) -> list[Mission]:
-        """In the order in which they were accepted."""
+    def all(self) -> list[MissionRunner]:
+        """All missions, in the order in which they were accepted."""
         with self._lock:
             return list(self._missions.values())
 
-    def get(self, id: str) -> Mission | None:
-        """The mission of that id; None: it isn't known here."""
+    def get(self, id: str) -> MissionRunner | None:
+        """The mission of that id; None if it isn't known."""
         with self._lock:
             return self._missions.get(id)
 
-    def save_again(self) -> None:
-        """Another try at what the store couldn't do: to be read when the planner began, or to be written since."""
+    def retry_saving(self) -> None:
+        """Retries what the store couldn't do: be read when the planner started, or written since."""
         with self._lock:
             self._resumed = self._resumed or self._resume()
         for mission in self.all():
-            mission.save_again()
+            mission.retry_saving()
 
-    def accept(self, goal: MissionGoal) -> Mission:
-        """Starts a mission, or finds the one that the same goal started. MissionError: it can't be accepted, and what
-        would be."""
+    def accept(self, goal: MissionGoal) -> MissionRunner:
+        """Starts a mission, or returns the one that the same goal started before.
+
+        Raises:
+            MissionError: it can't be accepted; the message says what would be.
+        """
         if not 1 <= goal.max_steps <= self._settings.max_steps:
             raise MissionError("bad_goal", f"max_steps must be 1 to {self._settings.max_steps}, got {goal.max_steps}")
         target = resolve_target(self._node, goal.target)
@@ -54,16 +57,16 @@ class Missions:
             if not self._resumed:  # a robot may have a mission already
                 raise MissionError("store_failed", "the store of missions can't be read yet: send the goal again later")
             if known := self._missions.get(goal.mission):
-                if known.is_of(goal, target):
+                if known.matches(goal, target):
                     return known  # the same goal sent again
                 raise MissionError("mission_exists", f"mission {known.id!r} exists already for {known.status.target!r}")
             mission = self._begin(goal, target)
         self._node.log.info("mission accepted", mission=mission.id, target=target, robot=mission.robot)
         return mission
 
-    def _begin(self, goal: MissionGoal, target: str) -> Mission:
+    def _begin(self, goal: MissionGoal, target: str) -> MissionRunner:
         robot, why = self._robot_for(goal)
-        mission = Mission(self._around, accepted(goal, target, robot, why))
+        mission = MissionRunner(self._context, new_mission(goal, target, robot, why))
         try:
             mission.save()  # before it is acknowledged: what was accepted exists, come what may
         except StoreError as error:
@@ -74,41 +77,41 @@ class Missions:
         return mission
 
     def _robot_for(self, goal: MissionGoal) -> tuple[str, str]:
-        """The robot for a goal, or "" and why it waits for one. MissionError: there is none, and it doesn't wait."""
+        """The robot for a goal and "", or "" and why the mission waits for one. MissionError: neither is possible."""
         try:
             return self._free_robot(goal.robot), ""
         except MissionError as error:
             if not goal.queue or error.name == "unknown_robot":
                 raise
-            waiting = sum(m.waits for m in self._missions.values())
+            waiting = sum(m.is_queued for m in self._missions.values())
             if waiting >= self._settings.max_queued:
                 raise MissionError("queue_full", f"{waiting} missions wait for a robot already: cancel one") from error
-            return "", f"waits: {str(error).partition(':')[0]}"  # what else it could do, it does already
+            return "", f"waits: {str(error).partition(':')[0]}"  # the rest of the message suggests queueing
 
-    def give_robots(self) -> None:
-        """Starts those that wait for a robot and can have one now: who came first is served first."""
+    def assign_robots(self) -> None:
+        """Starts queued missions for which a robot is free now, in the order in which they were accepted."""
         with self._lock:
-            for mission in [m for m in self._missions.values() if m.waits]:
+            for mission in [m for m in self._missions.values() if m.is_queued]:
                 try:
-                    mission.give(self._free_robot(mission.wanted_robot))
+                    mission.assign(self._free_robot(mission.wanted_robot))
                 except (MissionError, StoreError):
                     continue
 
-    def halted(self, robot: str) -> bool:
-        """Whether a robot was stopped by hand, by its newest word."""
+    def is_halted(self, robot: str) -> bool:
+        """Whether a robot is halted, by its latest status."""
         return any(row.message.robot == robot and row.message.state == "halted" for row in self._robots.rows())
 
     def _resume(self) -> bool:
-        """Takes up the unfinished missions of the store, and knows the finished ones again; False if it can't be read.
+        """Resumes the unfinished missions of the store and loads the finished ones; False if the store can't be read.
 
-        A robot has one mission: the last one accepted goes on, others that were left open end.
+        A robot has one mission at a time: the one accepted last goes on, other open ones of the same robot end.
         """
         try:
             saved = self._store.load()
         except StoreError as error:
             self._node.warn_seldom("store_failed: no mission is resumed yet", error=str(error))
             return False
-        self._missions = {s.status.mission: Mission(self._around, s) for s in saved}
+        self._missions = {s.status.mission: MissionRunner(self._context, s) for s in saved}
         last = {m.robot: m for m in self._missions.values() if not m.finished and m.robot}
         for mission in list(self._missions.values()):
             if mission.finished:
@@ -133,10 +136,10 @@ class Missions:
                 raise MissionError(
                     "robot_busy", f"robot {wanted!r} is on mission {busy[wanted]!r}: cancel that or wait for its end"
                 )
-            if self.halted(wanted):
+            if self.is_halted(wanted):
                 raise MissionError("robot_halted", f"robot {wanted!r} is halted: release it first")
             return wanted
-        free = [robot for robot in here if robot not in busy and not self.halted(robot)]
+        free = [robot for robot in here if robot not in busy and not self.is_halted(robot)]
         if not here:
             raise MissionError("no_free_robot", "no robot is on the bus: start a robot node and send the goal again")
         if not free:

@@ -1,4 +1,4 @@
-"""What a mission asks the others on the bus: the robot's place, the maps that hold its view, and moves."""
+"""What a mission asks the other services: where the robot is, the maps that contain its newest view, and to move."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ _MAX_STAIRS = 64
 _FARTHEST_M = 10_000.0
 
 
-class LostError(Exception):
-    """A mission can't go on; ``name`` is one of the contract's failure names."""
+class MissionFailedError(Exception):
+    """The mission can't go on. ``name`` is one of the contract's failure names."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
         self.name = name
 
 
-class CancelError(Exception):
+class MissionCancelledError(Exception):
     """Somebody cancelled the mission, or the service ends."""
 
 
 @dataclass(frozen=True, slots=True)
-class World:
-    """The bus as one mission sees it.
+class MissionBus:
+    """The bus as one mission uses it.
 
-    Every wait ends: by what it waits for, by ``CancelError``, or by ``LostError`` after its time. ``hold`` is told why
-    the robot stands still.
+    Every wait ends: with what it waits for, with ``MissionCancelledError``, or with ``MissionFailedError`` when its time is
+    over. ``report_waiting`` is called with the reason why the robot stands still.
     """
 
     node: Node
@@ -48,11 +48,11 @@ class World:
     revisions: Table[Revision]
     maps: FloorMapsClient
     robot: str
-    hold: Callable[[str], None]
+    report_waiting: Callable[[str], None]
     cancelled: Callable[[], bool]
 
     def robot_status(self) -> RobotStatus:
-        """The robot's own word now. LostError: no word that makes sense came for ``robot_timeout_s``."""
+        """The robot's status now. MissionFailedError: no valid one arrived for ``robot_timeout_s``."""
         began_s = time.monotonic()
         while True:
             try:
@@ -64,10 +64,10 @@ class World:
                 error: Exception = WireError(fault)
             except (Unanswered, Refused) as unanswered:
                 error = unanswered
-            self._silent(began_s, error)
+            self._wait_for_robot(began_s, error)
 
     def stairs(self, status: RobotStatus) -> tuple[Stair, ...]:
-        """The stairs that the robot speaks of, without those that can't be; they are counted as dropped."""
+        """The stairs in the robot's status; invalid ones are left out and counted."""
         kept = tuple(s for s in status.stairs[:_MAX_STAIRS] if _is_stair(s))
         if len(kept) < len(status.stairs):
             dropped = len(status.stairs) - len(kept)
@@ -75,10 +75,10 @@ class World:
         return kept
 
     def maps_with(self, seq: int) -> MapView:
-        """The maps as soon as they hold the robot's observation ``seq``. Cameras' views come in by and by: nothing waits for
-        them.
+        """The maps of the robot's floor, as soon as they contain its observation ``seq``. Nothing waits for cameras' views.
 
-        LostError: perception_down, fusion_down or robot_lost after ``maps_timeout_s``.
+        Raises:
+            MissionFailedError: perception_down, fusion_down or robot_lost, after ``maps_timeout_s``.
         """
         began_s = time.monotonic()
         while True:
@@ -86,19 +86,19 @@ class World:
             try:
                 return self.maps.maps_at(revision, self.robot)
             except (Unanswered, Refused, WireError) as error:
-                name, why = self._who_is_missing(revision, str(error))
+                name, why = self._missing_service(revision, str(error))
                 if isinstance(error, Refused) and error.name == "perception_down":
                     name, why = error.name, str(error)
-                self._patience(began_s, self.settings.maps_timeout_s, name, why)
+                self._wait_or_fail(began_s, self.settings.maps_timeout_s, name, why)
 
     def move(self, action: str, seq: int, mission: str, to_floor: str | None = None) -> int:
-        """Has the robot carry out one action after observation ``seq``; returns the newest sequence number.
+        """Has the robot carry out one action after observation ``seq``; returns its newest sequence number.
 
-        A command whose answer was lost isn't repeated blindly: the robot's own sequence number says whether it ran.
+        A command whose answer was lost isn't repeated blindly: the robot's sequence number tells whether it was carried out.
 
         Raises:
             Refused: the robot can't carry it out.
-            LostError: it didn't answer for ``robot_timeout_s``.
+            MissionFailedError: it didn't answer for ``robot_timeout_s``.
         """
         began_s = time.monotonic()
         deadline_ms = round(self.settings.command_deadline_s * 1000)
@@ -117,13 +117,13 @@ class World:
                 ).message
                 return reply.seq  # refused by its number: it stands elsewhere than we thought, look again there
             except Unanswered as error:
-                self._silent(began_s, error)
+                self._wait_for_robot(began_s, error)
                 newest = self.robot_status().seq
                 if newest != seq:
                     return newest
 
     def _revision_with(self, seq: int, began_s: float) -> Revision:
-        """The newest revision of the floor whose maps hold observation ``seq``; asks again now and then."""
+        """The newest revision of the floor whose maps contain observation ``seq``; waits for it."""
         asked_s = time.monotonic()
         while True:
             rows = [row.message for row in self.revisions.rows()]
@@ -136,11 +136,13 @@ class World:
                     if received.message.robots.get(self.robot) == seq:
                         return cast("Revision", received.message)
             newest = max(rows, key=lambda r: r.stamp_ns, default=None)
-            name, why = self._who_is_missing(newest, f"the maps don't hold observation {seq} of robot {self.robot} yet")
-            self._patience(began_s, self.settings.maps_timeout_s, name, why)
+            name, why = self._missing_service(
+                newest, f"the maps don't hold observation {seq} of robot {self.robot} yet"
+            )
+            self._wait_or_fail(began_s, self.settings.maps_timeout_s, name, why)
 
-    def _who_is_missing(self, revision: Revision | None, otherwise: str) -> tuple[str, str]:
-        """Whom a late map is owed to: the failure's name, and a word for people."""
+    def _missing_service(self, revision: Revision | None, otherwise: str) -> tuple[str, str]:
+        """Which service is holding up the maps. Returns the failure name for the mission and a message for people."""
         if self.robot not in self.node.alive("robot"):
             return "robot_lost", f"robot {self.robot} has left the bus"
         if not self.node.alive("fusion"):
@@ -151,22 +153,24 @@ class World:
             return "perception_down", f"perception is down: {revision.message}"
         return "fusion_down", otherwise
 
-    def _silent(self, began_s: float, error: Exception) -> None:
-        self._patience(began_s, self.settings.robot_timeout_s, "robot_lost", f"robot {self.robot} is silent: {error}")
+    def _wait_for_robot(self, began_s: float, error: Exception) -> None:
+        self._wait_or_fail(
+            began_s, self.settings.robot_timeout_s, "robot_lost", f"robot {self.robot} is silent: {error}"
+        )
 
-    def _patience(self, began_s: float, limit_s: float, name: str, why: str) -> None:
-        """One turn of waiting. LostError: ``limit_s`` have passed since ``began_s``."""
+    def _wait_or_fail(self, began_s: float, limit_s: float, name: str, why: str) -> None:
+        """Waits a moment. MissionFailedError: ``limit_s`` have passed since ``began_s``."""
         waited_s = time.monotonic() - began_s
         if waited_s > limit_s:
-            raise LostError(name, f"{why}; waited {limit_s:g} s")
+            raise MissionFailedError(name, f"{why}; waited {limit_s:g} s")
         if waited_s > self.settings.late_s:
-            self.hold(f"holding still: {why}")
+            self.report_waiting(f"holding still: {why}")
         self._pause(_POLL_S)
 
     def check_cancelled(self) -> None:
-        """CancelError: somebody cancelled the mission, or the service ends."""
+        """MissionCancelledError: somebody cancelled the mission, or the service ends."""
         if self.cancelled() or self.node.stopping.is_set():
-            raise CancelError
+            raise MissionCancelledError
 
     def _pause(self, seconds: float) -> None:
         self.check_cancelled()
@@ -174,7 +178,7 @@ class World:
 
 
 def _fault_of(status: RobotStatus) -> str:
-    """What can't be in a robot's word; empty if nothing is wrong."""
+    """What is invalid in a robot's status; "" if nothing is."""
     if not math.isfinite(status.pitch_rad):
         return f"expected its camera's pitch in radians, got {status.pitch_rad}"
     if not 0.0 <= status.path_m < math.inf:
@@ -183,7 +187,7 @@ def _fault_of(status: RobotStatus) -> str:
 
 
 def _is_stair(stair: Stair) -> bool:
-    """Whether a stair joins two floors at places that can be, over a length that can be walked."""
+    """Whether a stair joins two floors at finite places, over a length that can be walked."""
     places = all(math.isfinite(v) and abs(v) < _FARTHEST_M for v in (*stair.at_m, *stair.to_m))
     floors = bool(stair.floor) and bool(stair.to_floor) and stair.floor != stair.to_floor
     return places and floors and 0.0 < stair.length_m < _FARTHEST_M
