@@ -9,7 +9,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-homes bench-association bench-calibration bench-chances bench-live bench-same-actions docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -78,6 +78,15 @@ bench-homes: $(READY) ## nine homes x targets x seeds, with and without cameras;
 
 bench-calibration: $(READY) ## the simulated detector fitted to the real one; resumable; needs detector weights
 	$(BIN)/python -m surveilnav.benchmark.studies.calibration $(ARGS)
+
+bench-chances: $(READY) ## how likely a detection is right, by score, class, size and range, for one backend; ARGS="--backend compact"
+	$(BIN)/python -m surveilnav.benchmark.studies.calibration.chances $(ARGS)
+
+bench-live: $(READY) ## the running system with cameras and without, start by start; resumable; ARGS="--buildings flats_210 office_211"
+	$(BIN)/python -m surveilnav.benchmark.studies.live $(ARGS)
+
+bench-same-actions: $(READY) ## what bench-live played, again in one process, action by action; ARGS="runs/live/oracle.jsonl"
+	$(BIN)/python -m surveilnav.benchmark.studies.same_actions $(ARGS)
 
 bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
 	$(BIN)/python -m surveilnav.benchmark.studies.association $(ARGS)

@@ -208,7 +208,7 @@ def _difference(there: dict[str, Any] | None, settings: RunSettings, basis: Basi
     if not isinstance(was, dict):
         return "of which the settings aren't said"
     if unknown := sorted(was.keys() - now.keys()):
-        return f"it has a setting {unknown[0]!r} that there isn't: see surveilnav.benchmark.runner.rename"
+        return f"it has a setting {unknown[0]!r} that there isn't"
     return ", ".join(f"{k} {was[k]!r}, asked {v!r}" for k, v in now.items() if k in was and was[k] != v)
 
 
