@@ -23,7 +23,7 @@ from surveilnav.cli.map_watch import MapWatch
 from surveilnav.cli.old_runs import drop_old_runs
 from surveilnav.cli.progress import bar
 from surveilnav.cli.recorder import Recorder
-from surveilnav.cli.report import Moment, RunRecord, run_json, traffic_lines, write_report
+from surveilnav.cli.report import RunRecord, run_json, traffic_lines, write_report
 from surveilnav.cli.report import outcome as in_words
 from surveilnav.cli.stack import Stack, environment
 from surveilnav.cli.words import human_bytes
@@ -276,7 +276,6 @@ def _record(
         objects=known,
         deciding_views=deciding_views(node, recorder, known, status),
         traffic=traffic_lines(recorder.traffic()),
-        timeline=[Moment(*entry) for entry in recorder.timeline],
         notes=[*building.notes, *start.notes],
     )
 

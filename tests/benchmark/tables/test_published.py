@@ -22,7 +22,9 @@ def test_every_run_is_one_that_a_table_asks_for_under_its_name():
     asked = {run_id(settings): settings for table in TABLES.values() for arm in table.arms for settings in arm.runs}
     for folder in FOLDERS:
         facts = read_facts(folder)
-        assert folder.name in asked, "was a setting renamed? then its name changes in settings.json and the folder's too"
+        assert folder.name in asked, (
+            "was a setting renamed? then its name changes in settings.json and the folder's too"
+        )
         assert msgspec.convert(facts["settings"], RunSettings) == asked[folder.name]
     assert len(FOLDERS) == 18
 
