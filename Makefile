@@ -93,7 +93,7 @@ bench-association: $(READY) ## detections to objects on recorded views of six ho
 
 docs: $(READY) ## write what is generated: the contract, the settings, the commands, the card of compact, the README's plot
 	$(BIN)/python -m surveilnav.contract > docs/understand/contract.md
-	$(BIN)/python -m surveilnav.cli.settings_page > docs/use/settings.md
+	$(BIN)/python -m surveilnav.cli.settings_page docs/use
 	$(BIN)/python -m surveilnav.cli.command_page > docs/use/command-line.md
 	$(BIN)/python -m training.detector.card > docs/understand/compact.md
 	$(BIN)/python -m surveilnav.cli.client_resources > shared/surveilnav/client/resources.py.new

@@ -147,7 +147,7 @@ function drawStill(canvas, k) {
     const layers = new FloorLayers(floor, () => {
       view.resize(canvas.width, canvas.height);
       view.fit(boxOf([layers.box], frames.slice(0, k + 1).filter(f => f.floor === floor).map(f => f.position_m)));
-      const shown = Object.fromEntries([...STILL_LAYERS, "objects"].map(name => [name, true]));
+      const shown = Object.fromEntries(STILL_LAYERS.map(name => [name, true]));
       drawScene(canvas.getContext("2d"), view, palette(), { floor, layers, shown, poses: new Poses(), came: () => {} });
       layers.end();
       done();
