@@ -47,8 +47,8 @@ SURVEILNAV_FUSION__PRESET=paper surveilnav demo               # joint maps to th
 `surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options,
 whatever the environment says, but for the folder of recordings. `--help` lists the options.
 
-These are the settings that people need. [Experts' settings](settings-expert.md) has all others: numbers of the maps and the planner, time-outs,
-limits.
+These are the settings that people need. [Experts' settings](settings-expert.md) has all others: numbers of the maps and the planner,
+time-outs, limits.
 
 ## Folders and addresses
 
@@ -68,8 +68,8 @@ _EXPERT_BEGINNING = """\
 
 Generated from the settings classes by `make docs`; don't edit.
 
-All settings that aren't on [the page of settings](settings.md). Their defaults are what the results were measured with: change one
-if you know why, and measure again. They are read in the same way.
+All settings that aren't on [the page of settings](settings.md). Their defaults are what the results were measured with:
+change one if you know why, and measure again. They are read in the same way.
 
 ```
 SURVEILNAV_PLANNER__CORE__STRATEGY=greedy surveilnav up       # one number of the planner's core
@@ -80,17 +80,20 @@ SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is nu
 - A description that begins with `...` goes on from the row above.
 """
 
-#: What people need, without ``SURVEILNAV_``. Whatever isn't here is an expert's.
-COMMON = frozenset(
-    """
-    BUS__ROUTER BUS__LOG_FORMAT BUS__LOG_LEVEL PICTURES__KEEP_H SIM__BUILDING SIM__SEED SIM__CAMERAS
-    CAMERA__ID CAMERA__MASKS CAMERA__PERCEPTION ROBOT__ID ROBOT__START
-    PERCEPTION__BACKEND PERCEPTION__DEVICE PERCEPTION__DOWNLOAD
-    FUSION__SURVEILLANCE FUSION__PRESET FUSION__STORE FUSION__PROMPTS PLANNER__STORE
-    GATEWAY__HOST GATEWAY__PORT GATEWAY__ALLOWED_HOSTS GATEWAY__ROOT_PATH GATEWAY__ACCESS_LOG
-    RECORDER__FOLDER RECORDER__MAX_MB RECORDER__MAX_DAYS
-    """.split()
-)
+#: What people need, by the part of the variable after ``SURVEILNAV_``. Whatever isn't here is an expert's.
+_COMMON = {
+    "BUS": ("ROUTER", "LOG_FORMAT", "LOG_LEVEL"),
+    "PICTURES": ("KEEP_H",),
+    "SIM": ("BUILDING", "SEED", "CAMERAS"),
+    "CAMERA": ("ID", "MASKS", "PERCEPTION"),
+    "ROBOT": ("ID", "START"),
+    "PERCEPTION": ("BACKEND", "DEVICE", "DOWNLOAD"),
+    "FUSION": ("SURVEILLANCE", "PRESET", "STORE", "PROMPTS"),
+    "PLANNER": ("STORE",),
+    "GATEWAY": ("HOST", "PORT", "ALLOWED_HOSTS", "ROOT_PATH", "ACCESS_LOG"),
+    "RECORDER": ("FOLDER", "MAX_MB", "MAX_DAYS"),
+}
+COMMON = frozenset(f"SURVEILNAV_{part}__{name}" for part, names in _COMMON.items() for name in names)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +132,7 @@ class Setting:
     @property
     def common(self) -> bool:
         """Whether people need it; else it is an expert's."""
-        return self.variable.removeprefix("SURVEILNAV_") in COMMON
+        return self.variable in COMMON
 
 
 def settings_of(section: Section) -> Iterator[tuple[str, list[Setting]]]:
