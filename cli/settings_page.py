@@ -47,7 +47,8 @@ SURVEILNAV_FUSION__PRESET=paper surveilnav demo               # joint maps to th
 `surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options,
 whatever the environment says, but for the folder of recordings. `--help` lists the options.
 
-These are the settings that people need. [Experts' settings](settings-expert.md) has all others: numbers of the maps and the planner,
+These are the settings that people need.
+[Experts' settings](settings-expert.md) has all others: numbers of the maps and the planner,
 time-outs, limits.
 
 ## Folders and addresses
