@@ -9,7 +9,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-homes bench-association bench-calibration bench-chances bench-live bench-same-actions docs clean
+.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-association bench-calibration bench-chances bench-live bench-same-actions docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -72,9 +72,6 @@ bench-gateway: $(READY) ## what pages and programs cost the gateway, and the sea
 
 bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)
-
-bench-homes: $(READY) ## nine homes x targets x seeds, with and without cameras; resumable; needs detector weights
-	$(BIN)/python -m surveilnav.benchmark.studies.homes $(ARGS)
 
 bench-calibration: $(READY) ## the simulated detector fitted to the real one; resumable; needs detector weights
 	$(BIN)/python -m surveilnav.benchmark.studies.calibration $(ARGS)

@@ -154,7 +154,7 @@ def test_commands_that_do_not_exist_are_found():
         "surveilnav fly",
         "X=1 surveilnav up --wings",
         "python -m benchmark.homes --out x",
-        "python -m surveilnav.benchmark.studies.homes",
+        "python -m surveilnav.benchmark.studies.live",
     ]
     assert list(faults_of_commands(iter(lines))) == [
         "make dinner",
