@@ -9,7 +9,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-association bench-calibration bench-chances bench-live bench-same-actions docs clean
+.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -84,9 +84,6 @@ bench-live: $(READY) ## the running system with cameras and without, start by st
 
 bench-same-actions: $(READY) ## what bench-live played, again in one process, action by action; ARGS="runs/live/oracle.jsonl"
 	$(BIN)/python -m surveilnav.benchmark.studies.same_actions $(ARGS)
-
-bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
-	$(BIN)/python -m surveilnav.benchmark.studies.association $(ARGS)
 
 docs: $(READY) ## write what is generated: the contract, the settings, the commands, the card of compact, the README's plot
 	$(BIN)/python -m surveilnav.contract > docs/understand/contract.md

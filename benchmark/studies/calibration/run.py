@@ -31,7 +31,7 @@ from surveilnav.benchmark.studies.calibration.fit import fit, matched
 from surveilnav.benchmark.studies.calibration.in_coco_words import InCocoWords
 from surveilnav.benchmark.studies.calibration.page import Side, compare
 from surveilnav.benchmark.studies.calibration.plots import plots
-from surveilnav.benchmark.studies.recordings import Tour, record
+from surveilnav.benchmark.studies.calibration.tour import Tour, views_on
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.vocabulary import COCO
@@ -68,8 +68,8 @@ def measured(scene: SceneSpec, n_views: int, backend: Backend | None = None) -> 
     settings = SimulationSettings(building=name, seed=scene.seed, models=scene.models, cameras=CAMERAS)
     building = SimulatedBuilding(settings)
     backend = backend or choose_backend("onnx-coco")
-    recording = record(building, backend, Tour(n_views, math.radians(30.0), 0.5), progress)
-    looks = views.looks_of(name, recording, building, backend.vocabulary or COCO)
+    seen = views_on(building, backend, Tour(n_views, math.radians(30.0), 0.5), progress)
+    looks = views.looks_of(name, seen, building, backend.vocabulary or COCO)
     path.parent.mkdir(parents=True, exist_ok=True)
     views.save(looks, path)
     print(file=sys.stderr)

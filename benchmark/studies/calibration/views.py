@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.benchmark.studies.recordings import Recording, SeenView
+from surveilnav.benchmark.play.sight import Sighted
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.embedders import class_space
@@ -92,17 +92,15 @@ class Looks:
     looks: list[Look]
 
 
-def looks_of(name: str, recording: Recording, building: SimulatedBuilding, vocabulary: Vocabulary = COCO) -> Looks:
-    """Adds to a building's recording what its views truly show, in the words of the detector's ``vocabulary``."""
-    if recording.facts.scene_hash != building.scene.content_hash:
-        raise ValueError(f"the recording of {name} shows another building: delete it")
-    seen = [_look(s, building) for s in recording.views if s.perception is not None]
+def looks_of(name: str, seen: Sequence[Sighted], building: SimulatedBuilding, vocabulary: Vocabulary = COCO) -> Looks:
+    """Adds to the views of a building what they truly show, in the words of the detector's ``vocabulary``."""
+    looks = [_look(s, building) for s in seen if s.perception is not None]
     labels = building.scene.truth_labels
     own = {id_: said for id_, label in labels.items() if (said := vocabulary.name_of(label))}
-    return Looks(name, measured(labels) | own, seen)
+    return Looks(name, measured(labels) | own, looks)
 
 
-def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
+def _look(seen: Sighted, building: SimulatedBuilding) -> Look:
     view, camera = seen.view, seen.view.camera
     small = camera.resized(camera.width_px // _SCALE, camera.height_px // _SCALE)
     shown = building.renderer.render(

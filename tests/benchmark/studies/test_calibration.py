@@ -22,8 +22,8 @@ from surveilnav.benchmark.studies.calibration.fit import (
 )
 from surveilnav.benchmark.studies.calibration.page import Side, compare
 from surveilnav.benchmark.studies.calibration.run import main, presence_of
+from surveilnav.benchmark.studies.calibration.tour import Tour, views_on
 from surveilnav.benchmark.studies.calibration.views import Found, Rows
-from surveilnav.benchmark.studies.recordings import Tour, record
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
@@ -37,8 +37,8 @@ from surveilnav.simulator.truth.visible import VisibleThing
 def flat() -> tuple[views.Looks, SimulatedBuilding]:
     """A parametric flat, seen by a detector that errs more than the committed model: mistakes to fit to."""
     building = SimulatedBuilding(SimulationSettings(building="parametric_flat", seed=1, cameras=1, lighting="flat"))
-    recording = record(building, Simulated(seed=3, harder=1.0), Tour(40, np.radians(60.0), 1.0))
-    return views.looks_of("flat", recording, building), building
+    seen = views_on(building, Simulated(seed=3, harder=1.0), Tour(40, np.radians(60.0), 1.0))
+    return views.looks_of("flat", seen, building), building
 
 
 def test_looks_are_read_as_they_were_written(flat: tuple[views.Looks, SimulatedBuilding], tmp_path: Path) -> None:

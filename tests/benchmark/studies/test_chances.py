@@ -17,8 +17,8 @@ from surveilnav.benchmark.studies.calibration.chances import (
     left_out,
     page,
 )
+from surveilnav.benchmark.studies.calibration.tour import Tour, views_on
 from surveilnav.benchmark.studies.calibration.views import Looks, looks_of, save
-from surveilnav.benchmark.studies.recordings import Tour, record
 from surveilnav.perception.chances import ChanceTable, features
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
@@ -94,8 +94,8 @@ def colours(tmp_path_factory):
     building = SimulatedBuilding(SimulationSettings(building="parametric_flat", seed=1, cameras=1, lighting="flat"))
     path = write(tmp_path_factory.mktemp("compact") / "compact.onnx", blackness=2.0, more={"meanings": OTHERS})
     backend = OneNetwork("compact", "in a test", CompactNetwork(session(path, Runtime()), 320), "compact@0")
-    recording = record(building, backend, Tour(12, np.radians(90.0), 2.0))
-    return backend, looks_of("flat", recording, building, backend.vocabulary), building
+    seen = views_on(building, backend, Tour(12, np.radians(90.0), 2.0))
+    return backend, looks_of("flat", seen, building, backend.vocabulary), building
 
 
 def test_views_are_judged_in_the_words_of_another_vocabulary(colours):
