@@ -121,7 +121,7 @@ def pairs_of(rows: Sequence[dict[str, Any]]) -> list[Pair]:
 def page(rows: Sequence[dict[str, Any]], command: str) -> str:
     """What it says, in Markdown."""
     pairs, played = pairs_of(rows), [r for r in rows if "skipped" not in r]
-    programs = ", ".join(sorted({r.get("program", "unknown") for r in played}))
+    programs = ", ".join(sorted({r["program"] for r in played}))
     made = f"Made by `{command}`, program {programs}. {_fitted_to(played)}"
     if pairs:
         lines = [
@@ -161,7 +161,7 @@ def _fitted_to(rows: Sequence[dict[str, Any]]) -> str:
     """What of the buildings isn't held out."""
     homes = [home for home in TRAIN_HOMES if any(r["building"] == home for r in rows)]
     plans = f"Training saw the plans of {', '.join(homes)}." if homes else "Training saw none of these plans."
-    models = {r.get("models", "all") for r in rows}
+    models = {r["models"] for r in rows}
     said = {"all": "training and held-out models", "train": "training models", "val": "held-out models"}
     return f"{plans} Furniture is of {' and of '.join(said[name] for name in sorted(models))}."
 

@@ -181,7 +181,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     found, buildings = [], dict[tuple[str, int, int, str], SimulatedBuilding]()
     command = " ".join([parser.prog, *map(str, args.rows)])
     for number, row in enumerate(rows, start=1):
-        key = row["building"], row["seed"], row["cameras"], row.get("models", "all")
+        key = row["building"], row["seed"], row["cameras"], row["models"]
         if key not in buildings:
             settings = SimulationSettings(building=key[0], seed=key[1], cameras=key[2], models=key[3])
             buildings = {key: SimulatedBuilding(settings)}
