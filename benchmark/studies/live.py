@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 from surveilnav.benchmark.canary import digest
 from surveilnav.benchmark.runner.summary import Interval, interval
 from surveilnav.benchmark.studies.arrivals import arrivals_of
-from surveilnav.benchmark.studies.rows import Rows
+from surveilnav.benchmark.studies.rows import RowsFile
 from surveilnav.services.recorder.reading import RecordingError
 from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.sources import TRAIN_HOMES
@@ -98,7 +98,7 @@ def play(search: Search, perception: str, runs: Path, models: str = "all") -> di
     row = search._asdict() | {name: told.get(name) for name in _KEPT} | {"program": digest(), "models": models}
     for recording in set(recordings.glob("*.mcap")) - before:
         with suppress(RecordingError):  # then the search can't be played with its timing
-            row["arrivals"] = arrivals_of(recording).as_row()
+            row["arrivals"] = arrivals_of(recording).to_row()
     return row
 
 
@@ -292,7 +292,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
     args.data.mkdir(parents=True, exist_ok=True)
-    rows = Rows(args.data / f"{args.perception}{'' if args.models == 'all' else f'-{args.models}'}.jsonl", KEY)
+    rows = RowsFile(args.data / f"{args.perception}{'' if args.models == 'all' else f'-{args.models}'}.jsonl", KEY)
     command = _command(parser, args)
     done = rows.done()
     missing = [

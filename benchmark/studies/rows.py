@@ -13,7 +13,7 @@ from surveilnav.benchmark import journal
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class RowsFile:
     """A study's file of rows. Safe for several processes at once; a kill loses no row that was appended.
 
     ``key``: the fields that tell one row from another. Methods raise OSError as the disk does.

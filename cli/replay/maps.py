@@ -19,7 +19,7 @@ from surveilnav.services.fusion.store import Store
 from surveilnav.services.recorder.recorded import Maps
 
 
-class MapsAgain:
+class ReplayedMaps:
     """Answers with fusion's own parts; ``folder``: where their log goes."""
 
     def __init__(self, node: Node, folder: Path) -> None:

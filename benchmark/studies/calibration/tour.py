@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surveilnav.benchmark.play.sight import Sight, Sighted
+from surveilnav.benchmark.play.sight import SeenView, Sight
 from surveilnav.perception.backend import Backend
 from surveilnav.services.robot_node.core import RobotState
 from surveilnav.simulator.simulation import SimulatedBuilding
@@ -33,14 +33,14 @@ class Tour:
 
 def views_on(
     building: SimulatedBuilding, backend: Backend, tour: Tour, on_view: Callable[[int, int], None] | None = None
-) -> list[Sighted]:
+) -> list[SeenView]:
     """All cameras' views of a building, then the robot's, each with what ``backend`` saw in it. ``on_view(done, of)`` is told."""
     sight = Sight(building, backend)
     states = states_of(building.navigation, tour)
     total = sum(len(info.views) for info in sight.infos) + len(states)
-    seen: list[Sighted] = []
+    seen: list[SeenView] = []
 
-    def add(sighted: Sighted) -> None:
+    def add(sighted: SeenView) -> None:
         seen.append(sighted)
         if on_view is not None:
             on_view(len(seen), total)

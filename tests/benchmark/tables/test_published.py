@@ -9,10 +9,10 @@ import msgspec
 import pytest
 
 from surveilnav.benchmark.runner.basis import Basis
-from surveilnav.benchmark.runner.records import kept, read_facts
+from surveilnav.benchmark.runner.records import read_facts, stored_run
 from surveilnav.benchmark.runner.settings import RunSettings, run_id
 from surveilnav.benchmark.tables.arms import TABLES
-from surveilnav.benchmark.tables.page import Line, page
+from surveilnav.benchmark.tables.page import TableRow, page
 
 BENCH = Path(__file__).parents[3] / "docs" / "results" / "bench"
 FOLDERS = sorted(p for records in BENCH.glob("**/records") for p in records.iterdir())
@@ -45,7 +45,7 @@ def test_a_page_says_what_its_tables_say(edition, name):
         if (facts := read_facts(run)) is not None:
             basis = Basis(facts["dataset"], facts["program"])
             bases.add(basis)
-            lines.append(Line.of(arm, kept(run, settings, basis).records))
+            lines.append(TableRow.from_records(arm, stored_run(run, settings, basis).records))
     (basis,) = bases
     made = page(table, lines, 1000, defaultdict(list), basis, edition)
     written = (folder / f"{name}.md").read_text()

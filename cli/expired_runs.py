@@ -11,7 +11,7 @@ from pathlib import Path
 _NAME = re.compile(r"(\d{8}-\d{6})-[0-9a-f]{4}")
 
 
-def drop_old_runs(runs: Path, keep_s: float | None, now: datetime | None = None) -> int:
+def remove_expired_runs(runs: Path, keep_s: float | None, now: datetime | None = None) -> int:
     """Removes runs that began longer ago than ``keep_s`` (None: none); how many. What can't be removed stays."""
     if keep_s is None or not runs.is_dir():
         return 0

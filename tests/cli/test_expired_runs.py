@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from surveilnav.cli.old_runs import drop_old_runs
+from surveilnav.cli.expired_runs import remove_expired_runs
 
 NOW = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
 
@@ -23,9 +23,9 @@ def test_only_runs_that_are_too_old_go(tmp_path):
         (tmp_path / name / "report.html").write_text("pictures")
     (tmp_path / "20250101-000000-0a1b").write_text("a file")
     (tmp_path / "20250101-000001-0a1b").symlink_to(tmp_path / "mine")
-    assert drop_old_runs(tmp_path, None, NOW) == 0
-    assert drop_old_runs(tmp_path / "none", 1.0, NOW) == 0
-    assert drop_old_runs(tmp_path, 3600.0, NOW) == 1
+    assert remove_expired_runs(tmp_path, None, NOW) == 0
+    assert remove_expired_runs(tmp_path / "none", 1.0, NOW) == 0
+    assert remove_expired_runs(tmp_path, 3600.0, NOW) == 1
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {*names[1:], "20250101-000000-0a1b", "20250101-000001-0a1b"}
     assert (tmp_path / "mine" / "report.html").exists()

@@ -32,7 +32,7 @@ _COMMANDS = (
 _PRESENT = {contract.CAMERA_INFO: "camera", contract.ROBOT_STATUS: "robot", contract.PERCEPTION_LOAD: "perception"}
 
 
-class Memory:
+class LatestMessages:
     """The newest message of every key so far. Used by the player and by the threads that serve queries.
 
     ``prompt``: what the recorded embedding is of.

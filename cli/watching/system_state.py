@@ -15,7 +15,7 @@ _PLANS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class SystemState:
     """``lost``: since when the gateway doesn't answer; None: it does. ``rates``: offered bytes a second by "camera/id"."""
 
     missions: list[Mission] = field(default_factory=list)
@@ -36,7 +36,7 @@ class Known:
         return [m for m in self.missions if m["state"] not in FINISHED_STATES]
 
 
-def read_moving(known: Known, gateway: Client) -> Known:
+def read_moving(known: SystemState, gateway: Client) -> SystemState:
     """Reads anew what changes with every step: missions, plans, robots. Raises GatewayError."""
     new = replace(known, missions=gateway.missions(), robots=gateway.robots(), lost=None)
     plans = {}
@@ -49,7 +49,7 @@ def read_moving(known: Known, gateway: Client) -> Known:
     return replace(new, plans=plans)
 
 
-def read_rest(known: Known, gateway: Client, since_s: float) -> Known:
+def read_rest(known: SystemState, gateway: Client, since_s: float) -> SystemState:
     """Reads anew all else. ``since_s``: how long ago that was last done, for the rates. Raises GatewayError."""
     traffic = gateway.traffic()
     return replace(
