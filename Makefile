@@ -9,7 +9,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -73,18 +73,21 @@ bench-gateway: $(READY) ## what pages and programs cost the gateway, and the sea
 bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)
 
-bench-homes: $(READY) ## nine homes x targets x seeds, with and without cameras; resumable; needs detector weights
-	$(BIN)/python -m surveilnav.benchmark.studies.homes $(ARGS)
-
 bench-calibration: $(READY) ## the simulated detector fitted to the real one; resumable; needs detector weights
 	$(BIN)/python -m surveilnav.benchmark.studies.calibration $(ARGS)
 
-bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
-	$(BIN)/python -m surveilnav.benchmark.studies.association $(ARGS)
+bench-chances: $(READY) ## how likely a detection is right, by score, class, size and range, for one backend; ARGS="--backend compact"
+	$(BIN)/python -m surveilnav.benchmark.studies.calibration.chances $(ARGS)
+
+bench-live: $(READY) ## the running system with cameras and without, start by start; resumable; ARGS="--buildings flats_210 office_211"
+	$(BIN)/python -m surveilnav.benchmark.studies.live $(ARGS)
+
+bench-same-actions: $(READY) ## what bench-live played, again in one process, action by action; ARGS="runs/live/oracle.jsonl"
+	$(BIN)/python -m surveilnav.benchmark.studies.same_actions $(ARGS)
 
 docs: $(READY) ## write what is generated: the contract, the settings, the commands, the card of compact, the README's plot
 	$(BIN)/python -m surveilnav.contract > docs/understand/contract.md
-	$(BIN)/python -m surveilnav.cli.settings_page > docs/use/settings.md
+	$(BIN)/python -m surveilnav.cli.settings_page docs/use
 	$(BIN)/python -m surveilnav.cli.command_page > docs/use/command-line.md
 	$(BIN)/python -m training.detector.card > docs/understand/compact.md
 	$(BIN)/python -m surveilnav.cli.client_resources > shared/surveilnav/client/resources.py.new

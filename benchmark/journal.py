@@ -16,7 +16,7 @@ except ImportError:  # not a POSIX system: there one process at a time may write
 
 
 @contextmanager
-def held(path: Path) -> Iterator[None]:
+def locked(path: Path) -> Iterator[None]:
     """Holds a journal against other writers until the end. Not to be nested."""
     if fcntl is None:
         yield
@@ -37,7 +37,7 @@ def append(path: Path, line: str) -> None:
     Raises:
         OSError: as the disk does.
     """
-    with held(path), path.open("ab+") as file:
+    with locked(path), path.open("ab+") as file:
         end = file.seek(0, os.SEEK_END)
         file.truncate(end - _torn_bytes(path, end))
         file.write(line.encode() + b"\n")
@@ -51,7 +51,7 @@ def lines(path: Path) -> list[str]:
 
 
 def rewrite(path: Path, new: Iterable[str]) -> None:
-    """Puts other lines in a journal's place, all or none; to be called while it is ``held``. Raises OSError."""
+    """Puts other lines in a journal's place, all or none; to be called while it is ``locked``. Raises OSError."""
     with replacing(path) as file:
         os.fchmod(file.fileno(), 0o644)
         file.write("".join(f"{line}\n" for line in new).encode())

@@ -75,11 +75,11 @@ def homes(
 
     It takes .sh3d files, Home.xml, .glb, .gltf, .obj and folders of HM3D, however deep they lie.
     """
-    from surveilnav.cli.homes import as_dict, look_at, show
+    from surveilnav.cli.homes import as_dict, show, survey_folder
     from surveilnav.cli.progress import counting
 
     with counting(console, "files") as progress:
-        lines = look_at(folder, progress)
+        lines = survey_folder(folder, progress)
     if as_json:
         print_json({"folder": str(folder), "homes": [as_dict(line) for line in lines]})
     else:

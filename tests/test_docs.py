@@ -154,7 +154,7 @@ def test_commands_that_do_not_exist_are_found():
         "surveilnav fly",
         "X=1 surveilnav up --wings",
         "python -m benchmark.homes --out x",
-        "python -m surveilnav.benchmark.studies.homes",
+        "python -m surveilnav.benchmark.studies.live",
     ]
     assert list(faults_of_commands(iter(lines))) == [
         "make dinner",
@@ -168,8 +168,20 @@ def test_commands_that_do_not_exist_are_found():
 # --- generated pages ----------------------------------------------------------------------------------------------
 
 
-def test_the_settings_page_is_generated_from_the_classes():
-    assert (ROOT / "docs/use/settings.md").read_text(encoding="utf-8") == settings_page.markdown(), "run: make docs"
+@pytest.mark.parametrize("name", ["settings.md", "settings-expert.md"])
+def test_the_settings_pages_are_generated_from_the_classes(name):
+    assert (ROOT / "docs/use" / name).read_text(encoding="utf-8") == settings_page.pages()[name], "run: make docs"
+
+
+def test_every_setting_stands_on_one_of_the_pages_and_few_on_the_common_one():
+    rows = {
+        name: re.findall(r"^\| `(SURVEILNAV_\w+__\w+)`", page, re.M) for name, page in settings_page.pages().items()
+    }
+    common, expert = rows["settings.md"], rows["settings-expert.md"]
+    tables = [table for section in settings_page.SECTIONS for _, table in settings_page.settings_of(section)]
+    assert sorted(common + expert) == sorted(setting.variable for table in tables for setting in table)
+    assert set(common) == settings_page.COMMON
+    assert 20 <= len(common) <= 30
 
 
 def test_the_page_of_commands_is_generated_from_them():

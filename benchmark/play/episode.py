@@ -11,7 +11,7 @@ from itertools import groupby
 import numpy as np
 
 from surveilnav.benchmark.play.cameras import Cameras, InvokedCameras
-from surveilnav.benchmark.play.sight import ROBOT, Sight, Sighted, text_as_sent
+from surveilnav.benchmark.play.sight import ROBOT, SeenView, Sight, text_as_sent
 from surveilnav.benchmark.policies.policy import Searcher
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.views import PosedView
@@ -135,7 +135,7 @@ class Episode:
             if decision.finished or decision.action is None:
                 return self._result(joint, decision)
 
-    def sense(self) -> tuple[Sighted, tuple[str, ...]]:
+    def sense(self) -> tuple[SeenView, tuple[str, ...]]:
         """What the robot sees, and the cameras whose views arrive now: those of its floor are invoked (eq. 1)."""
         seen = self._sight.robot(self._state, self._seed)
         self._robot_bytes += seen.offered_bytes
@@ -143,7 +143,7 @@ class Episode:
             return seen, ()
         return seen, self._cameras.invoke(seen.view.floor_z_m, self._searcher.steps)
 
-    def fuse(self, seen: Sighted, arrived: tuple[str, ...]) -> tuple[JointMap, MapView]:
+    def fuse(self, seen: SeenView, arrived: tuple[str, ...]) -> tuple[JointMap, MapView]:
         """The joint maps with the cameras' views and the robot's, and what the planner is shown of them."""
         if self._joint is None and self._fused is not None and self._all_at_once:
             self._joint, in_turn = self._fused.maps_of(arrived), iter([seen])
@@ -204,7 +204,7 @@ def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
             _take(joint, seen)
 
 
-def _take(joint: JointMap, seen: Sighted) -> str:
+def _take(joint: JointMap, seen: SeenView) -> str:
     """Has the maps take a view, by the same guard as on the bus; the floor that it was taken on, "" if they know none.
 
     A view before a wall, where not one pixel has a depth, is left out, as on the bus. So is one that they hold ("").

@@ -57,7 +57,7 @@ ROBOT = "r1"
 
 
 @dataclass(frozen=True, slots=True)
-class Sighted:
+class SeenView:
     """A view as it arrives, what perception says of it, and the bytes that its sender offered (0: not counted)."""
 
     view: PosedView
@@ -188,7 +188,7 @@ class Sight:
         self.camera = lru_cache(maxsize=None)(self._camera)
         self.summary = lru_cache(maxsize=None)(self._summary)
 
-    def robot(self, state: robot.RobotState, seed: int = 0) -> Sighted:
+    def robot(self, state: robot.RobotState, seed: int = 0) -> SeenView:
         """What the robot sees at ``state``; ``seed`` sets the luck of its perception apart from other episodes'."""
         T_world_camera = robot.camera_pose_of(state)
         key = (seed, f"robot/{ROBOT}", 0, state.seq) if seed else (f"robot/{ROBOT}", 0, state.seq)
@@ -207,7 +207,7 @@ class Sight:
                 rendered.depth_m,
                 DEPTH_RANGE_M,
             )
-            return Sighted(view, self._perceive(view, rendered, key), 0)
+            return SeenView(view, self._perceive(view, rendered, key), 0)
         rendered = self.building.robot_view(T_world_camera, robot.CAMERA, DEPTH_RANGE_M, state.seq)
         payload, image, depth = encode_rgbd(rendered.rgb, rendered.depth_m, depth_range_m=DEPTH_RANGE_M)
         header = Observation(
@@ -229,7 +229,7 @@ class Sight:
         )
         address = ROBOT_OBSERVATION.key_for(building=_BUILDING, robot=ROBOT)
         view = decode_frame(header, payload)
-        return Sighted(view, self._perceive(view, rendered, key), len(payload) + len(encode(header)) + len(address))
+        return SeenView(view, self._perceive(view, rendered, key), len(payload) + len(encode(header)) + len(address))
 
     def by_floor(self) -> dict[str, dict[str, float]]:
         """Floor -> label -> highest confidence that a camera of that floor reports."""
@@ -240,7 +240,7 @@ class Sight:
                 labels[label] = max(confidence, labels.get(label, 0.0))
         return floors
 
-    def _camera(self, name: str) -> tuple[Sighted, ...]:
+    def _camera(self, name: str) -> tuple[SeenView, ...]:
         camera = self._cameras[name]
         return tuple(self._camera_view(camera, index) for index in self._indices(camera))
 
@@ -257,7 +257,7 @@ class Sight:
         key = CAMERA_SUMMARY.key_for(building=_BUILDING, floor=floor, camera=name)
         return message, len(encode(message)) + len(key)
 
-    def _camera_view(self, camera: PlannedCamera, index: int) -> Sighted:
+    def _camera_view(self, camera: PlannedCamera, index: int) -> SeenView:
         lens, offset_m = self._plan.intrinsics, self._plan.mounting_offset_m
         source, pose = f"camera/{camera.name}", camera.views[index]
         said = self._said(camera.name, pose)
@@ -278,11 +278,11 @@ class Sight:
             )
             measured = self._view_bytes.get(camera.name)
             offered = measured[index] if measured else 0
-            return Sighted(view, self._perceive(view, rendered, (source, index, 1)), offered)
+            return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
         rendered = self.building.camera_view(camera, index)
         header, payload, offered = _frame(rendered, camera, index, said, self._plan)
         view = decode_frame(header, payload)
-        return Sighted(view, self._perceive(view, rendered, (source, index, 1)), offered)
+        return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
 
     def _said(self, camera: str, pose: Pose) -> Pose:
         """Where a camera says that a view was taken from."""

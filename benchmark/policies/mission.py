@@ -24,7 +24,7 @@ FIRST_SIGHT_SCORE = 0.5
 _STAYS: Mapping[str, Any] = {"floor_chance": 1.0}
 
 
-class Mission:
+class MissionPolicy:
     """A searcher made of the planner's core.
 
     ``summaries`` False: what the cameras of other floors report isn't looked at. Floors are then searched one by one:

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from surveilnav.benchmark.policies.mission import Mission, first_sight
+from surveilnav.benchmark.policies.mission import MissionPolicy, first_sight
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig, MapConfig, ValueConfig
 from surveilnav.services.planner.core import MapView, PlannerConfig
@@ -31,7 +31,7 @@ _SAME_M = 0.5
 _WORSE = 0.01
 
 
-class Rule:
+class VlfmRule:
     """Chooses the best frontier by value; remembers the value of the last one."""
 
     def __init__(self) -> None:
@@ -64,13 +64,13 @@ def best(frontiers: Sequence[Frontier], current: Frontier | None, last_value: fl
 VLFM = Policy(
     "vlfm",
     "the frontier of the highest value, VLFM (https://arxiv.org/abs/2312.03275)",
-    lambda task: Mission(task, CONFIG, Rule()),
+    lambda task: MissionPolicy(task, CONFIG, VlfmRule()),
     FUSION,
 )
 #: Its rule alone, so that a weak belief in detectors isn't mistaken for a weak rule.
 VLFM_VERIFIED = Policy(
     "vlfm-verified",
     "VLFM's choice of frontiers (https://arxiv.org/abs/2312.03275) with our verification",
-    lambda task: Mission(task, PlannerConfig(value_radius_m=CONFIG.value_radius_m), Rule()),
+    lambda task: MissionPolicy(task, PlannerConfig(value_radius_m=CONFIG.value_radius_m), VlfmRule()),
     FusionConfig(map=FUSION.map, value=FUSION.value),
 )

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from surveilnav.benchmark.play.sight import Sight, Sighted
+from surveilnav.benchmark.play.sight import SeenView, Sight
 from surveilnav.contract import MISSION_PLAN, VIEW_LOG
 from surveilnav.services.fusion.core import JointMap
 from surveilnav.services.recorder.reading import RecordingError
@@ -36,13 +36,13 @@ class Arrivals(NamedTuple):
     views: tuple[tuple[str, int], ...]
     decided_on: Mapping[int, MapsState]
 
-    def as_row(self) -> dict[str, Any]:
+    def to_row(self) -> dict[str, Any]:
         """As JSON holds it."""
         return {"views": self.views, "decided_on": [[seq, *state] for seq, state in sorted(self.decided_on.items())]}
 
     @classmethod
-    def of_row(cls, row: Mapping[str, Any]) -> Arrivals:
-        """What ``as_row`` made."""
+    def from_row(cls, row: Mapping[str, Any]) -> Arrivals:
+        """What ``to_row`` made."""
         views = tuple((str(source), int(index)) for source, index in row["views"])
         return cls(views, {seq: MapsState(*state) for seq, *state in row["decided_on"]})
 
@@ -83,7 +83,7 @@ class RecordedCameras:
         """Nobody: who was invoked, and when, is in the order of the views."""
         return ()
 
-    def in_turn(self, joint: JointMap, seen: Sighted, arrived: tuple[str, ...]) -> Iterator[Sighted]:
+    def in_turn(self, joint: JointMap, seen: SeenView, arrived: tuple[str, ...]) -> Iterator[SeenView]:
         """This step's views in the order of the log, until the maps are as they were when the planner looked at them."""
         again = seen.view.seq == self._seq  # after a refused stair the robot's observation is the same
         self._seq = seen.view.seq
@@ -101,6 +101,6 @@ class RecordedCameras:
     def _camera_is_next(self) -> bool:
         return bool(self._log) and self._log[0][0].startswith("camera/")
 
-    def _of_camera(self, source: str, index: int) -> Sighted:
+    def _of_camera(self, source: str, index: int) -> SeenView:
         views = self._sight.camera(source.removeprefix("camera/"))
         return next(seen for seen in views if seen.view.view == index)

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 from surveilnav.benchmark.canary import digest
 from surveilnav.benchmark.runner.summary import Interval, interval
 from surveilnav.benchmark.studies.arrivals import arrivals_of
-from surveilnav.benchmark.studies.rows import Rows
+from surveilnav.benchmark.studies.rows import RowsFile
 from surveilnav.services.recorder.reading import RecordingError
 from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.sources import TRAIN_HOMES
@@ -98,7 +98,7 @@ def play(search: Search, perception: str, runs: Path, models: str = "all") -> di
     row = search._asdict() | {name: told.get(name) for name in _KEPT} | {"program": digest(), "models": models}
     for recording in set(recordings.glob("*.mcap")) - before:
         with suppress(RecordingError):  # then the search can't be played with its timing
-            row["arrivals"] = arrivals_of(recording).as_row()
+            row["arrivals"] = arrivals_of(recording).to_row()
     return row
 
 
@@ -121,7 +121,7 @@ def pairs_of(rows: Sequence[dict[str, Any]]) -> list[Pair]:
 def page(rows: Sequence[dict[str, Any]], command: str) -> str:
     """What it says, in Markdown."""
     pairs, played = pairs_of(rows), [r for r in rows if "skipped" not in r]
-    programs = ", ".join(sorted({r.get("program", "unknown") for r in played}))
+    programs = ", ".join(sorted({r["program"] for r in played}))
     made = f"Made by `{command}`, program {programs}. {_fitted_to(played)}"
     if pairs:
         lines = [
@@ -161,7 +161,7 @@ def _fitted_to(rows: Sequence[dict[str, Any]]) -> str:
     """What of the buildings isn't held out."""
     homes = [home for home in TRAIN_HOMES if any(r["building"] == home for r in rows)]
     plans = f"Training saw the plans of {', '.join(homes)}." if homes else "Training saw none of these plans."
-    models = {r.get("models", "all") for r in rows}
+    models = {r["models"] for r in rows}
     said = {"all": "training and held-out models", "train": "training models", "val": "held-out models"}
     return f"{plans} Furniture is of {' and of '.join(said[name] for name in sorted(models))}."
 
@@ -292,7 +292,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
     args.data.mkdir(parents=True, exist_ok=True)
-    rows = Rows(args.data / f"{args.perception}{'' if args.models == 'all' else f'-{args.models}'}.jsonl", KEY)
+    rows = RowsFile(args.data / f"{args.perception}{'' if args.models == 'all' else f'-{args.models}'}.jsonl", KEY)
     command = _command(parser, args)
     done = rows.done()
     missing = [

@@ -13,7 +13,7 @@ from surveilnav.benchmark import journal
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class RowsFile:
     """A study's file of rows. Safe for several processes at once; a kill loses no row that was appended.
 
     ``key``: the fields that tell one row from another. Methods raise OSError as the disk does.
@@ -38,6 +38,6 @@ class Rows:
         """What tells a row from others."""
         return tuple(row[name] for name in self.key)
 
-    def done(self, **stamp: Any) -> frozenset[tuple[Any, ...]]:
-        """The keys of the rows that have these values, too."""
-        return frozenset(self.key_of(row) for row in self.load() if stamp.items() <= row.items())
+    def done(self) -> frozenset[tuple[Any, ...]]:
+        """The keys of all rows."""
+        return frozenset(self.key_of(row) for row in self.load())

@@ -22,7 +22,7 @@ from surveilnav.benchmark.runner.search import search
 from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.benchmark.studies.arrivals import Arrivals, RecordedCameras
 from surveilnav.benchmark.studies.live import KEY
-from surveilnav.benchmark.studies.rows import Rows
+from surveilnav.benchmark.studies.rows import RowsFile
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.truth.choose import choose_backend
 from surveilnav.simulator.world.goals import find_goals, sample_start
@@ -89,7 +89,7 @@ def play_and_compare(row: dict[str, Any], building: SimulatedBuilding) -> Compar
     found = compared(row, played(row, building))
     if row["surveillance"] == "off" or "arrivals" not in row:
         return found
-    again = compared(row, played(row, building, Arrivals.of_row(row["arrivals"])))
+    again = compared(row, played(row, building, Arrivals.from_row(row["arrivals"])))
     return found._replace(with_live_timing=again)
 
 
@@ -177,11 +177,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("rows", type=Path, nargs="+", help="what surveilnav.benchmark.studies.live wrote")
     parser.add_argument("--page", type=Path, default=Path("docs/results/same_actions.md"))
     args = parser.parse_args(argv)
-    rows = [row for path in args.rows for row in Rows(path, KEY).load() if "skipped" not in row]
+    rows = [row for path in args.rows for row in RowsFile(path, KEY).load() if "skipped" not in row]
     found, buildings = [], dict[tuple[str, int, int, str], SimulatedBuilding]()
     command = " ".join([parser.prog, *map(str, args.rows)])
     for number, row in enumerate(rows, start=1):
-        key = row["building"], row["seed"], row["cameras"], row.get("models", "all")
+        key = row["building"], row["seed"], row["cameras"], row["models"]
         if key not in buildings:
             settings = SimulationSettings(building=key[0], seed=key[1], cameras=key[2], models=key[3])
             buildings = {key: SimulatedBuilding(settings)}

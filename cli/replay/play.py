@@ -16,8 +16,8 @@ from surveilnav.bus import Node, Publisher
 from surveilnav.bus.router import free_port
 from surveilnav.cli.replay.clock import ReplayClock
 from surveilnav.cli.replay.control import ReplayControls
+from surveilnav.cli.replay.latest_messages import LatestMessages
 from surveilnav.cli.replay.maps import ReplayedMaps
-from surveilnav.cli.replay.memory import Memory
 from surveilnav.cli.stack import Stack
 from surveilnav.contract import CAMERA_FRAME, ID_PATTERN, ROBOT_OBSERVATION, VIEW_LOG, Stream
 from surveilnav.errors import WireError
@@ -35,7 +35,7 @@ class Player:
 
     def __init__(self, node: Node, folder: Path, facts: dict[str, str]) -> None:
         self._node = node
-        self._memory = Memory(node, facts.get("prompt", ""))
+        self._memory = LatestMessages(node, facts.get("prompt", ""))
         self._maps = ReplayedMaps(node, folder)
         self._publishers: dict[str, Publisher] = {}
         for kind in ("fusion", "planner"):

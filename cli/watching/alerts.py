@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import datetime
 
-from surveilnav.cli.watching.known import Known
+from surveilnav.cli.watching.system_state import SystemState
 from surveilnav.cli.words import parsed
 
 
@@ -15,14 +15,14 @@ class Alerts:
     def __init__(self) -> None:
         self._since: dict[str, datetime] = {}
 
-    def of(self, known: Known, now: datetime) -> list[tuple[str, datetime]]:
+    def of(self, known: SystemState, now: datetime) -> list[tuple[str, datetime]]:
         """Each fault and since when it has been there, the oldest first."""
         found = dict(_faults(known))
         self._since = {what: self._since.get(what, now) for what in found}
         return sorted(((what, when or self._since[what]) for what, when in found.items()), key=lambda fault: fault[1])
 
 
-def _faults(known: Known) -> Iterator[tuple[str, datetime | None]]:
+def _faults(known: SystemState) -> Iterator[tuple[str, datetime | None]]:
     """What is wrong; and when it was last right, where somebody knows."""
     if known.lost:
         yield "the gateway doesn't answer", known.lost

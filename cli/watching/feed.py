@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from datetime import UTC, datetime
 
-from surveilnav.cli.watching.known import Known, read_moving, read_rest
+from surveilnav.cli.watching.system_state import SystemState, read_moving, read_rest
 from surveilnav.client import Client
 from surveilnav.client.events import Told
 from surveilnav.errors import GatewayError
@@ -26,7 +26,7 @@ class Feed:
 
     def __init__(self, gateway: Client, *, reads: bool = True) -> None:
         self.events: queue.Queue[Told | GatewayError] = queue.Queue()
-        self.known = Known()
+        self.known = SystemState()
         self._gateway, self._ended, self._news = gateway, threading.Event(), threading.Event()
         threads = [self._follow, *([self._read] if reads else [])]
         for run in threads:
@@ -71,5 +71,5 @@ class Feed:
             self._news.wait(_MOVING_S)
 
 
-def _lost(known: Known) -> Known:
+def _lost(known: SystemState) -> SystemState:
     return known if known.lost else replace(known, lost=datetime.now(UTC))

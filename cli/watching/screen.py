@@ -10,7 +10,7 @@ from rich.text import Text
 from surveilnav.cli.cameras import state_of as camera_state
 from surveilnav.cli.mission_words import said_of, state_of, steps_of
 from surveilnav.cli.terminal import plain
-from surveilnav.cli.watching.known import Known
+from surveilnav.cli.watching.system_state import SystemState
 from surveilnav.cli.words import duration, human_bytes, metres
 from surveilnav.client.resources import Mission, SourceTraffic
 
@@ -23,7 +23,14 @@ Alert = tuple[str, datetime]
 
 
 def screen(
-    known: Known, alerts: Sequence[Alert], events: Sequence[str], *, url: str, now: datetime, width: int, height: int
+    known: SystemState,
+    alerts: Sequence[Alert],
+    events: Sequence[str],
+    *,
+    url: str,
+    now: datetime,
+    width: int,
+    height: int,
 ) -> list[Text]:
     """At most ``height`` lines, none wider than ``width``. Alerts and missions come first; the newest events have what is left.
 
@@ -46,7 +53,7 @@ def _title(name: str) -> Text:
     return Text(name, style="bold underline")
 
 
-def _header(known: Known, url: str, now: datetime) -> Text:
+def _header(known: SystemState, url: str, now: datetime) -> Text:
     names = ", ".join(building["id"] for building in known.buildings) or "…"
     return Text.assemble(
         ("surveilnav", "bold"), f"  {plain(names)}  {url}  {now.astimezone():%H:%M:%S}  ", ("Ctrl-C ends", "dim")
@@ -60,7 +67,7 @@ def _alerts(alerts: Sequence[Alert]) -> Iterator[Text]:
         yield Text(f"! and {len(alerts) - _ALERTS} more", style="bold red")
 
 
-def _missions(known: Known) -> Iterator[Text]:
+def _missions(known: SystemState) -> Iterator[Text]:
     yield _title("missions")
     under_way = known.under_way
     if not under_way:
@@ -95,7 +102,7 @@ def _bar(mission: Mission) -> str:
     return "━" * full + "┈" * (_BAR - full)
 
 
-def _why(known: Known, mission: Mission) -> str:
+def _why(known: SystemState, mission: Mission) -> str:
     """Why the waypoint was chosen, else what the mission says of itself."""
     plan = known.plans.get(mission["id"])
     if plan is None:
@@ -114,7 +121,7 @@ def _ended(mission: Mission) -> Text:
     )
 
 
-def _robots(known: Known) -> Iterator[Text]:
+def _robots(known: SystemState) -> Iterator[Text]:
     yield _title("robots")
     for robot in known.robots[:_MISSIONS]:
         state = ("silent", "red") if robot["stale"] else (robot["state"], "")
@@ -127,7 +134,7 @@ def _robots(known: Known) -> Iterator[Text]:
         yield Text(f"and {len(known.robots) - _MISSIONS} more", style="dim")
 
 
-def _cameras(known: Known, width: int) -> Iterator[Text]:
+def _cameras(known: SystemState, width: int) -> Iterator[Text]:
     """Lights, as many in a line as fit."""
     states = [camera_state(camera)[0] for camera in known.cameras]
     counts = ", ".join(f"{states.count(state)} {state}" for state in _LIGHTS if state in states)
@@ -144,7 +151,7 @@ def _cameras(known: Known, width: int) -> Iterator[Text]:
         yield line
 
 
-def _traffic(known: Known) -> Iterator[Text]:
+def _traffic(known: SystemState) -> Iterator[Text]:
     """The three numbers of the busiest sources, and of all."""
     if known.traffic is None:
         return

@@ -145,7 +145,7 @@ class AssociationConfig(_Part):
     w_geometric: float = Field(default=1.0, ge=0, description="w_2 of eq. 3, of S_geo")
     tau: float = Field(
         default=1.3,
-        description="for overlap: docs/results/association (ConceptGraphs: 1.2); the paper's 1.35 is for box_iou",
+        description="for overlap, measured on six homes (ConceptGraphs: 1.2); the paper's 1.35 is for box_iou",
     )
     tau_mutual: float | None = Field(
         default=0.3, ge=0, le=1, description="overlap both ways that makes one object of two whatever their looks"

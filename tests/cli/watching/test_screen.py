@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from surveilnav.cli.watching.alerts import Alerts
-from surveilnav.cli.watching.known import Known, _rates
 from surveilnav.cli.watching.lines import line_of
 from surveilnav.cli.watching.screen import screen
+from surveilnav.cli.watching.system_state import SystemState, _rates
 from surveilnav.client.events import Told
 from surveilnav.services.gateway.core.resources import examples
 
@@ -46,7 +46,7 @@ def traffic(**offered: int) -> Any:
     }
 
 
-def known(**changed: Any) -> Known:
+def known(**changed: Any) -> SystemState:
     """A building with a mission under way."""
     usual: dict[str, Any] = {
         "missions": [examples.MISSION],
@@ -60,10 +60,10 @@ def known(**changed: Any) -> Known:
         "traffic": traffic(**{"c0-1": 3_000_000}),
         "rates": {"camera/c0-1": 24_000.0},
     }
-    return Known(**usual | changed)
+    return SystemState(**usual | changed)
 
 
-def drawn(what: Known, *, width: int = 80, height: int = 24, events: tuple[str, ...] = ()) -> list[str]:
+def drawn(what: SystemState, *, width: int = 80, height: int = 24, events: tuple[str, ...] = ()) -> list[str]:
     alerts = Alerts().of(what, NOW)
     lines = screen(what, alerts, events, url="http://127.0.0.1:8080", now=NOW, width=width, height=height)
     return [line.plain for line in lines]
@@ -99,7 +99,7 @@ def test_the_newest_events_have_what_room_is_left():
 
 
 def test_nothing_yet_is_said_in_words():
-    text = "\n".join(drawn(Known()))
+    text = "\n".join(drawn(SystemState()))
     assert "none yet: surveilnav find TARGET" in text
     ended = known(missions=[{**examples.MISSION, "state": "failed", "error": "not_found", "message": "all was seen"}])
     assert "failed  61/500  10.2 m  not_found: all was seen" in "\n".join(drawn(ended))

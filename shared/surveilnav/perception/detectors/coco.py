@@ -56,8 +56,7 @@ def load(path: Path, family: str, runtime: Runtime) -> Network:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """When boxes are one thing. Chosen on rendered Sweet Home 3D homes (206 robot views, 50 camera views;
-    ``surveilnav.benchmark.studies.detectors``).
+    """When boxes are one thing. Chosen on rendered Sweet Home 3D homes (206 robot views, 50 camera views).
 
     Attributes:
         same_thing_iou: boxes of one network that overlap so much are one thing.
