@@ -15,7 +15,7 @@ from surveilnav.benchmark.play.sight import SeenView, Sight
 from surveilnav.contract import MISSION_PLAN, VIEW_LOG
 from surveilnav.services.fusion.core import JointMap
 from surveilnav.services.recorder.reading import RecordingError
-from surveilnav.services.recorder.recorded import Heard, told
+from surveilnav.services.recorder.recorded import RecordedMessage, read_recording
 
 
 class MapsState(NamedTuple):
@@ -54,8 +54,8 @@ def arrivals_of(recording: Path) -> Arrivals:
         RecordingError: it is no recording of this program, or lacks views.
     """
     views, decided_on = dict[int, tuple[str, int] | None](), dict[int, MapsState]()
-    for heard in told(recording):
-        if not isinstance(heard, Heard):
+    for heard in read_recording(recording):
+        if not isinstance(heard, RecordedMessage):
             continue
         if heard.stream is VIEW_LOG and heard.message.number:
             view = heard.message

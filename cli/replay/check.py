@@ -19,7 +19,7 @@ from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.fusion.map_log.recovery import perceived_from_entry
 from surveilnav.services.fusion.map_log.store import Entry
 from surveilnav.services.recorder.reading import RecordingError
-from surveilnav.services.recorder.recorded import End, Heard, Maps, told
+from surveilnav.services.recorder.recorded import RecordedEnd, RecordedMaps, RecordedMessage, read_recording
 
 _MOST_MAPS_BYTES = 2 << 30
 
@@ -63,21 +63,23 @@ def check(path: Path) -> Outcome:
         RecordingError: it can't be read, or holds no maps.
     """
     joint, began_with, views, recorded, ended = None, 0, 0, "", False
-    for found in told(path):
+    for found in read_recording(path):
         match found:
-            case Maps():
+            case RecordedMaps():
                 joint = maps_of(found)
                 began_with, views = joint.revision, 0
-            case Heard(stream=stream, message=message, payload=payload) if stream is VIEW_LOG and joint is not None:
+            case RecordedMessage(stream=stream, message=message, payload=payload) if (
+                stream is VIEW_LOG and joint is not None
+            ):
                 views += _take(joint, message, payload)
-            case End():
+            case RecordedEnd():
                 recorded, ended = found.facts.get("digest", ""), True
     if joint is None:
         raise RecordingError(f"{path} holds no maps: fusion kept no log (SURVEILNAV_FUSION__STORE), or wasn't there")
     return Outcome(recorded, digest(freeze(joint)), views, began_with, ended)
 
 
-def maps_of(maps: Maps) -> JointMap:
+def maps_of(maps: RecordedMaps) -> JointMap:
     """The maps that a recording begins with. RecordingError: they can't be read."""
     try:
         if (size := frame_content_size(maps.snapshot)) > _MOST_MAPS_BYTES:
@@ -88,7 +90,7 @@ def maps_of(maps: Maps) -> JointMap:
         raise RecordingError(f"the recording's maps can't be read: {error}") from error
 
 
-def config_of(maps: Maps) -> FusionConfig:
+def config_of(maps: RecordedMaps) -> FusionConfig:
     """What the maps were made with. RecordingError: this program knows no such settings."""
     try:
         return FusionConfig.model_validate_json(maps.config)

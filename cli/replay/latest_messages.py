@@ -9,7 +9,7 @@ from surveilnav import contract
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import PERCEPTION_TEXT, Stream
 from surveilnav.messages import Ack, FrameHeader, LoggedView, TextReply
-from surveilnav.services.recorder.recorded import Heard
+from surveilnav.services.recorder.recorded import RecordedMessage
 
 _REMEMBERED = (
     contract.CAMERA_INFO,
@@ -41,7 +41,7 @@ class LatestMessages:
     def __init__(self, node: Node, prompt: str) -> None:
         self._node, self._prompt = node, prompt
         self._lock = threading.Lock()
-        self._last: dict[Stream, dict[str, Heard]] = {stream: {} for stream in _REMEMBERED}
+        self._last: dict[Stream, dict[str, RecordedMessage]] = {stream: {} for stream in _REMEMBERED}
         self._pictures: dict[tuple[str, int], bytes] = {}
         self._meaning: TextReply | None = None
         self._present: set[tuple[str, str]] = set()
@@ -52,7 +52,7 @@ class LatestMessages:
         node.serve(contract.CAMERA_REQUEST, self._thumbnail)
         node.serve(PERCEPTION_TEXT, self._text)
 
-    def note(self, heard: Heard) -> None:
+    def note(self, heard: RecordedMessage) -> None:
         """Takes a message in; who is heard of for the first time is there from now on."""
         with self._lock:
             if heard.stream in self._last:
@@ -74,7 +74,7 @@ class LatestMessages:
                 last.clear()
             self._pictures.clear()
 
-    def newest(self, *, regular: bool) -> list[Heard]:
+    def newest(self, *, regular: bool) -> list[RecordedMessage]:
         """What was last put of everything, or only of streams that have a rate, which grow stale while nothing happens."""
         with self._lock:
             return [

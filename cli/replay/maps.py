@@ -20,7 +20,7 @@ from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.fusion.map_log.log import MapLog
 from surveilnav.services.fusion.map_log.recovery import perceived_from_entry
 from surveilnav.services.fusion.map_log.store import Store
-from surveilnav.services.recorder.recorded import Maps
+from surveilnav.services.recorder.recorded import RecordedMaps
 
 
 class ReplayedMaps:
@@ -37,7 +37,7 @@ class ReplayedMaps:
         node.serve(OBJECTS, lambda request: self._ready()[1].objects(request))
         node.serve(VIEW_PICTURE, lambda request: self._ready()[1].picture(request))
 
-    def begin(self, maps: Maps) -> None:
+    def begin(self, maps: RecordedMaps) -> None:
         """Goes on from a snapshot; the maps of before are gone."""
         maps_of(maps)  # a snapshot that can't be read raises here, and the maps of before stay
         self.close()

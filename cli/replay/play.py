@@ -22,9 +22,15 @@ from surveilnav.cli.stack import Stack
 from surveilnav.contract import CAMERA_FRAME, ID_PATTERN, ROBOT_OBSERVATION, VIEW_LOG, Stream
 from surveilnav.errors import WireError
 from surveilnav.messages import LoggedView
-from surveilnav.services.recorder.core.pictures import header_of
+from surveilnav.services.recorder.core.pictures import decode_header
 from surveilnav.services.recorder.reading import RecordingError
-from surveilnav.services.recorder.recorded import Begin, Heard, Maps, Told, told
+from surveilnav.services.recorder.recorded import (
+    RecordedItem,
+    RecordedMaps,
+    RecordedMessage,
+    RecordedStart,
+    read_recording,
+)
 
 _REPEAT_S = 1.0
 _READY_S = 60.0
@@ -41,14 +47,14 @@ class Player:
         for kind in ("fusion", "planner"):
             node.announce(kind, kind)
 
-    def tell(self, found: Told, *, quietly: bool = False) -> None:
+    def tell(self, found: RecordedItem, *, quietly: bool = False) -> None:
         """One thing that the recording tells. ``quietly``: it is taken in, but nobody hears of it."""
         match found:
-            case Maps():
+            case RecordedMaps():
                 self._maps.begin(found)
-            case Heard(stream=stream) if stream is VIEW_LOG:
+            case RecordedMessage(stream=stream) if stream is VIEW_LOG:
                 self._view(found.message, found.payload, quietly)
-            case Heard():
+            case RecordedMessage():
                 self._memory.note(found)
                 if "put" in found.stream.kind and not quietly:
                     self._put(found.stream, found.ids, found.message)
@@ -73,7 +79,7 @@ class Player:
         """A view is put as its camera or robot did, and goes into the maps."""
         try:
             if payload:
-                header = header_of(view)
+                header = decode_header(view)
                 kind, _, name = view.source.partition("/")
                 ids = (
                     {kind: name} if kind == "robot" else {"camera": name, "floor": header.floor, "view": str(view.view)}
@@ -140,8 +146,8 @@ class _Playing:
 
     def __init__(self, player: Player, controls: ReplayControls, path: Path, first_ns: int) -> None:
         self._player, self._controls, self._path, self._first_ns = player, controls, path, first_ns
-        self._rest = told(path)
-        self._next: Told | None = next(self._rest, None)
+        self._rest = read_recording(path)
+        self._next: RecordedItem | None = next(self._rest, None)
         self._told_s = 0.0  # the moment of what was told last
 
     def run(self, console: Console, stopping: threading.Event, stack: Stack) -> None:
@@ -169,7 +175,7 @@ class _Playing:
         """Takes in all until a moment without a word, from the start if it is past, then says how things are."""
         if moment_s < self._told_s:
             self._player.forget()
-            self._rest, self._told_s = told(self._path), 0.0
+            self._rest, self._told_s = read_recording(self._path), 0.0
             self._next = next(self._rest, None)
         self._controls.begin_anew()  # who knows the future forgets it, and nobody here tells of it any more
         while self._next is not None and self._moment(self._next) <= moment_s and not stopping.is_set():
@@ -177,9 +183,9 @@ class _Playing:
         self._told_s = moment_s
         self._player.tell_again(regular=False)
 
-    def _moment(self, found: Told) -> float:
+    def _moment(self, found: RecordedItem) -> float:
         """When something happened [s from the start]; what has no time of its own, when the last thing did."""
-        return (found.log_ns - self._first_ns) / 1e9 if isinstance(found, Heard) else self._told_s
+        return (found.log_ns - self._first_ns) / 1e9 if isinstance(found, RecordedMessage) else self._told_s
 
     def _tell_next(self, *, quietly: bool = False) -> None:
         assert self._next is not None, "asked for before"
@@ -190,14 +196,14 @@ class _Playing:
 
 def _span_ns(path: Path) -> tuple[int, int]:
     """When the first and the last thing in a recording happened [ns since the epoch]."""
-    stamps = [found.log_ns for found in told(path) if isinstance(found, Heard)]
+    stamps = [found.log_ns for found in read_recording(path) if isinstance(found, RecordedMessage)]
     return (min(stamps), max(stamps)) if stamps else (0, 0)
 
 
 def _facts(path: Path) -> dict[str, str]:
     """What the recording is of. RecordingError: it doesn't say."""
-    first = next(told(path))
-    if not isinstance(first, Begin) or not {"building", "mission"} <= set(first.facts):
+    first = next(read_recording(path))
+    if not isinstance(first, RecordedStart) or not {"building", "mission"} <= set(first.facts):
         raise RecordingError(f"{path} doesn't begin with the facts of a mission")
     if not re.fullmatch(ID_PATTERN, first.facts["building"]):
         raise RecordingError(f"expected the name of a building, got {first.facts['building']!r:.80}")

@@ -1,4 +1,4 @@
-"""Settings of the recorder: environment variables ``SURVEILNAV_RECORDER__<FIELD>``."""
+"""Settings of the recorder, from environment variables ``SURVEILNAV_RECORDER__<FIELD>``."""
 
 from __future__ import annotations
 
@@ -11,25 +11,32 @@ from surveilnav.contract import ID_PATTERN
 
 
 class RecorderSettings(BaseSettings):
-    """Where recordings go, how many are kept, and how often what changes slowly is drawn."""
+    """Where recordings are written, how long they are kept, and how often maps are recorded."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_RECORDER__", extra="ignore")
 
-    folder: Path = Field(default=Path("runs/recordings"), description="where recordings go, a file a mission")
+    folder: Path = Field(
+        default=Path("runs/recordings"),
+        description="the folder where recordings are written, one file for each mission",
+    )
     id: str = Field(default="recorder", pattern=ID_PATTERN, description="its name on the bus")
     max_mb: int = Field(
         default=8192,
         ge=0,
-        description="megabytes of all recordings in the folder, those of earlier runs too: the oldest go "
-        "first, never one that is being written; 0: no limit",
+        description="limit for all recordings in the folder together, those of earlier runs included [MB]: the oldest are "
+        "deleted first, never one that is being written; 0: no limit",
     )
-    max_days: float = Field(default=30.0, ge=0, description="recordings older than this are deleted; 0: none is")
+    max_days: float = Field(default=30.0, ge=0, description="recordings older than this are deleted; 0: no limit")
     min_free_mb: int = Field(
-        default=512, ge=0, description="recording stops when less is left on the disk: others write there, too"
+        default=512,
+        ge=0,
+        description="recording stops when less space is left on the disk, which other programs need [MB]",
     )
-    flush_s: float = Field(default=1.0, gt=0, le=60, description="a crash loses at most what was recorded in so long")
+    flush_s: float = Field(default=1.0, gt=0, le=60, description="a crash loses at most what was recorded in this time")
     queue_mb: int = Field(
-        default=32, ge=1, description="what may wait for a slow disk; messages beyond it are dropped and counted"
+        default=32,
+        ge=1,
+        description="size of the queue for a slow disk [MB]; messages that don't fit are dropped and counted",
     )
-    layers_s: float = Field(default=3.0, gt=0, description="between two drawings of a floor's grids and objects")
-    cloud_s: float = Field(default=30.0, gt=0, description="between two drawings of a floor's cloud")
+    layers_s: float = Field(default=3.0, gt=0, description="interval at which a floor's grids and objects are recorded")
+    cloud_s: float = Field(default=30.0, gt=0, description="interval at which a floor's point cloud is recorded")

@@ -1,4 +1,4 @@
-"""One file: MCAP in chunks that are complete on the disk soon after they happened."""
+"""A recording's file: MCAP, in chunks that are complete on the disk soon after their messages arrived."""
 
 from __future__ import annotations
 
@@ -9,55 +9,58 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from surveilnav import __version__
-from surveilnav.services.recorder.core.line import Line, Schema
+from surveilnav.services.recorder.core.mcap_message import McapMessage, Schema
 
 try:
     import fcntl
-except ImportError:  # not a POSIX system: nothing there says that a file is being written
+except ImportError:  # not a POSIX system: there nothing shows that a file is being written
     fcntl = None  # type: ignore[assignment]
 
 _CHUNK_BYTES = 1 << 20
 
 
 class RecordingFile:
-    """Written by one thread. Every method raises OSError as the disk does; then ``abandon`` it."""
+    """A file that is being written, by one thread.
+
+    Every method raises OSError when the disk does; ``abandon`` the file then.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._raw = _Raw(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644))
+        self._raw = _UnbufferedFile(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644))
         if fcntl is not None:
-            fcntl.flock(self._raw.fd, fcntl.LOCK_EX)  # held while this process writes it, whatever becomes of it
+            fcntl.flock(self._raw.fd, fcntl.LOCK_EX)  # the system releases it with the process, however that ends
         self._writer = Writer(self._raw, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
         self._schemas: dict[Schema, int] = {}
         self._channels: dict[str, int] = {}
-        self._whole_bytes = 0
+        self._complete_bytes = 0
         self._writer.start(library=f"surveilnav {__version__}")  # type: ignore[no-untyped-call]
 
     @property
     def n_bytes(self) -> int:
-        """Written so far."""
+        """The size written so far."""
         return self._raw.tell()
 
-    def note(self, name: str, facts: Mapping[str, str]) -> None:
-        """Writes facts about the recording."""
+    def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
+        """Writes named facts about the recording."""
         self._writer.add_metadata(name, dict(facts))  # type: ignore[no-untyped-call]
         self.flush()
 
-    def attach(self, name: str, media_type: str, data: bytes, log_ns: int) -> None:
-        """Writes what belongs to the recording as a whole."""
+    def add_attachment(self, name: str, media_type: str, data: bytes, log_ns: int) -> None:
+        """Writes a named attachment, such as a snapshot of the maps."""
         self.flush()
         self._writer.add_attachment(log_ns, log_ns, name, media_type, data)  # type: ignore[no-untyped-call]
         self.flush()
 
-    def write(self, line: Line) -> None:
-        """Takes a line in; it is on the disk after ``flush`` at the latest."""
-        channel = self._channels.get(line.topic)
+    def write(self, message: McapMessage) -> None:
+        """Writes a message; it is on the disk after ``flush`` at the latest."""
+        channel = self._channels.get(message.topic)
         if channel is None:
-            channel = self._channels[line.topic] = self._writer.register_channel(
-                line.topic, line.encoding, self._schema(line.schema)
+            channel = self._channels[message.topic] = self._writer.register_channel(
+                message.topic, message.encoding, self._schema(message.schema)
             )
-        self._writer.add_message(channel, line.log_ns, line.data, line.publish_ns)  # type: ignore[no-untyped-call]
+        self._writer.add_message(channel, message.log_ns, message.data, message.publish_ns)  # type: ignore[no-untyped-call]
 
     def _schema(self, schema: Schema) -> int:
         if schema not in self._schemas:
@@ -65,27 +68,27 @@ class RecordingFile:
         return self._schemas[schema]
 
     def flush(self) -> None:
-        """Ends the chunk: who reads the file now, or after a crash, has all that was written before."""
+        """Completes the chunk, so that whoever reads the file now, or after a crash, finds everything written so far."""
         self._writer.flush()  # type: ignore[no-untyped-call]
-        self._whole_bytes = self._raw.tell()
+        self._complete_bytes = self._raw.tell()
 
     def finish(self) -> None:
-        """Writes the index and closes."""
+        """Writes the index and closes the file."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._raw.close()
 
     def abandon(self) -> None:
-        """Closes a file that can't be written any more, with what is whole of it."""
+        """Closes a file that can't be written any more, after its last complete chunk."""
         try:
-            os.ftruncate(self._raw.fd, self._whole_bytes)
+            os.ftruncate(self._raw.fd, self._complete_bytes)
         except OSError:
-            pass  # who reads it finds half a chunk at its end
+            pass  # the file then ends with half a chunk, which readers skip
         finally:
             self._raw.close()
 
 
-class _Raw:
-    """A file without a buffer of its own: what the disk refuses is known at once, and nothing is tried again in ``close``."""
+class _UnbufferedFile:
+    """A file without a buffer, so that errors of the disk are raised by ``write`` itself, and ``close`` writes nothing."""
 
     def __init__(self, fd: int) -> None:
         self.fd, self._position = fd, 0

@@ -15,9 +15,10 @@ from surveilnav.cli.replay.check import check, config_of
 from surveilnav.contract import ROBOT_HALT, VIEW_LOG
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.snapshot import digest, freeze, pack
-from surveilnav.services.recorder.core.line import bus_line
+from surveilnav.services.recorder.core.bus_message import BusMessage
+from surveilnav.services.recorder.core.mcap_message import encode_bus_message
 from surveilnav.services.recorder.reading import RecordingError
-from surveilnav.services.recorder.recorded import Begin, Heard, Maps, told
+from surveilnav.services.recorder.recorded import RecordedMaps, RecordedMessage, RecordedStart, read_recording
 
 SNAPSHOT = pack({"maps": freeze(JointMap(FusionConfig())), "held": {}})
 #: A frame of zstd that says it holds 3 GB.
@@ -50,7 +51,7 @@ def view_line(
     number: int = 1, header: bytes = b"\xff", payload: bytes = b"x", **more: object
 ) -> tuple[str, str, str, bytes]:
     view = m.LoggedView(stamp_ns=1, number=number, newest=number, source="robot/r", header=header, **more)
-    line = bus_line(VIEW_LOG, KEY, view, payload, 5)
+    line = encode_bus_message(BusMessage(VIEW_LOG, KEY, view, payload, 5))
     return line.topic, line.encoding, line.schema.name, line.data
 
 
@@ -62,7 +63,7 @@ def test_an_empty_recording_comes_to_what_it_began_with(tmp_path):
     path = file_of(tmp_path / "a.mcap", ("mission", {"mission": "m1"}), *MAPS, ("end", {"digest": nothing}))
     outcome = check(path)
     assert (outcome.same, outcome.replayed, outcome.views) == (True, nothing, 0)
-    assert [type(t) for t in told(path)][:2] == [Begin, Maps]
+    assert [type(t) for t in read_recording(path)][:2] == [RecordedStart, RecordedMaps]
 
 
 @pytest.mark.parametrize(("end", "why"), [([("end", {"mission": "m1"})], "fusion didn't tell"), ([], "was cut off")])
@@ -117,13 +118,13 @@ def test_topics_of_others_are_passed_over(tmp_path):
         ),
     ]
     path = file_of(tmp_path / "a.mcap", *MAPS, *parts)
-    assert [t.stream.name for t in told(path) if isinstance(t, Heard)] == ["robot_halt"]
+    assert [t.stream.name for t in read_recording(path) if isinstance(t, RecordedMessage)] == ["robot_halt"]
     assert check(path).views == 0
 
 
 def test_the_settings_of_a_recording_are_those_of_its_fusion():
     config = FusionConfig().changed({"map": {"voxel_m": 0.07}})
-    assert config_of(Maps(0, config.model_dump_json(), b"")) == config
+    assert config_of(RecordedMaps(0, config.model_dump_json(), b"")) == config
 
 
 @pytest.mark.parametrize(

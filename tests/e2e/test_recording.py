@@ -18,7 +18,7 @@ from surveilnav.bus.router import free_port
 from surveilnav.cli.replay.check import check
 from surveilnav.contract import RECORDINGS, VIEW_LOG
 from surveilnav.messages import FINISHED_STATES
-from surveilnav.services.recorder.recorded import Heard, told
+from surveilnav.services.recorder.recorded import RecordedMessage, read_recording
 from tests.e2e.conftest import System, frame_bytes, starting
 from tests.waiting import until
 
@@ -42,7 +42,7 @@ def files(s: System, mission: str) -> dict[Path, str]:
 
 def steps_in(path: Path) -> int:
     """The last step that a recording knows of."""
-    heard = (t for t in told(path) if isinstance(t, Heard) and t.stream.name == "mission_status")
+    heard = (t for t in read_recording(path) if isinstance(t, RecordedMessage) and t.stream.name == "mission_status")
     return max((t.message.step for t in heard), default=0)
 
 
@@ -110,7 +110,9 @@ def test_the_camera_sent_each_view_once_to_fusion_alone(recorded, searched):
     report = recorded.traffic("camera", "c0-1")
     frames = {row.key: row.messages for row in report.rows if "/frame/" in row.key and row.direction == "offered"}
     views = {
-        f"{t.message.source}/{t.message.view}" for t in told(searched) if isinstance(t, Heard) and t.stream is VIEW_LOG
+        f"{t.message.source}/{t.message.view}"
+        for t in read_recording(searched)
+        if isinstance(t, RecordedMessage) and t.stream is VIEW_LOG
     }
     assert set(frames.values()) == {1}
     assert len(frames) == len([v for v in views if v.startswith("camera/")]) == 13
@@ -120,7 +122,7 @@ def test_the_camera_sent_each_view_once_to_fusion_alone(recorded, searched):
 
 
 def test_what_was_put_is_in_it_as_often_as_it_was_put(searched):
-    heard = [t for t in told(searched) if isinstance(t, Heard)]
+    heard = [t for t in read_recording(searched) if isinstance(t, RecordedMessage)]
     numbers = [t.message.number for t in heard if t.stream is VIEW_LOG]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     steps = [t.message.step for t in heard if t.stream.name == "mission_plan"]

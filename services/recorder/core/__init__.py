@@ -1,1 +1,1 @@
-"""The recorder's pure parts: what goes into a file, and which files are kept."""
+"""The recorder's pure parts: what a message becomes in a file, and which files are deleted."""

@@ -1,4 +1,4 @@
-"""Which recordings go, so that those that are kept stay within their limits."""
+"""Which recordings are deleted, so that the others stay within their limits."""
 
 from __future__ import annotations
 
@@ -7,36 +7,45 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
-    """A file in the folder. ``started_ns``: since when it holds pictures. ``open``: somebody writes it. ``changed_ns``: when
-    that was last."""
+class RecordingFileInfo:
+    """A file in the folder of recordings.
+
+    Attributes:
+        id: the recording's id.
+        n_bytes: its size.
+        started_ns: when the recording, and so its oldest picture, began.
+        is_open: it is being written. ``changed_ns``: when it was written last.
+    """
 
     id: str
     n_bytes: int
     started_ns: int
-    open: bool = False
+    is_open: bool = False
     changed_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """``n_bytes``: of all files, those that are being written among them. ``age_ns``: since a recording began. 0: none."""
+    """Limits of the folder; 0: no limit.
+
+    ``n_bytes``: size of all files together, those that are being written included. ``age_ns``: time since a recording began.
+    """
 
     n_bytes: int
     age_ns: int
 
 
-def to_delete(files: Iterable[Kept], limits: Limits, now_ns: int) -> list[str]:
-    """The ids of those that must go, the oldest first; never one that is being written."""
+def files_to_delete(files: Iterable[RecordingFileInfo], limits: Limits, now_ns: int) -> list[str]:
+    """The ids of the files to delete, oldest first; never one that is being written."""
     files = sorted(files, key=lambda f: (f.started_ns, f.id))
     total = sum(f.n_bytes for f in files)
-    going = []
+    deleted = []
     for file in files:
-        if file.open:
+        if file.is_open:
             continue
         too_old = limits.age_ns > 0 and now_ns - file.started_ns > limits.age_ns
-        too_many = 0 < limits.n_bytes < total
-        if too_old or too_many:
-            going.append(file.id)
+        too_much = 0 < limits.n_bytes < total
+        if too_old or too_much:
+            deleted.append(file.id)
             total -= file.n_bytes
-    return going
+    return deleted

@@ -1,4 +1,4 @@
-"""What a recording is called: when it began, and of which mission it is."""
+"""The id of a recording: when it began, and which mission it is of."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from datetime import UTC, datetime
 
 from surveilnav.contract import ID
 
-ENDING = ".mcap"
+SUFFIX = ".mcap"
 _ID = re.compile(rf"(?P<time>\d{{8}}T\d{{6}})(?P<ms>\d{{3}})Z_(?P<mission>{ID})")
 _TIME = "%Y%m%dT%H%M%S"
 
 
 def recording_id(started_ns: int, mission: str) -> str:
-    """Such as 20261125T143519250Z_m1: in the order of time, and the name of a file."""
+    """An id such as 20261125T143519250Z_m1. Ids sort by time, and are the files' names without the suffix."""
     started = datetime.fromtimestamp(started_ns // 10**9, UTC)
     return f"{started:{_TIME}}{started_ns // 10**6 % 1000:03d}Z_{mission}"
 
 
-def parts_of(id: str) -> tuple[int, str] | None:
-    """(when it began [ns], mission) of an id; None if it is none: whatever else lies in the folder isn't touched."""
+def parse_recording_id(id: str) -> tuple[int, str] | None:
+    """(when it began [ns], mission) of an id; None if it isn't one, so that other files in the folder aren't touched."""
     match = _ID.fullmatch(id)
     if match is None:
         return None

@@ -12,7 +12,8 @@ from surveilnav import messages as m
 from surveilnav.benchmark.studies import live
 from surveilnav.benchmark.studies.arrivals import Arrivals, MapsState, RecordedCameras, arrivals_of
 from surveilnav.contract import MISSION_PLAN, VIEW_LOG
-from surveilnav.services.recorder.core.line import bus_line
+from surveilnav.services.recorder.core.bus_message import BusMessage
+from surveilnav.services.recorder.core.mcap_message import encode_bus_message
 from surveilnav.services.recorder.reading import RecordingError
 
 ROBOT = "robot/r1", 0
@@ -34,7 +35,7 @@ def view(number: int, source: str, index: int, fault: str = ""):
     logged = m.LoggedView(
         stamp_ns=1, number=number, newest=number, source=source, view=index, header=b"\xff", fault=fault
     )
-    return bus_line(VIEW_LOG, "surveilnav/1/b/view_log", logged, b"", 1)
+    return encode_bus_message(BusMessage(VIEW_LOG, "surveilnav/1/b/view_log", logged, b"", 1))
 
 
 def plan(seq: int, revision: int, pending: int):
@@ -52,7 +53,7 @@ def plan(seq: int, revision: int, pending: int):
         revision=revision,
         pending_views=pending,
     )
-    return bus_line(MISSION_PLAN, "surveilnav/1/b/mission/m/plan", said, b"", 1)
+    return encode_bus_message(BusMessage(MISSION_PLAN, "surveilnav/1/b/mission/m/plan", said, b"", 1))
 
 
 def test_a_recording_says_what_came_when_and_on_what_was_decided(tmp_path):

@@ -1,4 +1,4 @@
-"""What a recorder hears, made by hand."""
+"""Messages that a recorder receives, made by hand."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from surveilnav.contract import ROBOT_STATUS, VIEW_LOG
 from surveilnav.geometry import Pinhole, Pose, base_pose, camera_pose
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.services.recorder.config import RecorderSettings
-from surveilnav.services.recorder.core.drawer import Heard
+from surveilnav.services.recorder.core.bus_message import BusMessage
 
 CAMERA = Pinhole.from_hfov(32, 24, 1.4)
 
@@ -62,12 +62,12 @@ def logged(number: int, source: str = "robot/r1") -> tuple[m.LoggedView, bytes]:
     return view, payload
 
 
-def heard_view(number: int, source: str = "robot/r1") -> Heard:
-    """The same, on its way into the files."""
-    return Heard(VIEW_LOG, VIEW_LOG.key_for(building="b"), *logged(number, source), 10**9 * number + 5)
+def view_message(number: int, source: str = "robot/r1") -> BusMessage:
+    """The same, as the recorder receives it."""
+    return BusMessage(VIEW_LOG, VIEW_LOG.key_for(building="b"), *logged(number, source), 10**9 * number + 5)
 
 
-def heard_status(seq: int = 1, message: str = "") -> Heard:
+def status_message(seq: int = 1, message: str = "") -> BusMessage:
     """A small message."""
     status = m.RobotStatus(
         stamp_ns=10**9 * seq,
@@ -78,12 +78,12 @@ def heard_status(seq: int = 1, message: str = "") -> Heard:
         message=message,
         T_world_base=Pose.from_matrix(base_pose((1.0, 2.0, 0.0), 0.3)),
     )
-    return Heard(ROBOT_STATUS, ROBOT_STATUS.key_for(building="b", robot="r1"), status, b"", 10**9 * seq + 7)
+    return BusMessage(ROBOT_STATUS, ROBOT_STATUS.key_for(building="b", robot="r1"), status, b"", 10**9 * seq + 7)
 
 
 @dataclass
 class FakeNode:
-    """What a scribe needs of a node: a place to complain to."""
+    """What a writer needs of a node: a place to complain to."""
 
     said: list[str] = field(default_factory=list)
     stopping: threading.Event = field(default_factory=threading.Event)
@@ -104,8 +104,8 @@ class Tools:
     """The functions above, for tests: with importmode=importlib a test can't import its neighbours."""
 
     logged: object = staticmethod(logged)
-    heard_view: object = staticmethod(heard_view)
-    heard_status: object = staticmethod(heard_status)
+    view_message: object = staticmethod(view_message)
+    status_message: object = staticmethod(status_message)
     node: type[FakeNode] = FakeNode
 
     @staticmethod

@@ -15,27 +15,27 @@ from mcap.reader import make_reader
 from mcap.records import Attachment, Message, Metadata
 
 from surveilnav.services.recorder import file as file_module
-from surveilnav.services.recorder.core.drawer import Drawer
+from surveilnav.services.recorder.core.foxglove import FoxgloveConverter
 from surveilnav.services.recorder.file import RecordingFile
-from surveilnav.services.recorder.folder import is_open
-from surveilnav.services.recorder.reading import RecordingError, cameras_in_whole, records, target_of
+from surveilnav.services.recorder.folder import is_being_written
+from surveilnav.services.recorder.reading import RecordingError, cameras_of_complete, records, target_of
 
 MAPS = os.urandom(50_000)
 
 
 def write(path, tools, *, end=True) -> RecordingFile:
     """A recording of thirty views and thirty statuses; after ``finish`` if ``end``."""
-    file, drawer = RecordingFile(path), Drawer()
-    file.note("mission", {"mission": "m1", "target": "tv"})
-    file.attach("maps-0", "application/zstd", MAPS, 1)
+    file, converter = RecordingFile(path), FoxgloveConverter()
+    file.add_metadata("mission", {"mission": "m1", "target": "tv"})
+    file.add_attachment("maps-0", "application/zstd", MAPS, 1)
     for i in range(1, 31):
-        for heard in (tools.heard_view(i), tools.heard_status(i)):
-            for line in drawer.lines(heard):
-                file.write(line)
+        for received in (tools.view_message(i), tools.status_message(i)):
+            for message in converter.convert(received):
+                file.write(message)
         if i % 5 == 0:
             file.flush()
     if end:
-        file.note("end", {"number": "30"})
+        file.add_metadata("end", {"number": "30"})
         file.finish()
     return file
 
@@ -67,26 +67,26 @@ def test_an_mcap_reader_has_all_of_it(tmp_path, tools):
             "mission",
             {"mission": "m1", "target": "tv"},
         )
-    assert cameras_in_whole(path) == []
+    assert cameras_of_complete(path) == []
     other = tmp_path / "b.mcap"
-    file, drawer = RecordingFile(other), Drawer()
+    file, converter = RecordingFile(other), FoxgloveConverter()
     for i, source in enumerate(("camera/c2", "robot/r1", "camera/c1"), 1):
-        for line in drawer.lines(tools.heard_view(i, source)):
-            file.write(line)
-    file.note("end", {})
+        for message in converter.convert(tools.view_message(i, source)):
+            file.write(message)
+    file.add_metadata("end", {})
     file.finish()
-    assert cameras_in_whole(other) == ["c1", "c2"]
+    assert cameras_of_complete(other) == ["c1", "c2"]
     assert target_of(path) == "tv"
 
 
 def test_a_file_that_isnt_closed_is_open_and_can_be_read_already(tmp_path, tools):
     path = tmp_path / "a.mcap"
     file = write(path, tools, end=False)
-    assert is_open(path)
-    assert cameras_in_whole(path) is None
+    assert is_being_written(path)
+    assert cameras_of_complete(path) is None
     assert len(messages(path)) == 30 * 6
     file.abandon()
-    assert not is_open(path)
+    assert not is_being_written(path)
 
 
 def test_it_never_writes_over_another(tmp_path, tools):
@@ -99,12 +99,12 @@ _WRITER = """
 import sys, time
 from pathlib import Path
 sys.path.insert(0, {root!r})
-from surveilnav.services.recorder.core.line import Line, Schema
+from surveilnav.services.recorder.core.mcap_message import McapMessage, Schema
 from surveilnav.services.recorder.file import RecordingFile
 file = RecordingFile(Path({path!r}))
-file.note("mission", {{"target": "tv"}})
+file.add_metadata("mission", {{"target": "tv"}})
 for i in range(10**9):
-    file.write(Line("/n", "json", Schema("n", "jsonschema", b"{{}}"), b'{{"n": %d}}' % i + b" " * 1000, i, i))
+    file.write(McapMessage("/n", "json", Schema("n", "jsonschema", b"{{}}"), b'{{"n": %d}}' % i + b" " * 1000, i, i))
     if i % 10 == 9:
         file.flush()
         print(i, flush=True)
@@ -126,8 +126,8 @@ def test_kill_9_in_the_midst_of_writing_loses_what_came_after_the_last_flush_alo
     numbers = [m.log_time for m in messages(path)]
     assert numbers == list(range(len(numbers)))
     assert len(numbers) > last
-    assert not is_open(path)
-    assert cameras_in_whole(path) is None
+    assert not is_being_written(path)
+    assert cameras_of_complete(path) is None
     assert target_of(path) == "tv"
 
 
@@ -155,7 +155,7 @@ def test_cut_off_anywhere_it_is_read_so_far(whole, tmp_path, data):
     path.write_bytes(everything[: data.draw(st.integers(8, len(everything) - 1))])
     found = summary_of(path)
     assert found == all_of_it[: len(found)]
-    assert cameras_in_whole(path) is None
+    assert cameras_of_complete(path) is None
 
 
 @given(st.data())
@@ -168,7 +168,7 @@ def test_a_damaged_byte_makes_no_other_messages(whole, tmp_path, data):
     path.write_bytes(everything)
     seen = [m for m in summary_of(path) if isinstance(m, tuple)]
     assert set(seen) <= {m for m in all_of_it if isinstance(m, tuple)}
-    cameras_in_whole(path)
+    cameras_of_complete(path)
     target_of(path)
 
 
@@ -199,12 +199,12 @@ def test_a_disk_that_fills_leaves_whole_chunks(tmp_path, tools, monkeypatch):
         return real(fd, data[:n])
 
     monkeypatch.setattr(file_module.os, "write", write_some)
-    file, drawer, written = RecordingFile(path), Drawer(), []
+    file, converter, written = RecordingFile(path), FoxgloveConverter(), []
 
     def write_until_full() -> None:
         for i in range(1, 1000):
-            for line in drawer.lines(tools.heard_view(i)):
-                file.write(line)
+            for message in converter.convert(tools.view_message(i)):
+                file.write(message)
             file.flush()
             written.append(i)
 
@@ -213,4 +213,4 @@ def test_a_disk_that_fills_leaves_whole_chunks(tmp_path, tools, monkeypatch):
     file.abandon()
     assert 0 < len(messages(path)) == len(written) * 5
     assert path.stat().st_size < 60_000
-    assert not is_open(path)
+    assert not is_being_written(path)

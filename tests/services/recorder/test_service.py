@@ -14,7 +14,13 @@ from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import VIEW_LOG
 from surveilnav.messages import MissionStatus
 from surveilnav.services.recorder.file import RecordingFile
-from surveilnav.services.recorder.recorded import Begin, End, Heard, Maps, told
+from surveilnav.services.recorder.recorded import (
+    RecordedEnd,
+    RecordedMaps,
+    RecordedMessage,
+    RecordedStart,
+    read_recording,
+)
 from surveilnav.services.recorder.service import RecorderService
 
 
@@ -128,12 +134,12 @@ class Running:
     def states(self) -> dict[str, str]:
         return {r.mission: r.state for r in self.service._folder.recordings()}
 
-    def told(self) -> list[object]:
+    def items(self) -> list[object]:
         (path,) = self.folder.glob("*.mcap")
-        return list(told(path))
+        return list(read_recording(path))
 
     def views(self) -> list[int]:
-        return [t.message.number for t in self.told() if isinstance(t, Heard) and t.stream is VIEW_LOG]
+        return [t.message.number for t in self.items() if isinstance(t, RecordedMessage) and t.stream is VIEW_LOG]
 
 
 @pytest.fixture
@@ -156,7 +162,7 @@ def test_missions_that_begin_together_have_fusion_write_its_maps_once(bus, recor
     bus.put_status("m2", "done", step=3)
     asked = bus.asked
     recorder.turn_until(lambda: recorder.states() == {"m1": "complete", "m2": "complete"})
-    maps = [t for path in recorder.folder.glob("*.mcap") for t in told(path) if isinstance(t, Maps)]
+    maps = [t for path in recorder.folder.glob("*.mcap") for t in read_recording(path) if isinstance(t, RecordedMaps)]
     assert (asked, [t.snapshot for t in maps]) == (1, [b"maps"] * 2)
 
 
@@ -180,14 +186,16 @@ def test_a_mission_is_recorded_from_its_maps_to_its_end(bus, recorder):
     bus.log += [7]
     bus.put_status("m1", "done", step=3)
     recorder.turn_until(lambda: recorder.states() == {"m1": "complete"})
-    begin, end = recorder.told()[0], recorder.told()[-1]
-    assert isinstance(begin, Begin)
+    begin, end = recorder.items()[0], recorder.items()[-1]
+    assert isinstance(begin, RecordedStart)
     assert (begin.facts["mission"], begin.facts["target"], begin.facts["building"]) == ("m1", "tv", "building")
-    assert isinstance(end, End)
+    assert isinstance(end, RecordedEnd)
     assert end.facts == {"state": "done", "found": "false", "number": "7", "revision": "7", "digest": "digest-7"}
-    assert [(t.number, t.snapshot) for t in recorder.told() if isinstance(t, Maps)] == [(3, b"the maps")]
+    assert [(t.number, t.snapshot) for t in recorder.items() if isinstance(t, RecordedMaps)] == [(3, b"the maps")]
     assert recorder.views() == [4, 5, 6, 7]
-    statuses = [t.message for t in recorder.told() if isinstance(t, Heard) and t.stream is contract.MISSION_STATUS]
+    statuses = [
+        t.message for t in recorder.items() if isinstance(t, RecordedMessage) and t.stream is contract.MISSION_STATUS
+    ]
     assert [s.state for s in statuses] == ["active", "done"]
 
 
@@ -203,7 +211,7 @@ def test_no_camera_has_a_listener_more(bus, recorder):
 
 
 def test_what_is_put_is_there_as_it_was_put(bus, recorder, tools):
-    status = tools.heard_status(4).message
+    status = tools.status_message(4).message
     bus.camera.publisher(contract.ROBOT_STATUS, robot="r1").put(status)
     bus.put_status("m1", "active")
     recorder.turn_until(lambda: recorder.states() == {"m1": "recording"})
@@ -211,7 +219,9 @@ def test_what_is_put_is_there_as_it_was_put(bus, recorder, tools):
     bus.camera.publisher(contract.ROBOT_STATUS, robot="r1").put(later)
 
     def heard():
-        return [t.message for t in recorder.told() if isinstance(t, Heard) and t.stream is contract.ROBOT_STATUS]
+        return [
+            t.message for t in recorder.items() if isinstance(t, RecordedMessage) and t.stream is contract.ROBOT_STATUS
+        ]
 
     recorder.turn_until(lambda: later in heard())
     assert heard()[0] == status, "what was put before the mission began"
@@ -221,11 +231,11 @@ def test_views_that_are_lost_are_made_good_by_new_maps(bus, recorder):
     bus.put_status("m1", "active")
     recorder.turn_until(lambda: recorder.states() == {"m1": "recording"} and bus.asked >= 2)
     bus.log = [7, 8]  # 1 to 6 went while nobody asked
-    recorder.turn_until(lambda: len([t for t in recorder.told() if isinstance(t, Maps)]) == 2)
+    recorder.turn_until(lambda: len([t for t in recorder.items() if isinstance(t, RecordedMaps)]) == 2)
     bus.log += [9]
     recorder.turn_until(lambda: recorder.views() == [9])
     bus.log = [1]  # fusion began anew
-    recorder.turn_until(lambda: len([t for t in recorder.told() if isinstance(t, Maps)]) == 3)
+    recorder.turn_until(lambda: len([t for t in recorder.items() if isinstance(t, RecordedMaps)]) == 3)
 
 
 def test_while_fusion_is_away_all_else_is_recorded_and_it_is_said(bus, recorder):
@@ -235,7 +245,7 @@ def test_while_fusion_is_away_all_else_is_recorded_and_it_is_said(bus, recorder)
     bus.held, bus.log = False, [1, 2]
     recorder.turn_until(lambda: "no disk" in recorder.service.status().problem)
     bus.put_status("m1", "active", step=4)
-    recorder.turn_until(lambda: any(getattr(getattr(t, "message", None), "step", 0) == 4 for t in recorder.told()))
+    recorder.turn_until(lambda: any(getattr(getattr(t, "message", None), "step", 0) == 4 for t in recorder.items()))
     bus.held = True
     recorder.turn_until(lambda: recorder.views() == [2])
     assert recorder.service.status().problem == ""
@@ -250,7 +260,9 @@ def test_maps_that_cant_be_had_for_a_new_recording_cost_no_other_its_views(bus, 
     recorder.turn_until(lambda: "no message holds" in recorder.service.status().problem)
     bus.log = [1, 2]
     (path,) = recorder.folder.glob("*_m1.mcap")
-    recorder.turn_until(lambda: any(isinstance(t, Heard) and t.stream is VIEW_LOG for t in told(path)))
+    recorder.turn_until(
+        lambda: any(isinstance(t, RecordedMessage) and t.stream is VIEW_LOG for t in read_recording(path))
+    )
 
 
 def test_two_missions_at_once_have_a_file_each(bus, recorder):
@@ -262,7 +274,7 @@ def test_two_missions_at_once_have_a_file_each(bus, recorder):
     recorder.turn_until(lambda: recorder.states() == {"m1": "complete", "m2": "recording"})
     missions = {}
     for path in recorder.folder.glob("*.mcap"):
-        heard = [t for t in told(path) if isinstance(t, Heard)]
+        heard = [t for t in read_recording(path) if isinstance(t, RecordedMessage)]
         assert [t.message.number for t in heard if t.stream is VIEW_LOG] == [1]
         missions[path.stem[-2:]] = {t.ids["mission"] for t in heard if "mission" in t.ids}
     assert missions == {"m1": {"m1"}, "m2": {"m2"}}

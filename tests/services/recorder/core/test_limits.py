@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surveilnav.services.recorder.core.limits import Kept, Limits, to_delete
+from surveilnav.services.recorder.core.limits import Limits, RecordingFileInfo, files_to_delete
 
 DAY_NS = 86_400 * 10**9
 
@@ -25,27 +25,28 @@ DAY_NS = 86_400 * 10**9
     ],
 )
 def test_the_oldest_go_first(files, limits, gone):
-    assert to_delete([Kept(*f) for f in files], limits, now_ns=10) == gone
+    assert files_to_delete([RecordingFileInfo(*f) for f in files], limits, now_ns=10) == gone
 
 
 def test_one_that_is_being_written_stays_and_counts():
-    files = [Kept("a", 90, 1, open=True), Kept("b", 20, 2), Kept("c", 20, 3)]
-    assert to_delete(files, Limits(100, 0), now_ns=4) == ["b", "c"]
-    assert to_delete(files, Limits(0, 1), now_ns=4) == ["b"]  # "a" is older, "c" just young enough
+    files = [RecordingFileInfo("a", 90, 1, is_open=True), RecordingFileInfo("b", 20, 2), RecordingFileInfo("c", 20, 3)]
+    assert files_to_delete(files, Limits(100, 0), now_ns=4) == ["b", "c"]
+    assert files_to_delete(files, Limits(0, 1), now_ns=4) == ["b"]  # "a" is older, "c" just young enough
 
 
 FILES = st.lists(
-    st.builds(Kept, st.uuids().map(str), st.integers(0, 1000), st.integers(0, 50 * DAY_NS), st.booleans()), max_size=20
+    st.builds(RecordingFileInfo, st.uuids().map(str), st.integers(0, 1000), st.integers(0, 50 * DAY_NS), st.booleans()),
+    max_size=20,
 )
 
 
 @given(FILES, st.integers(0, 5000), st.integers(0, 60 * DAY_NS))
 def test_what_stays_fits_and_is_newer_than_what_went_for_room(files, n_bytes, age_ns):
     now_ns = 60 * DAY_NS
-    gone = set(to_delete(files, Limits(n_bytes, age_ns), now_ns))
+    gone = set(files_to_delete(files, Limits(n_bytes, age_ns), now_ns))
     stays, went = [f for f in files if f.id not in gone], [f for f in files if f.id in gone]
-    assert not any(f.open for f in went)
-    closed = [f for f in stays if not f.open]
+    assert not any(f.is_open for f in went)
+    closed = [f for f in stays if not f.is_open]
     if age_ns:
         assert all(now_ns - f.started_ns <= age_ns for f in closed)
     if n_bytes:

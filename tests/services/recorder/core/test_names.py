@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.contract import ID
-from surveilnav.services.recorder.core.names import parts_of, recording_id
+from surveilnav.services.recorder.core.names import parse_recording_id, recording_id
 
 TIMES = st.integers(0, 4 * 10**18).map(lambda ns: ns // 10**6 * 10**6)
 
 
 @given(TIMES, st.from_regex(re.compile(ID), fullmatch=True))
 def test_a_name_says_when_and_which_mission(started_ns, mission):
-    assert parts_of(recording_id(started_ns, mission)) == (started_ns, mission)
+    assert parse_recording_id(recording_id(started_ns, mission)) == (started_ns, mission)
 
 
 @given(TIMES, TIMES)
@@ -41,4 +41,4 @@ def test_names_sort_by_time(a, b):
     ],
 )
 def test_what_is_no_name(id):
-    assert parts_of(id) is None
+    assert parse_recording_id(id) is None

@@ -1,4 +1,4 @@
-"""Answers about the recordings that there are, and their bytes."""
+"""Answers queries about the recordings: which there are, their bytes, and deleting one."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import RECORDING_DELETE, RECORDING_READ, RECORDINGS
 from surveilnav.messages import Ack, RecordingList, RecordingPart
 from surveilnav.services.recorder.config import RecorderSettings
-from surveilnav.services.recorder.folder import Folder
+from surveilnav.services.recorder.folder import RecordingFolder
 
 
-class Answers:
-    """Called from the threads that serve queries."""
+class RecordingQueries:
+    """Serves the queries. They are answered on the bus's threads."""
 
-    def __init__(self, node: Node, settings: RecorderSettings, folder: Folder) -> None:
+    def __init__(self, node: Node, settings: RecorderSettings, folder: RecordingFolder) -> None:
         self._node, self._id, self._folder = node, settings.id, folder
-        node.serve(RECORDINGS, self.recordings, recorder=settings.id)
-        node.serve(RECORDING_READ, self.read, recorder=settings.id)
-        node.serve(RECORDING_DELETE, self.delete, recorder=settings.id)
+        node.serve(RECORDINGS, self._list, recorder=settings.id)
+        node.serve(RECORDING_READ, self._read, recorder=settings.id)
+        node.serve(RECORDING_DELETE, self._delete, recorder=settings.id)
 
-    def recordings(self, _: Request) -> Answer:
-        """All of them, newest first."""
+    def _list(self, _: Request) -> Answer:
+        """All recordings, newest first."""
         try:
             found = self._folder.recordings()
         except OSError as error:
             raise Refused("disk_down", f"the recordings can't be read: {error}") from error
         return Answer(RecordingList(stamp_ns=clock_ns(), recorder=self._id, recordings=found))
 
-    def read(self, request: Request) -> Answer:
-        """A stretch of one."""
+    def _read(self, request: Request) -> Answer:
+        """A part of a recording's bytes."""
         wanted: RecordingPart = request.message
         try:
             data, size = self._folder.read(wanted.id, wanted.offset, wanted.n_bytes)
@@ -38,8 +38,8 @@ class Answers:
         )
         return Answer(part, data)
 
-    def delete(self, request: Request) -> Answer:
-        """Deletes one for good."""
+    def _delete(self, request: Request) -> Answer:
+        """Deletes a recording."""
         try:
             self._folder.delete(request.message.id)
         except OSError as error:

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.Grid_pb2 import Grid as DrawnGrid
+from foxglove_schemas_protobuf.Grid_pb2 import Grid as FoxgloveGrid
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
@@ -17,36 +17,37 @@ from surveilnav import messages as m
 from surveilnav.contract import MAP_LAYER, MISSION_PLAN, MISSION_STATUS, VIEW_LOG
 from surveilnav.geometry import Grid, Pinhole, Pose
 from surveilnav.sensing.packing import pack_array
-from surveilnav.services.recorder.core.drawer import Drawer, Heard
-from surveilnav.services.recorder.core.line import read_bus_line, stream_of
+from surveilnav.services.recorder.core.bus_message import BusMessage
+from surveilnav.services.recorder.core.foxglove import FoxgloveConverter
+from surveilnav.services.recorder.core.mcap_message import decode_bus_message, stream_of_topic
 
 GRID = Grid(-1.0, -2.0, 0.5, 3, 4)
 UPRIGHT = Pose((1.0, 2.0, 2.2), (0.0, 0.0, 0.0, 1.0))
 
 
-def heard(stream, message, payload=b"", **ids):
-    return Heard(stream, stream.key_for(building="b", **ids), message, payload, 77)
+def received(stream, message, payload=b"", **ids):
+    return BusMessage(stream, stream.key_for(building="b", **ids), message, payload, 77)
 
 
-def drawn(kind, lines, topic):
+def drawn(kind, messages, topic):
     """The one message of a topic, as its schema reads it."""
-    (line,) = [line for line in lines if line.topic == topic]
-    assert (line.encoding, line.schema.name) == ("protobuf", kind.DESCRIPTOR.full_name)
-    return kind.FromString(line.data)
+    (message,) = [m for m in messages if m.topic == topic]
+    assert (message.encoding, message.schema.name) == ("protobuf", kind.DESCRIPTOR.full_name)
+    return kind.FromString(message.data)
 
 
 @pytest.mark.parametrize("source", ["robot/r1", "camera/c1"])
 def test_a_view_is_written_as_it_came_and_as_a_picture(tools, source):
     view, payload = tools.logged(3, source)
-    lines = Drawer().lines(heard(VIEW_LOG, view, payload))
-    assert read_bus_line(VIEW_LOG, lines[0].data) == (view, payload)
-    assert stream_of(lines[0].schema.name, lines[0].topic) is VIEW_LOG
+    messages = FoxgloveConverter().convert(received(VIEW_LOG, view, payload))
+    assert decode_bus_message(VIEW_LOG, messages[0].data) == (view, payload)
+    assert stream_of_topic(messages[0].schema.name, messages[0].topic) is VIEW_LOG
     topic = "/robot/r1/picture" if source == "robot/r1" else "/camera/c1/view_0/picture"
-    image = drawn(CompressedImage, lines, topic)
+    image = drawn(CompressedImage, messages, topic)
     assert image.format == "jpeg"
     assert tools.jpeg_of(image.data).shape == (24, 32, 3)
     assert (image.timestamp.seconds, image.timestamp.nanos) == (3, 0)
-    poses = [line for line in lines if line.topic.endswith("/pose")]
+    poses = [message for message in messages if message.topic.endswith("/pose")]
     assert len(poses) == (source == "robot/r1")
     if poses:
         pose = PoseInFrame.FromString(poses[0].data)
@@ -55,28 +56,30 @@ def test_a_view_is_written_as_it_came_and_as_a_picture(tools, source):
 
 def test_a_view_that_was_of_no_use_is_written_all_the_same():
     view = m.LoggedView(stamp_ns=1, number=4, newest=4, source="camera/c1", fault="unreadable: x")
-    lines = Drawer().lines(heard(VIEW_LOG, view))
-    assert [read_bus_line(VIEW_LOG, line.data) for line in lines] == [(view, b"")]
+    messages = FoxgloveConverter().convert(received(VIEW_LOG, view))
+    assert [decode_bus_message(VIEW_LOG, message.data) for message in messages] == [(view, b"")]
 
 
 def test_a_header_that_cant_be_read_costs_only_the_picture(tools):
     view, payload = tools.logged(3)
     bad = msgspec.structs.replace(view, header=b"\xff")
-    assert [line.schema.name for line in Drawer().lines(heard(VIEW_LOG, bad, payload))] == ["surveilnav.LoggedView/1.0"]
+    assert [message.schema.name for message in FoxgloveConverter().convert(received(VIEW_LOG, bad, payload))] == [
+        "surveilnav.LoggedView/1.0"
+    ]
 
 
 def layer(name, cells, **more):
     header = m.LayerHeader(
         stamp_ns=5, floor="0", layer=name, revision=1, grid=GRID, dtype=str(cells.dtype), shape=cells.shape, **more
     )
-    return heard(MAP_LAYER, header, pack_array(cells), floor="0", layer=name)
+    return received(MAP_LAYER, header, pack_array(cells), floor="0", layer=name)
 
 
 @pytest.mark.parametrize(("name", "dtype", "stride"), [("occupancy", np.uint8, 1), ("value", np.float32, 4)])
 def test_a_layer_lies_on_its_floor(name, dtype, stride):
-    drawer = Drawer(floor_z_m={"0": 2.8})
+    converter = FoxgloveConverter(floor_z_m={"0": 2.8})
     cells = np.arange(12, dtype=dtype).reshape(3, 4) % 2
-    grid = drawn(DrawnGrid, drawer.lines(layer(name, cells)), f"/map/0/{name}")
+    grid = drawn(FoxgloveGrid, converter.convert(layer(name, cells)), f"/map/0/{name}")
     assert (grid.pose.position.x, grid.pose.position.y, grid.pose.position.z) == (-1.0, -2.0, 2.8)
     assert (grid.column_count, grid.row_stride, grid.cell_stride, grid.cell_size.x) == (4, 4 * stride, stride, 0.5)
     assert (np.frombuffer(grid.data, dtype).reshape(3, 4) == cells).all()
@@ -85,7 +88,7 @@ def test_a_layer_lies_on_its_floor(name, dtype, stride):
 @pytest.mark.parametrize("n", [0, 5, 250_000])
 def test_a_cloud_has_a_bounded_number_of_points(n):
     points = np.random.default_rng(0).random((n, 6), np.float32)
-    cloud = drawn(PointCloud, Drawer().lines(layer("cloud", points)), "/map/0/cloud")
+    cloud = drawn(PointCloud, FoxgloveConverter().convert(layer("cloud", points)), "/map/0/cloud")
     assert cloud.point_stride == 16
     drawn_points = len(cloud.data) // 16
     assert drawn_points == n if n < 100_000 else 50_000 < drawn_points <= 100_000
@@ -96,7 +99,7 @@ def test_a_cloud_has_a_bounded_number_of_points(n):
 
 def test_a_layer_that_isnt_what_its_header_says_is_left_out():
     wrong = layer("occupancy", np.zeros((3, 4), np.uint8))
-    assert Drawer().lines(Heard(MAP_LAYER, wrong.key, wrong.message, b"junk", 1)) == []
+    assert FoxgloveConverter().convert(BusMessage(MAP_LAYER, wrong.key, wrong.message, b"junk", 1)) == []
 
 
 def info(name):
@@ -125,13 +128,13 @@ def revision(*cameras, stamp_ns=1):
 
 
 def test_cameras_are_drawn_when_they_or_their_use_change():
-    drawer = Drawer()
+    converter = FoxgloveConverter()
 
     def scenes(message):
         stream = contract.CAMERA_INFO if isinstance(message, m.CameraInfo) else contract.MAP_REVISION
         ids = {"camera": message.camera} if stream is contract.CAMERA_INFO else {}
-        lines = drawer.lines(heard(stream, message, floor="0", **ids))
-        return [SceneUpdate.FromString(line.data) for line in lines if line.topic == "/cameras"]
+        messages = converter.convert(received(stream, message, floor="0", **ids))
+        return [SceneUpdate.FromString(message.data) for message in messages if message.topic == "/cameras"]
 
     assert scenes(info("c1")) == scenes(info("c2")) == []
     (first,) = scenes(revision())
@@ -143,7 +146,7 @@ def test_cameras_are_drawn_when_they_or_their_use_change():
     assert len(scenes(revision())) == 1
     for i in range(1100):
         scenes(info(f"x{i}"))
-    assert len(drawer.infos) == 1000
+    assert len(converter.infos) == 1000
 
 
 def record(id, status):
@@ -170,7 +173,9 @@ def record(id, status):
 
 def test_objects_are_boxes_with_words():
     objects = m.ObjectList(stamp_ns=1, floor="0", revision=3, objects=[record(7, "confirmed"), record(8, "rejected")])
-    scene = drawn(SceneUpdate, Drawer().lines(heard(contract.OBJECTS, objects, floor="0")), "/objects/0")
+    scene = drawn(
+        SceneUpdate, FoxgloveConverter().convert(received(contract.OBJECTS, objects, floor="0")), "/objects/0"
+    )
     assert len(scene.deletions) == 1
     assert [(e.id, e.texts[0].text) for e in scene.entities] == [
         ("object_0_7", "couch 0.80"),
@@ -198,14 +203,14 @@ def plan(why="to a frontier", action="move_forward"):
 
 
 def test_a_plan_is_drawn_on_its_floor_and_logged_once():
-    drawer = Drawer(floor_z_m={"0": 2.8})
-    lines = drawer.lines(heard(MISSION_PLAN, plan(), mission="m1"))
-    entity = drawn(SceneUpdate, lines, "/plan").entities[0]
+    converter = FoxgloveConverter(floor_z_m={"0": 2.8})
+    messages = converter.convert(received(MISSION_PLAN, plan(), mission="m1"))
+    entity = drawn(SceneUpdate, messages, "/plan").entities[0]
     assert [(p.x, p.y, round(p.z, 2)) for p in entity.lines[0].points] == [(1.0, 2.0, 2.85), (4.0, 2.0, 2.85)]
     assert len(entity.spheres) == 3
-    assert drawn(Log, lines, "/decisions").message == "move_forward: to a frontier"
-    again = drawer.lines(heard(MISSION_PLAN, plan(), mission="m1"))
-    assert [line.topic for line in again if line.topic == "/decisions"] == []
+    assert drawn(Log, messages, "/decisions").message == "move_forward: to a frontier"
+    again = converter.convert(received(MISSION_PLAN, plan(), mission="m1"))
+    assert [message.topic for message in again if message.topic == "/decisions"] == []
 
 
 def test_a_failure_is_an_error_in_the_log():
@@ -221,5 +226,5 @@ def test_a_failure_is_an_error_in_the_log():
         path_m=1.0,
         message="no way leads there",
     )
-    log = drawn(Log, Drawer().lines(heard(MISSION_STATUS, status, mission="m1")), "/decisions")
+    log = drawn(Log, FoxgloveConverter().convert(received(MISSION_STATUS, status, mission="m1")), "/decisions")
     assert (log.level, log.name, log.message) == (Log.ERROR, "m1", "failed: no way leads there")
