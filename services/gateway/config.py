@@ -5,8 +5,7 @@ from __future__ import annotations
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from surveilnav.services.gateway.core.hosts import allowed_names, listen_address, names_of_address
-from surveilnav.services.gateway.core.proxies import Networks, networks
+from surveilnav.services.gateway.core.hosts import Networks, allowed_names, listen_address, names_of_address, networks
 
 
 class GatewaySettings(BaseSettings):
