@@ -90,7 +90,7 @@ class AccessLog:
             try:
                 self._unwritten.put_nowait(line)
             except queue.Full:
-                self._log.error("a look at a camera can't be written down: the disk is too slow", camera=camera)
+                self._log.error("an access to a camera can't be written down: the disk is too slow", camera=camera)
 
     def records_of(self, camera: str, now: datetime | None = None) -> list[AccessRecord]:
         """The newest accesses to a camera, newest first; empty for a camera that nobody knows."""
@@ -108,7 +108,9 @@ class AccessLog:
             try:
                 self._drop_old(self._folder, now)
             except OSError as error:
-                self._log.error("old looks can't be removed", folder=str(self._folder), error=str(error))
+                self._log.error(
+                    "old files of the access log can't be removed", folder=str(self._folder), error=str(error)
+                )
 
     def _is_new(self, access: tuple[object, ...]) -> bool:
         now_s = time.monotonic()
@@ -143,7 +145,7 @@ class AccessLog:
             with self._file.open("ab") as file:
                 file.write(msgspec.json.encode(line) + b"\n")
         except OSError as error:
-            self._log.error("a look at a camera can't be written down", folder=str(folder), error=str(error))
+            self._log.error("an access to a camera can't be written down", folder=str(folder), error=str(error))
 
     @staticmethod
     def _is_full(file: Path, now: datetime) -> bool:

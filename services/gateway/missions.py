@@ -27,8 +27,8 @@ from surveilnav.messages import (
 )
 from surveilnav.rest import ROOT, GrowingItems, Mission, MissionPlan, MissionTraffic, NewMission
 from surveilnav.services.gateway.bus_requests import request, request_existing
+from surveilnav.services.gateway.core.missions import mission_from_ack, mission_from_status, plan_from_message
 from surveilnav.services.gateway.core.problems import Problem, refusal
-from surveilnav.services.gateway.core.resources import mission_from_ack, mission_from_status, plan_from_message
 from surveilnav.services.gateway.core.selection import SortKey, page_after
 from surveilnav.services.gateway.responses import Cursor, Id, Limit, Offset
 from surveilnav.services.gateway.state import BuildingState

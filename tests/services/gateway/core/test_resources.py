@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from surveilnav.geometry import Pose
 from surveilnav.messages import MissionStatus, ObjectEvent, ObjectRecord, RobotStatus
+from surveilnav.services.gateway.core.missions import mission_from_status
 from surveilnav.services.gateway.core.problems import Problem, invalid, refusal
 from surveilnav.services.gateway.core.resources import (
     NEEDED,
-    mission_from_status,
     object_from_record,
     readiness_from_nodes,
     robot_from_status,
