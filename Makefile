@@ -90,8 +90,6 @@ docs: $(READY) ## write what is generated: the contract, the settings, the comma
 	$(BIN)/python -m surveilnav.cli.settings_page docs/use
 	$(BIN)/python -m surveilnav.cli.command_page > docs/use/command-line.md
 	$(BIN)/python -m training.detector.card > docs/understand/compact.md
-	$(BIN)/python -m surveilnav.cli.client_resources > shared/surveilnav/client/resources.py.new
-	mv shared/surveilnav/client/resources.py.new shared/surveilnav/client/resources.py
 	$(BIN)/python -m surveilnav.benchmark.tables.readme docs/images/results.png
 
 clean: ## remove caches; .venv, .venv-torch and runs/ stay

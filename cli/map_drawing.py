@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.text import Text
 
-from surveilnav.client.resources import Camera, Layer, Object, Robot
+from surveilnav.rest import Camera, Layer, Object, Robot
 
 #: A character is about twice as high as wide.
 _ASPECT = 2
@@ -68,13 +68,13 @@ def draw(
             board.mark(cut[name] > 0, *_MARKS[name][:2])
     cells = _Cells(place, top, left, n)
     for camera in cameras:
-        board.put(cells.of(*camera["position_m"][:2]), *_MARKS["camera"][:2])
+        board.put(cells.of(*camera.position_m[:2]), *_MARKS["camera"][:2])
     for thing in objects:
-        board.put(cells.of(thing["center_m"][0] or 0.0, thing["center_m"][1] or 0.0), *_MARKS["object"][:2])
+        board.put(cells.of(thing.center_m[0] or 0.0, thing.center_m[1] or 0.0), *_MARKS["object"][:2])
     for robot in robots:
-        arrow = _ARROWS[round(robot["yaw_rad"] / (math.pi / 2)) % 4]
-        board.put(cells.of(*robot["position_m"][:2]), arrow, _MARKS["robot"][1])
-    resolution_m = place["resolution_m"] * n
+        arrow = _ARROWS[round(robot.yaw_rad / (math.pi / 2)) % 4]
+        board.put(cells.of(*robot.position_m[:2]), arrow, _MARKS["robot"][1])
+    resolution_m = place.resolution_m * n
     return Drawing(board.lines(), _legend("value" in layers), resolution_m, resolution_m * _ASPECT)
 
 
@@ -111,7 +111,7 @@ class _Cells:
 
     def of(self, x_m: float, y_m: float) -> tuple[int, int]:
         """(row from the south, column) on the board; it may lie beyond it."""
-        T_world_cell = np.asarray(self.place["T_world_cell"])
+        T_world_cell = np.asarray(self.place.T_world_cell)
         col, row, _ = np.linalg.solve(T_world_cell, np.array([x_m, y_m, 1.0]))
         return (round(row) - self.top) // (_ASPECT * self.n), (round(col) - self.left) // self.n
 

@@ -78,7 +78,7 @@ def _row(model: models.Model) -> dict[str, Any]:
     }
 
 
-def _size_bytes(model: models.Model, seen: models.Seen) -> int:
+def _size_bytes(model: models.Model, seen: models.LocalModel) -> int:
     """What the catalogue says; of what is built in, what lies there."""
     return seen.path.stat().st_size if model.built_in and seen.path and seen.path.is_file() else model.size_bytes
 
@@ -124,7 +124,7 @@ def check(
     from surveilnav.cli.progress import counting
     from surveilnav.perception import models
 
-    asked, seen = list(names or models.CATALOGUE), dict[str, models.Seen]()
+    asked, seen = list(names or models.CATALOGUE), dict[str, models.LocalModel]()
     with counting(console, "models") as progress:  # gigabytes are hashed
         for name in asked:
             progress(len(seen), len(asked), name)

@@ -23,7 +23,7 @@ from surveilnav.cli.report.record import MapMoment, RunRecord, Step, candidates_
 from surveilnav.cli.report.small_pictures import small_pictures
 from surveilnav.geometry import Grid
 from surveilnav.messages import CameraInfo, Candidate, ObjectEvent, ObjectRecord, Plan
-from surveilnav.services.gateway.core.cones import floor_outline
+from surveilnav.services.gateway.core.camera_views import floor_outline
 from surveilnav.services.gateway.core.layers import render
 
 _MAX_FRAMES = 501

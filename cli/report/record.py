@@ -210,8 +210,8 @@ def traffic_lines(reports: Iterable[TrafficReport]) -> list[TrafficLine]:
     lines += [TrafficLine(s.id, "robot", s.offered_bytes, s.delivered_bytes, s.wire_sent_bytes) for s in sums.robots]
     sources = {s.node for s in (*sums.cameras, *sums.robots)}
     for n in sums.nodes:
-        if f"{n.kind}/{n.node}" not in sources:
-            name = n.node if n.node.startswith(n.kind) else f"{n.kind} {n.node}"
+        if f"{n.kind}/{n.id}" not in sources:
+            name = n.id if n.id.startswith(n.kind) else f"{n.kind} {n.id}"
             lines.append(TrafficLine(name, "service", n.offered_bytes, n.delivered_bytes, n.wire_sent_bytes))
     return lines
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from datetime import datetime
 
 from surveilnav.cli.watching.system_state import SystemState
-from surveilnav.cli.words import parsed
 
 
 class Alerts:
@@ -28,25 +27,25 @@ def _faults(known: SystemState) -> Iterator[tuple[str, datetime | None]]:
         yield "the gateway doesn't answer", known.lost
         return  # all else is as old
     for camera in known.cameras:
-        if camera["stale"]:
-            yield f"camera {camera['id']} is offline", parsed(camera["last_seen"])
+        if camera.stale:
+            yield f"camera {camera.id} is offline", camera.last_seen
     for robot in known.robots:
-        if robot["stale"]:
-            yield f"robot {robot['id']} is silent", parsed(robot["last_seen"])
+        if robot.stale:
+            yield f"robot {robot.id} is silent", robot.last_seen
     for service in known.services:
-        if service["given_up"]:
+        if service.given_up:
             yield (
-                f"{service['id']} was given up after {service['restarts']} restarts: {service['why'] or 'see its log'}",
+                f"{service.id} was given up after {service.restarts} restarts: {service.why or 'see its log'}",
                 None,
             )
-        elif not service["running"]:
-            yield f"{service['id']} has ended: {service['why'] or 'it starts again'}", None
+        elif not service.running:
+            yield f"{service.id} has ended: {service.why or 'it starts again'}", None
     for worker in known.perception:
-        if worker["stale"]:
-            yield f"perception worker {worker['id']} is silent", parsed(worker["last_seen"])
+        if worker.stale:
+            yield f"perception worker {worker.id} is silent", worker.last_seen
     for floor in known.floors:
-        if floor["perception_ok"] is False:
-            yield f"perception is down for floor {floor['id']}: {floor['message'] or 'see `surveilnav status`'}", None
+        if floor.perception_ok is False:
+            yield f"perception is down for floor {floor.id}: {floor.message or 'see `surveilnav status`'}", None
     for building in known.buildings:
-        if not building["ready"]:
-            yield f"no mission can run in {building['id']} now: see `surveilnav status`", None
+        if not building.ready:
+            yield f"no mission can run in {building.id} now: see `surveilnav status`", None

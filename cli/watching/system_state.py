@@ -6,9 +6,8 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 from surveilnav.client import Client
-from surveilnav.client.resources import Building, Camera, Floor, Mission, MissionPlan, Robot, Service, Traffic, Worker
 from surveilnav.errors import GatewayError
-from surveilnav.messages import FINISHED_STATES
+from surveilnav.rest import Building, Camera, Floor, Mission, MissionPlan, Robot, Service, Traffic, Worker
 
 #: Of so many missions under way the plans are read.
 _PLANS = 3
@@ -33,7 +32,7 @@ class SystemState:
     @property
     def under_way(self) -> list[Mission]:
         """Missions that haven't ended, the newest first."""
-        return [m for m in self.missions if m["state"] not in FINISHED_STATES]
+        return [m for m in self.missions if not m.has_ended]
 
 
 def read_moving(known: SystemState, gateway: Client) -> SystemState:
@@ -42,7 +41,7 @@ def read_moving(known: SystemState, gateway: Client) -> SystemState:
     plans = {}
     for mission in new.under_way[:_PLANS]:
         try:
-            plans[mission["id"]] = gateway.plan(mission["id"])
+            plans[mission.id] = gateway.plan(mission.id)
         except GatewayError as error:  # none yet, or its planner is gone
             if error.name == "no_gateway":
                 raise
@@ -69,6 +68,11 @@ def _rates(before: Traffic | None, now: Traffic, since_s: float) -> dict[str, fl
     """Bytes a second by source; a source that was started anew counts from 0."""
     if before is None or since_s <= 0:
         return {}
-    old = {f"{kind}/{s['id']}": s["offered_bytes"] for kind in ("cameras", "robots") for s in before[kind]}
-    new = {f"{kind}/{s['id']}": s["offered_bytes"] for kind in ("cameras", "robots") for s in now[kind]}
-    return {name.replace("s/", "/", 1): max(0, count - old.get(name, 0)) / since_s for name, count in new.items()}
+    old, new = _offered(before), _offered(now)
+    return {name: max(0, count - old.get(name, 0)) / since_s for name, count in new.items()}
+
+
+def _offered(traffic: Traffic) -> dict[str, int]:
+    """Offered bytes by "camera/id" and "robot/id"."""
+    sources = [("camera", s) for s in traffic.cameras] + [("robot", s) for s in traffic.robots]
+    return {f"{kind}/{source.id}": source.offered_bytes for kind, source in sources}

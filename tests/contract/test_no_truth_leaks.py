@@ -88,7 +88,7 @@ TRUTH_USERS = {
     "robot_node/service.py",
 }
 #: The gateway alone hears the simulator's verdict of a stop; its sums of traffic leave all of that out.
-JUDGED_USERS = {"robot_node/verdicts.py", "gateway/state.py", "gateway/submissions.py"}
+JUDGED_USERS = {"robot_node/verdicts.py", "gateway/state.py", "gateway/missions.py"}
 SIMULATION_USERS = {"gateway/core/traffic.py"}
 TRUTH_NAMES = {"TRUTH", "Truth", "TrueInstances", "truth_from_wire", "truth_to_wire", "truth_labels", "instance_ids"}
 
