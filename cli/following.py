@@ -12,7 +12,7 @@ from surveilnav.cli.words import duration, metres
 from surveilnav.client import Client
 from surveilnav.client.resources import Mission
 from surveilnav.errors import GatewayError
-from surveilnav.messages import FINISHED_STATES
+from surveilnav.mission_states import FINISHED_STATES
 from surveilnav.words import canonical
 
 #: Planner or gateway may be away for so long: whoever keeps them running starts them again.

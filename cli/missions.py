@@ -138,7 +138,7 @@ def _known(asked: Client, typed: str) -> str:
 def _plan_of(asked: Client, mission: Mission) -> MissionPlan | None:
     """What its robot is up to; None if there is no plan, or no longer."""
     from surveilnav.errors import GatewayError
-    from surveilnav.messages import FINISHED_STATES
+    from surveilnav.mission_states import FINISHED_STATES
 
     if mission["state"] in FINISHED_STATES:
         return None

@@ -8,7 +8,7 @@ from datetime import datetime
 from surveilnav.client import Client
 from surveilnav.client.resources import Building, Camera, Floor, Mission, MissionPlan, Robot, Service, Traffic, Worker
 from surveilnav.errors import GatewayError
-from surveilnav.messages import FINISHED_STATES
+from surveilnav.mission_states import FINISHED_STATES
 
 #: Of so many missions under way the plans are read.
 _PLANS = 3

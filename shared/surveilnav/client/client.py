@@ -10,20 +10,22 @@ Every failure is a ``GatewayError``: its ``name`` ends the problem's type, its t
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import quote
 
 import httpx
-import numpy as np
-from numpy.typing import NDArray
 
 from surveilnav.client import resources as r
 from surveilnav.client.events import Told, follow
+from surveilnav.client.npy import array_of, rows_of
 from surveilnav.errors import GatewayError
+
+if TYPE_CHECKING:  # only who asks for arrays needs numpy
+    import numpy as np
+    from numpy.typing import NDArray
 
 _ROOT = "/api/v1"
 #: Of a list at most so many are read; newest first where it has an order of time.
@@ -174,10 +176,17 @@ class Client:
         return self._asked("GET", address, params=_given(target=target)).content
 
     def layer_array(self, floor: str, layer: str, target: str = "") -> NDArray:
-        """(rows, cols) of it: uint8 0 or 1, or float32 with NaN where unknown; row 0 is the southernmost."""
+        """(rows, cols) of it, which needs numpy: uint8 0 or 1, or float32 with NaN where unknown; row 0 is the southernmost."""
+        return array_of(self.layer_npy(floor, layer, target))
+
+    def layer_rows(self, floor: str, layer: str, target: str = "") -> list[memoryview]:
+        """The rows of it, as ``layer_array`` has them, for programs without numpy."""
+        return rows_of(self.layer_npy(floor, layer, target))
+
+    def layer_npy(self, floor: str, layer: str, target: str = "") -> bytes:
+        """It as the bytes of a .npy file, which ``numpy.load`` reads."""
         address = f"{_ROOT}/floors/{_id(floor)}/layers/{_id(layer)}.npy"
-        data = self._asked("GET", address, params=_given(target=target)).content
-        return cast("NDArray", np.load(io.BytesIO(data), allow_pickle=False))
+        return self._asked("GET", address, params=_given(target=target)).content
 
     def objects(
         self, text: str = "", *, floor: str = "", label: str = "", status: str = "", min_confidence: float = 0.0
@@ -189,7 +198,7 @@ class Client:
     def cloud(self, floor: str, points: int = 50_000) -> NDArray[np.float32]:
         """(N, 6): x, y, z [m, world] and red, green, blue [0-1] of at most so many points of the joint cloud."""
         answer = self._asked("GET", f"{_ROOT}/floors/{_id(floor)}/cloud.npy", params={"points": points})
-        return cast("NDArray[np.float32]", np.load(io.BytesIO(answer.content), allow_pickle=False))
+        return array_of(answer.content)
 
     def object(self, floor: str, id: int) -> r.Object:
         """One object with its whole history."""
