@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _MAGIC = b"\x93NUMPY\x01\x00"
 _HEADER_AT = len(_MAGIC) + 2
 #: numpy's name of a type, and that of the standard library's ``array``.
-_TYPES = {"|u1": "B", "<f4": "f"}
+_TYPES = {"|u1": "B", "<f4": "f", "<f8": "d"}
 
 
 def array_of(data: bytes) -> NDArray[Any]:
@@ -35,7 +35,7 @@ def array_of(data: bytes) -> NDArray[Any]:
 
 
 def rows_of(data: bytes) -> list[memoryview]:
-    """The rows of a two-dimensional array of uint8 or float32 in a .npy file's bytes, without numpy.
+    """The rows of a two-dimensional array of uint8, float32 or float64 in a .npy file's bytes, without numpy.
 
     The format: https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html, version 1.0.
 
@@ -51,7 +51,7 @@ def rows_of(data: bytes) -> list[memoryview]:
         if not data.startswith(_MAGIC) or header["fortran_order"] or len(cells) != rows * cols:
             raise ValueError
     except (struct.error, SyntaxError, ValueError, KeyError, TypeError) as error:
-        what = "a .npy file with a table of uint8 or float32"
+        what = "a .npy file with a table of uint8, float32 or float64"
         raise GatewayError("no_gateway", f"expected {what}, got {len(data)} bytes that are none") from error
     if sys.byteorder == "big":
         cells.byteswap()
