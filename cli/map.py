@@ -68,19 +68,10 @@ def _first_mapped(asked: Client) -> str:
 
 
 def _write(out: Path, asked: Client, place: Layer) -> None:
-    import io
-
-    import numpy as np
-
     from surveilnav.stored import replacing
 
-    floor, layer, target = place.floor, place.layer, place.target
-    if out.suffix == ".png":
-        data = asked.layer_picture(floor, layer, target)
-    else:
-        file = io.BytesIO()
-        np.save(file, asked.layer_array(floor, layer, target))
-        data = file.getvalue()
+    read = asked.layer_picture if out.suffix == ".png" else asked.layer_npy
+    data = read(place.floor, place.layer, place.target)
     with replacing(out) as written:
         written.write(data)
 
@@ -90,9 +81,9 @@ def drawn(asked: Client, place: Layer, width: int | None = None) -> Drawing:
     from surveilnav.cli.map_drawing import draw
 
     floor = place.floor
-    layers = {name: asked.layer_array(floor, name) for name in ("occupancy", "explored", "frontier")}
+    layers = {name: asked.layer_rows(floor, name) for name in ("occupancy", "explored", "frontier")}
     if place.layer == "value":
-        layers["value"] = asked.layer_array(floor, "value", place.target)
+        layers["value"] = asked.layer_rows(floor, "value", place.target)
     robots = [r for r in asked.robots() if r.floor == floor]
     cameras = [c for c in asked.cameras() if c.floor == floor]
     things = [o for o in asked.objects(floor=floor, status="confirmed") if None not in o.center_m]

@@ -5,6 +5,7 @@
     │   └── AssetError              furniture or example homes can't be had
     ├── TargetError                 a target name nobody can search for
     ├── ConfigError                 a setting is wrong or missing
+    ├── MissingExtraError           a command needs packages that this installation lacks
     ├── PerceptionError             a perception backend can't run or answer
     ├── WireError                   bytes that are no message of the contract
     ├── BusError                    the router can't be reached, or a port is taken
@@ -15,6 +16,11 @@ Each message says what was expected, what arrived, and what to do.
 """
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 class SurveilNavError(Exception):
@@ -35,6 +41,10 @@ class TargetError(SurveilNavError):
 
 class ConfigError(SurveilNavError):
     """A setting is wrong or missing."""
+
+
+class MissingExtraError(SurveilNavError):
+    """A command needs packages that this installation lacks; the text names the extra that brings them."""
 
 
 class PerceptionError(SurveilNavError):
@@ -63,3 +73,12 @@ class GatewayError(SurveilNavError):
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
         self.name = name
+
+
+def explain_settings(error: ValidationError) -> str:
+    """What is wrong with settings, a line for each fault: the setting, what was expected, what arrived."""
+    lines = []
+    for fault in error.errors():
+        name = ".".join(str(part) for part in fault["loc"])
+        lines.append(f"error: setting {error.title}.{name}: {fault['msg']}, got {fault.get('input')!r}")
+    return "\n".join(lines)

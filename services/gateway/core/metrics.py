@@ -18,7 +18,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 
 from surveilnav.histogram import EDGES_MS
 from surveilnav.messages import WorkerLoad
-from surveilnav.messages.mission import MissionState
+from surveilnav.mission_states import MissionState
 from surveilnav.rest import (
     Camera,
     Floor,

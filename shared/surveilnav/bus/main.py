@@ -15,7 +15,7 @@ from pydantic_settings import SettingsError
 
 from surveilnav.bus import logs
 from surveilnav.bus.settings import BusSettings
-from surveilnav.errors import SurveilNavError
+from surveilnav.errors import SurveilNavError, explain_settings
 
 #: In the environment of a service that whoever started it keeps its standard input open for: it ends when that is closed.
 ENDS_WITH_STDIN = "SURVEILNAV_ENDS_WITH_STDIN"
@@ -32,7 +32,7 @@ def run_service(main: Callable[[], None]) -> int:
         logs.configure(settings.log_format, settings.log_level)
         main()
     except ValidationError as error:
-        print(explain(error), file=sys.stderr)
+        print(explain_settings(error), file=sys.stderr)
         return 1
     except (SettingsError, SurveilNavError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -68,12 +68,3 @@ def _wait_for_the_end() -> None:
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(_LAST_WORDS_S)
     os._exit(1)
-
-
-def explain(error: ValidationError) -> str:
-    """A wrong setting in one line per fault: variable, what was expected, what arrived."""
-    lines = []
-    for fault in error.errors():
-        name = ".".join(str(part) for part in fault["loc"])
-        lines.append(f"error: setting {error.title}.{name}: {fault['msg']}, got {fault.get('input')!r}")
-    return "\n".join(lines)

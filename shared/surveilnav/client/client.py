@@ -12,7 +12,6 @@ and its text says what to do. Only the calls that return arrays need numpy.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -24,6 +23,7 @@ from pydantic import BaseModel, ValidationError
 
 from surveilnav import rest
 from surveilnav.client.events import ServerEvent, follow
+from surveilnav.client.npy import array_of, rows_of
 from surveilnav.errors import GatewayError
 
 if TYPE_CHECKING:
@@ -194,12 +194,23 @@ class Client:
         return self._request("GET", address, params=_given(target=target)).content
 
     def layer_array(self, floor: str, layer: str, target: str = "") -> NDArray:
-        """(rows, cols) of a map layer: uint8 0 or 1, or float32 with NaN where unknown; row 0 is the southernmost."""
-        return self._array(f"floors/{_id(floor)}/layers/{_id(layer)}.npy", **_given(target=target))
+        """(rows, cols) of a map layer: uint8 0 or 1, or float32 with NaN where unknown; row 0 is the southernmost.
+
+        Needs numpy; ``layer_rows`` doesn't.
+        """
+        return array_of(self.layer_npy(floor, layer, target))
+
+    def layer_rows(self, floor: str, layer: str, target: str = "") -> list[memoryview]:
+        """The rows of a map layer, with the values of ``layer_array``, for programs without numpy."""
+        return rows_of(self.layer_npy(floor, layer, target))
+
+    def layer_npy(self, floor: str, layer: str, target: str = "") -> bytes:
+        """A map layer as a .npy file, which ``numpy.load`` reads."""
+        return self._npy(f"floors/{_id(floor)}/layers/{_id(layer)}.npy", **_given(target=target))
 
     def cloud(self, floor: str, points: int = 50_000) -> NDArray[np.float32]:
         """(N, 6): x, y, z [m, world] and red, green, blue [0-1] of at most so many points of the joint cloud."""
-        return self._array(f"floors/{_id(floor)}/cloud.npy", points=points)
+        return array_of(self._npy(f"floors/{_id(floor)}/cloud.npy", points=points))
 
     def objects(
         self, text: str = "", *, floor: str = "", label: str = "", status: str = "", min_confidence: float = 0.0
@@ -314,12 +325,8 @@ class Client:
         answer = self._json(method, f"{rest.ROOT}/{path}", **options)
         return self._parsed(rest.Items[model], path, answer).items  # type: ignore[valid-type]
 
-    def _array(self, path: str, **params: Any) -> NDArray[Any]:
-        import numpy as np
-
-        answer = self._request("GET", f"{rest.ROOT}/{path}", params=params)
-        array: NDArray[Any] = np.load(io.BytesIO(answer.content), allow_pickle=False)
-        return array
+    def _npy(self, path: str, **params: Any) -> bytes:
+        return self._request("GET", f"{rest.ROOT}/{path}", params=params).content
 
     def _parsed(self, model: type[R], path: str, answer: Any) -> R:
         try:

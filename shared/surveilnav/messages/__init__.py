@@ -18,7 +18,6 @@ from surveilnav.messages.maps import (
     ViewPicture,
 )
 from surveilnav.messages.mission import (
-    FINISHED_STATES,
     Candidate,
     MissionAck,
     MissionCancel,
@@ -46,6 +45,7 @@ from surveilnav.messages.recording import (
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Halt, HaltReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Judged, Truth
 from surveilnav.messages.view import FrameHeader, Part
+from surveilnav.mission_states import FINISHED_STATES
 
 __all__ = [
     "ACTIONS",

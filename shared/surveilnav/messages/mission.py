@@ -7,10 +7,7 @@ from typing import Literal
 import msgspec
 
 from surveilnav.messages.base import Message
-
-MissionState = Literal["queued", "active", "confirming", "paused", "done", "failed", "cancelled"]
-#: States that a mission never leaves.
-FINISHED_STATES: tuple[MissionState, ...] = ("done", "failed", "cancelled")
+from surveilnav.mission_states import MissionState
 
 
 class MissionGoal(Message, frozen=True, kw_only=True):
