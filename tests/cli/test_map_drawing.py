@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
 from surveilnav.cli.map_drawing import draw
 
 #: Cells of half a metre; the map's south-western cell lies at (-1, 2).
-PLACE = {"T_world_cell": [[0.5, 0.0, -1.0], [0.0, 0.5, 2.0], [0.0, 0.0, 1.0]], "resolution_m": 0.5}
+PLACE = SimpleNamespace(T_world_cell=[[0.5, 0.0, -1.0], [0.0, 0.5, 2.0], [0.0, 0.0, 1.0]], resolution_m=0.5)
 
 
 def table(rows: list[str], known: dict[str, float]) -> list[list[float]]:
@@ -50,15 +51,15 @@ def test_a_map_that_knows_nothing_is_blank():
 @pytest.mark.parametrize(("yaw_rad", "arrow"), [(0, ">"), (math.pi / 2, "^"), (math.pi, "<"), (-math.pi / 2, "v")])
 def test_robots_cameras_and_objects_stand_where_they_are(yaw_rad, arrow):
     rows = ["." * 4] * 4  # x from -1 to 0.5, y from 2 to 3.5
-    robots = [{"position_m": [-1.0, 2.0, 0.0], "yaw_rad": yaw_rad}]
-    cameras = [{"position_m": [0.5, 3.5, 2.0]}, {"position_m": [99.0, 99.0, 2.0]}]
-    objects = [{"center_m": [0.0, 2.4, 0.5]}]
+    robots = [SimpleNamespace(position_m=[-1.0, 2.0, 0.0], yaw_rad=yaw_rad)]
+    cameras = [SimpleNamespace(position_m=[0.5, 3.5, 2.0]), SimpleNamespace(position_m=[99.0, 99.0, 2.0])]
+    objects = [SimpleNamespace(center_m=[0.0, 2.4, 0.5])]
     assert lines(draw(layers(rows), PLACE, robots, cameras, objects, width=80)) == ["···C", f"{arrow}·o·"]
 
 
 def test_a_turned_map_puts_things_where_its_cells_are():
-    turned = {"T_world_cell": [[0.0, -0.5, 3.0], [0.5, 0.0, 1.0], [0.0, 0.0, 1.0]], "resolution_m": 0.5}
-    cameras = [{"position_m": [3.0 - 0.5 * 2, 1.0 + 0.5 * 3, 2.0]}]  # of row 2, column 3
+    turned = SimpleNamespace(T_world_cell=[[0.0, -0.5, 3.0], [0.5, 0.0, 1.0], [0.0, 0.0, 1.0]], resolution_m=0.5)
+    cameras = [SimpleNamespace(position_m=[3.0 - 0.5 * 2, 1.0 + 0.5 * 3, 2.0])]  # of row 2, column 3
     assert lines(draw(layers(["." * 4] * 4), turned, [], cameras, [], width=80)) == ["···C", "····"]
 
 
