@@ -11,7 +11,7 @@ from typing import Any
 
 from surveilnav.benchmark.policies.policy import Task
 from surveilnav.services.fusion.core import FusionConfig
-from surveilnav.services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core import Decision, FloorMaps, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.context import FrontierRule
 from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
 from surveilnav.services.planner.core.memory.floor_goal import FloorChange
@@ -49,7 +49,7 @@ class MissionPolicy:
         """The stairs taken."""
         return self._state.changes
 
-    def act(self, maps: MapView, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
+    def act(self, maps: FloorMaps, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
         """See ``Searcher``."""
         reported = summaries if self._summaries else {}
         self._state, decision = step(self._state, maps, robot, self._config, self._task.driver, reported, self._rule)

@@ -17,14 +17,14 @@ from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.services.fusion.core import JointMap
-from surveilnav.services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.motion.terrain import build_terrain, travel_time_m
 
 MODEL = ClassSpace.model
 HOME, SUBSTITUTE, TARGET, STEPS = "4_bedroom", "parametric_house", "tv", 150
 
 
-def flat(side_cells: int) -> MapView:
+def flat(side_cells: int) -> FloorMaps:
     """A home of rooms of 4 m with doors of 0.8 m, a third of it unexplored."""
     grid = Grid(0.0, 0.0, 0.05, side_cells, side_cells)
     occupancy = np.zeros(grid.shape, np.uint8)
@@ -39,7 +39,7 @@ def flat(side_cells: int) -> MapView:
     frontier = np.zeros(grid.shape, np.uint8)
     frontier[:, -side_cells // 3 - 1] = 1 - occupancy[:, -side_cells // 3 - 1]
     value = np.random.default_rng(0).random(grid.shape).astype(np.float32)
-    return MapView("0", 0.0, grid, occupancy, explored, frontier, value, [], 1)
+    return FloorMaps("0", 0.0, grid, occupancy, explored, frontier, value, [], 1)
 
 
 @pytest.mark.parametrize("side_cells", [200, 400])

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import RADIUS_M, clearance_m, fits
-from surveilnav.services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView
+from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.motion.terrain import build_terrain
 from surveilnav.services.robot_node import core
@@ -43,7 +43,7 @@ def spilled(blocked):
 def terrain_of(blocked, robot, memory):
     nothing = np.zeros(GRID.shape, np.uint8)
     value = np.full(GRID.shape, np.nan, np.float32)
-    maps = MapView("0", 0.0, GRID, blocked.astype(np.uint8), np.ones(GRID.shape, np.uint8), nothing, value, [], 1)
+    maps = FloorMaps("0", 0.0, GRID, blocked.astype(np.uint8), np.ones(GRID.shape, np.uint8), nothing, value, [], 1)
     return build_terrain(maps, robot, MissionState("x", floor="0", floors={"0": memory}), CONFIG)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from surveilnav.benchmark.play.shortest_path import ShortestPathPlanner
-from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView
+from surveilnav.services.planner.core import FloorMaps, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.motion.terrain import build_terrain
 from surveilnav.services.robot_node import core as robot
@@ -28,7 +28,7 @@ def blank(navigation, state):
     floor = navigation.floors[state.floor]
     nothing = np.zeros(floor.grid.shape, np.uint8)
     value = np.full(floor.grid.shape, np.nan, np.float32)
-    maps = MapView(state.floor, floor.z_m, floor.grid, nothing, nothing, nothing, value, [], 1)
+    maps = FloorMaps(state.floor, floor.z_m, floor.grid, nothing, nothing, nothing, value, [], 1)
     corners = [floor.grid.centres_of((0, 0)), floor.grid.centres_of((floor.grid.rows - 1, floor.grid.cols - 1))]
     return build_terrain(maps, view_of(state), MissionState("x"), CONFIG, [tuple(c) for c in corners])
 

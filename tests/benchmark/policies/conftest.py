@@ -8,7 +8,7 @@ import pytest
 
 from surveilnav.benchmark.policies import Task, Truth
 from surveilnav.messages import ObjectRecord
-from surveilnav.services.planner.core import MapView
+from surveilnav.services.planner.core import FloorMaps
 from surveilnav.services.planner.core.inputs import RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.motion.terrain import lines_are_clear
@@ -81,7 +81,7 @@ class Search:
         )
         value[rows, cols] = self.value(points[:, 0], points[:, 1])
         things = [r for r in self.known.values() if r.floor == floor.id]
-        return MapView(floor.id, floor.z_m, floor.grid, occupancy, explored, frontier, value, things, self.state.seq)
+        return FloorMaps(floor.id, floor.z_m, floor.grid, occupancy, explored, frontier, value, things, self.state.seq)
 
     def step(self):
         """Whether the episode goes on."""
