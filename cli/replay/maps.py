@@ -1,4 +1,4 @@
-"""Fusion's maps made again, view by view, for who asks for layers and objects meanwhile."""
+"""Rebuilds fusion's maps from a recording, view by view, and answers queries for layers and objects meanwhile."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from surveilnav.services.recorder.recorded import Maps
 
 
 class ReplayedMaps:
-    """Answers with fusion's own parts; ``folder``: where their log goes."""
+    """The maps of a replay, served by fusion's own components. ``folder``: where their log goes."""
 
     def __init__(self, node: Node, folder: Path) -> None:
         self._node, self._folder = node, folder
@@ -34,7 +34,7 @@ class ReplayedMaps:
         node.serve(VIEW_PICTURE, lambda request: self._ready().picture(request))
 
     def begin(self, maps: Maps) -> None:
-        """Goes on from a snapshot; the maps of before are gone."""
+        """Starts from a snapshot and drops the maps so far."""
         maps_of(maps)  # what can't be read is said, and nothing is begun anew in its place
         self.close()
         for old in self._folder.glob("maps-*"):
@@ -54,14 +54,14 @@ class ReplayedMaps:
         self._replies = Replies(self._node, settings.core(), self._maps, self._known, self._places)
 
     def take(self, view: LoggedView, payload: bytes) -> None:
-        """Has the maps take a view."""
+        """Integrates a view."""
         if self._maps is not None:
             perceived = perceived_of(entry_of(view, payload))
             self._places.note(perceived.header)
             self._maps.take([perceived])
 
     def forget(self) -> None:
-        """Answers nothing until it begins again: the maps lie in the future of a replay that was taken back."""
+        """Refuses queries until ``begin`` is called: after a jump back, the maps lie in the future."""
         self._replies = None
 
     def close(self) -> None:
