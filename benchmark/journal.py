@@ -17,7 +17,7 @@ except ImportError:  # not a POSIX system: there one process at a time may write
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Holds a journal against other writers until the end. Not to be nested."""
+    """Locks a journal against other writers while the context lasts. It can't be nested."""
     if fcntl is None:
         yield
         return

@@ -1,4 +1,4 @@
-"""What robot and cameras see in a simulated building, with what perception says of it: views as fusion gets them.
+"""The views that fusion would get of a simulated building: rendered for the robot and the cameras, with perception's answers.
 
 Two ways. ``pixels``: rendered with light, through the encoders of the bus and back, so the bytes are those that a camera
 would offer and a detector sees what JPEG left. ``depth``: for perception that is told the truth and looks at no pixel:

@@ -1,4 +1,4 @@
-"""Fusion's maps made again, view by view, for who asks for layers and objects meanwhile."""
+"""Rebuilds fusion's maps from a recording, view by view, and answers queries for layers and objects meanwhile."""
 
 from __future__ import annotations
 
