@@ -98,7 +98,7 @@ class Installed:
 
 
 def pip(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "pip", *arguments, "-q", "--retries", "1", "--timeout", "30"]
+    command = [sys.executable, "-m", "pip", *arguments, "-q", "--retries", "1", "--timeout", "10"]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=250, check=False)
 
 
