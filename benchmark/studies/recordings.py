@@ -22,9 +22,9 @@ from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import InferReply, ModelIds
 from surveilnav.perception.backend import Backend, Stage, Work
 from surveilnav.robot_body import STEP_M, TURN_RAD
+from surveilnav.robot_state import RobotState
 from surveilnav.sensing.packing import decode_depth, encode_depth, perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_cells
-from surveilnav.services.robot_node.core import RobotState
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Scene
