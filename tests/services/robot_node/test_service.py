@@ -211,7 +211,7 @@ def test_without_a_command_before_the_deadline_it_says_that_it_stopped(robot, cl
 def test_an_observation_that_nobody_follows_up_comes_again(robot, client):
     service = robot(Body())
     slot = client.slot(ROBOT_OBSERVATION, robot="r1")
-    until(lambda: service._observation.matched)
+    until(lambda: service._observations.matched)
     service.step()
     first = until(slot.poll)
 
@@ -228,7 +228,7 @@ def test_an_observation_that_nobody_follows_up_comes_again(robot, client):
 def test_only_a_simulator_tells_what_each_pixel_shows(robot, client, real):
     service = robot(Body(real))
     truths, slot = client.slot(TRUTH, source="robot-r1", view=0), client.slot(ROBOT_OBSERVATION, robot="r1")
-    until(lambda: service._truth.matched and service._observation.matched)
+    until(lambda: service._truths.matched and service._observations.matched)
     service.step()
     seen = until(slot.poll)
     if real:
