@@ -41,7 +41,7 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
-from surveilnav.services.camera_node.core import Seen, labels_of, summary
+from surveilnav.services.camera_node.core import ViewLabels, build_summary, merge_labels
 from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import Rendered
@@ -251,9 +251,9 @@ class Sight:
             labels: dict[str, float] = {}
             for detected in view.perception.detections if view.perception else ():
                 labels[detected.label] = max(detected.worth, labels.get(detected.label, 0.0))
-            seen[index] = Seen(1, labels)
+            seen[index] = ViewLabels(1, labels)
         floor = self._cameras[name].floor
-        message = summary(name, floor, labels_of(seen), stamp_ns=0)
+        message = build_summary(name, floor, merge_labels(seen), stamp_ns=0)
         key = CAMERA_SUMMARY.key_for(building=_BUILDING, floor=floor, camera=name)
         return message, len(encode(message)) + len(key)
 
