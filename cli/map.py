@@ -72,7 +72,7 @@ def _write(out: Path, asked: Client, place: Layer) -> None:
 
     import numpy as np
 
-    from surveilnav.stored import replacing
+    from surveilnav.storage import atomic_write
 
     floor, layer, target = place["floor"], place["layer"], place["target"]
     if out.suffix == ".png":
@@ -81,7 +81,7 @@ def _write(out: Path, asked: Client, place: Layer) -> None:
         file = io.BytesIO()
         np.save(file, asked.layer_array(floor, layer, target))
         data = file.getvalue()
-    with replacing(out) as written:
+    with atomic_write(out) as written:
         written.write(data)
 
 

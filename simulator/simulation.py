@@ -24,7 +24,7 @@ from surveilnav.geometry import Matrix4, Pinhole, Pose
 from surveilnav.program import program_id
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.view_cache import ViewCache
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 
 if TYPE_CHECKING:
     from surveilnav.simulator.render.picture import Rendered

@@ -28,7 +28,7 @@ from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_ce
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Scene
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 
 #: Instances of these classes are the building itself: a detection on them is one of background.
 STRUCTURE = frozenset({"wall", "floor", "ceiling", "door", "window", "stairs"})

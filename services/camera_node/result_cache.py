@@ -16,7 +16,7 @@ from surveilnav.config import cache_called
 from surveilnav.program import program_id
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.sources.source import Source
-from surveilnav.stored import FolderCache
+from surveilnav.storage import FolderCache
 
 T = TypeVar("T")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import structlog
 
 from surveilnav.services.robot_node.core import HaltState
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 
 _FORMAT = b"surveilnav halt 1"
 _MAX_REASON_CHARS = 200

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from surveilnav.errors import ConfigError
-from surveilnav.stored import FolderCache
+from surveilnav.storage import FolderCache
 
 
 def cache_dir() -> Path:

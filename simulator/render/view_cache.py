@@ -23,7 +23,7 @@ from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.sensing.packing import byte_planes, of_byte_planes
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import PICTURES_VERSION, Lighting, Rendered, within
-from surveilnav.stored import FolderCache
+from surveilnav.storage import FolderCache
 
 if TYPE_CHECKING:
     from surveilnav.simulator.render.renderer import Renderer

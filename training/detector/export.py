@@ -25,7 +25,7 @@ from torch import Tensor, nn
 
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 from surveilnav.perception.models.card import Card, save_card
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 from training.detector import classes
 from training.detector.network import Compact, Shape, n_parameters
 from training.detector.train import steps_of
@@ -81,7 +81,7 @@ def export(network: Compact, path: Path) -> int:
     }.items():
         entry = model.metadata_props.add()
         entry.key, entry.value = key, json.dumps(value)
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         file.write(model.SerializeToString())
     return path.stat().st_size
 
@@ -102,7 +102,7 @@ def write_card(path: Path, network: Compact, steps: int, views_seen: int) -> Car
 def write_weights(path: Path, kept: dict[str, Any]) -> None:
     """Writes the mean weights of a checkpoint, in half precision, without what only the same run could go on with."""
     halved = {name: x.half() if x.dtype.is_floating_point else x for name, x in kept["mean"].items()}
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         torch.save({"step": steps_of(kept), "shape": kept["shape"], "mean": halved}, file)
 
 

@@ -22,7 +22,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 from training.detector import classes
 from training.detector.assign import Targets
 from training.detector.curve import draw_curve
@@ -122,7 +122,7 @@ class Training:
             "mean": self.mean.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
-        with replacing(self.checkpoint) as file:
+        with atomic_write(self.checkpoint) as file:
             torch.save(kept, file)
 
     def run(self, until: int | None = None) -> None:

@@ -22,7 +22,7 @@ from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.truth.backends import Simulated
 from surveilnav.simulator.truth.error_model import ErrorModel, Floats, sights
 from surveilnav.simulator.truth.visible import Candidates, Place, VisibleThing, candidates, measured, world_points
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 
 MIN_SIZE_RAD = 0.02
 _NO_PICTURE = np.zeros((0, 0, 3), np.uint8)

@@ -8,7 +8,7 @@ import msgspec
 import structlog
 
 from surveilnav.robot_state import RobotState
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 
 _FORMAT = b"surveilnav robot 1"
 

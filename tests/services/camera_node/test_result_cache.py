@@ -6,7 +6,7 @@ import pytest
 
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.frames import FrameEncoder
-from surveilnav.stored import write_parts
+from surveilnav.storage import write_parts
 
 SETTINGS = CameraSettings()
 

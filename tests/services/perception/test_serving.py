@@ -17,7 +17,7 @@ from surveilnav.messages import InferRequest, Truth
 from surveilnav.sensing.packing import pack_array
 from surveilnav.services.perception import __main__ as main
 from surveilnav.simulator.truth.backends import Oracle
-from surveilnav.stored import write_parts
+from surveilnav.storage import write_parts
 
 
 def submit_in_order(pool, worker, until, requests):

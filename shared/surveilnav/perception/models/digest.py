@@ -10,7 +10,7 @@ import msgspec
 
 from surveilnav.config import cache_dir
 from surveilnav.errors import SurveilNavError
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 #: Size in bytes, time of change in nanoseconds, sha256, by path.
 Known = dict[str, tuple[int, int, str]]
@@ -41,7 +41,7 @@ def remember(path: Path, found: str) -> None:
     _known[str(path.resolve())] = (stat.st_size, stat.st_mtime_ns, found)
     with contextlib.suppress(OSError, SurveilNavError):
         merged = _remembered() | _known
-        with replacing(_file()) as file:
+        with atomic_write(_file()) as file:
             file.write(msgspec.json.encode(merged))
 
 

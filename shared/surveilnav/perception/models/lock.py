@@ -8,8 +8,8 @@ import msgspec
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.models.catalogue import File, Model
-from surveilnav.stored import locked as held
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
+from surveilnav.storage import file_lock as held
 
 NAME = "models.lock.json"
 
@@ -47,7 +47,7 @@ def write(model: Model, folder: Path, locked: Locked) -> None:
 
     The file is all models', and several may be pulled at once: nobody reads between another's reading and writing.
     """
-    with held(folder / f".{NAME}.held"), replacing(folder / NAME) as file:
+    with held(folder / f".{NAME}.held"), atomic_write(folder / NAME) as file:
         file.write(msgspec.json.format(msgspec.json.encode(read(folder) | {model.name: locked}), indent=2))
 
 

@@ -21,7 +21,7 @@ from surveilnav.services.robot_node.bodies.state_file import _FORMAT
 from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.world.goals import find_goals
-from surveilnav.stored import write_parts
+from surveilnav.storage import write_parts
 
 
 class Navigation:

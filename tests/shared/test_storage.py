@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from surveilnav.stored import FolderCache
+from surveilnav.storage import FolderCache
 
 KIND = b"surveilnav test 1"
 
@@ -55,7 +55,7 @@ def test_a_full_disk_keeps_nothing_and_fails_nothing(tmp_path, monkeypatch):
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("surveilnav.stored.write_parts", full)
+    monkeypatch.setattr("surveilnav.storage.write_parts", full)
     cache_in(tmp_path).put(keys(1)[0], [b"abc"])
     assert cache_in(tmp_path).get(keys(1)[0]) is None
 

@@ -29,7 +29,7 @@ _ABANDONED_S = 3600.0
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[IO[bytes]]:
+def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     """A file to write that becomes ``path`` when all is written, and leaves nothing if that fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
@@ -45,7 +45,7 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
 def write_parts(path: Path, kind: bytes, parts: Sequence[bytes]) -> int:
     """Writes ``parts`` to ``path`` at once; returns the size of the file. Raises OSError as the disk does."""
     body = struct.pack(f"<I{len(parts)}Q", len(parts), *map(len, parts)) + b"".join(parts)
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         file.write(kind + b"\n" + hashlib.sha256(body).digest() + body)
     return len(kind) + 33 + len(body)
 
@@ -145,7 +145,7 @@ class FolderCache:
 
 
 @contextlib.contextmanager
-def locked(path: Path) -> Iterator[None]:
+def file_lock(path: Path) -> Iterator[None]:
     """Holds ``path`` against other processes, so that costly work is done once. Released if the process dies."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as file:
