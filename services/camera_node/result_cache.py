@@ -12,8 +12,8 @@ from typing import TypeVar
 
 import msgspec
 
+from surveilnav.code_fingerprint import code_fingerprint
 from surveilnav.config import cache_called
-from surveilnav.program import program_id
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.sources.source import Source
 from surveilnav.storage import FolderCache
@@ -36,7 +36,7 @@ class ResultCache:
         content = self._source.content(view) if self._max_mb else ""
         if not content:
             return ""
-        program = program_id("surveilnav", "surveilnav.services.camera_node")
+        program = code_fingerprint("surveilnav", "surveilnav.services.camera_node")
         return hashlib.sha256(f"{content} {recipe} {program}".encode()).hexdigest()
 
     def get(self, key: str, parse: Callable[[Sequence[bytes]], T]) -> T | None:

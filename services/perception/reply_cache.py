@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.code_fingerprint import code_fingerprint
 from surveilnav.config import cache_called
 from surveilnav.messages import InferReply, InferRequest
 from surveilnav.perception.backend import Backend
-from surveilnav.program import program_id
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.core.cache import ByteCache, content_key
 from surveilnav.services.perception.core.reply import CachedReply
@@ -49,7 +49,7 @@ class ReplyCache:
             cache_called("answers", b"surveilnav answer 1", settings.disk_cache_mb) if is_repeatable else None
         )
         self.hits = 0
-        program = program_id("surveilnav", "surveilnav.services.perception") if self._folder is not None else ""
+        program = code_fingerprint("surveilnav", "surveilnav.services.perception") if self._folder is not None else ""
         self._program = f"{program} {backend.name} {settings.model_dump_json(exclude=_SERVING_SETTINGS)}"
 
     def key_for(self, request: InferRequest, payload: bytes) -> bytes:

@@ -111,7 +111,7 @@ def test_other_eyes_look_themselves(start, make_camera, tmp_path, monkeypatch, o
     if other == "weights":
         monkeypatch.setattr(edge_perception_module.models, "small_weights", lambda: ("compact@another",))
     if other == "program":
-        monkeypatch.setattr("surveilnav.services.camera_node.result_cache.program_id", lambda *names: "another")
+        monkeypatch.setattr("surveilnav.services.camera_node.result_cache.code_fingerprint", lambda *names: "another")
     start(second, settings, camera=make_camera(scene="home"))
     until(lambda: len(second.looks) == 12)
 

@@ -77,7 +77,7 @@ def test_a_view_that_changes_while_it_is_encoded_is_not_kept(make_camera, empty_
 
 def test_another_program_makes_its_own(make_camera, monkeypatch):
     encoded(make_camera(scene="home")).newest(3)
-    monkeypatch.setattr("surveilnav.services.camera_node.result_cache.program_id", lambda *names: "another")
+    monkeypatch.setattr("surveilnav.services.camera_node.result_cache.code_fingerprint", lambda *names: "another")
     camera = make_camera(scene="home")
     encoded(camera).newest(3)
     assert camera.asked == [3]

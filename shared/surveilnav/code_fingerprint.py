@@ -16,7 +16,7 @@ _APART = {"services", "simulator", "benchmark", "cli"}
 
 
 @cache
-def program_id(*packages: str) -> str:
+def code_fingerprint(*packages: str) -> str:
     """A hash of the files of packages ("surveilnav" is the library alone), and of the versions of the
     libraries that compute for them.
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from surveilnav import program
-from surveilnav.program import program_id
+from surveilnav.code_fingerprint import code_fingerprint
 
 
 @pytest.fixture
@@ -23,8 +23,8 @@ def package(tmp_path, monkeypatch):
 
 
 def anew(*names):
-    program_id.cache_clear()
-    return program_id(*names)
+    code_fingerprint.cache_clear()
+    return code_fingerprint(*names)
 
 
 @pytest.mark.parametrize("file", ["__init__.py", "data/words.json"])
