@@ -13,7 +13,7 @@ from typing import TypeVar
 import msgspec
 
 from surveilnav.code_fingerprint import code_fingerprint
-from surveilnav.config import cache_called
+from surveilnav.config import open_disk_cache
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.sources.source import Source
 from surveilnav.storage import FolderCache
@@ -56,4 +56,4 @@ class ResultCache:
     @cached_property
     def _folder(self) -> FolderCache | None:
         """Opened at the first use, so that a camera without anything to cache creates no folder."""
-        return cache_called("cameras", b"surveilnav camera 1", self._max_mb)
+        return open_disk_cache("cameras", b"surveilnav camera 1", self._max_mb)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.code_fingerprint import code_fingerprint
-from surveilnav.config import cache_called
+from surveilnav.config import open_disk_cache
 from surveilnav.messages import InferReply, InferRequest
 from surveilnav.perception.backend import Backend
 from surveilnav.services.perception.config import PerceptionSettings
@@ -46,7 +46,7 @@ class ReplyCache:
         # A real camera never takes the same picture twice, to the byte.
         is_repeatable = settings.simulated and not backend.needs_truth
         self._folder = (
-            cache_called("answers", b"surveilnav answer 1", settings.disk_cache_mb) if is_repeatable else None
+            open_disk_cache("answers", b"surveilnav answer 1", settings.disk_cache_mb) if is_repeatable else None
         )
         self.hits = 0
         program = code_fingerprint("surveilnav", "surveilnav.services.perception") if self._folder is not None else ""

@@ -32,7 +32,7 @@ def cache_dir() -> Path:
     return path
 
 
-def cache_called(name: str, kind: bytes, max_mb: int) -> FolderCache | None:
+def open_disk_cache(name: str, kind: bytes, max_mb: int) -> FolderCache | None:
     """The cache in the folder of that name in ``cache_dir()``; None: it has no room, or no folder can be made."""
     if not max_mb:
         return None
@@ -68,7 +68,7 @@ def hub_endpoint() -> str:
     return os.environ.get("HF_ENDPOINT", "").strip().rstrip("/") or "https://huggingface.co"
 
 
-def path_set_by(variable: str) -> Path | None:
+def path_from_env(variable: str) -> Path | None:
     """The path that an environment variable names; None where it isn't set."""
     value = os.environ.get(variable, "").strip()
     return Path(value).expanduser() if value else None

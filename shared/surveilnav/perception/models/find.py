@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from surveilnav.config import models_dir, path_set_by
+from surveilnav.config import models_dir, path_from_env
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.models import check, digest
 from surveilnav.perception.models.catalogue import CATALOGUE, Model, model_called
@@ -128,7 +128,7 @@ def _present(model: Model) -> Path | None:
 
 def _places(model: Model) -> Iterator[Path]:
     """Where a model may lie, the first first."""
-    custom = path_set_by(model.setting) if model.setting else None
+    custom = path_from_env(model.setting) if model.setting else None
     if custom is not None:
         yield custom
         return
