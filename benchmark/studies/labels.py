@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 
 from surveilnav.errors import SurveilNavError
-from surveilnav.nouns import language_of
+from surveilnav.nouns import detect_language
 from surveilnav.simulator.archive import Archive
 from surveilnav.simulator.furniture.assets import ensure_assets
 from surveilnav.simulator.furniture.catalog import (
@@ -175,7 +175,7 @@ def _table(some: Sequence[Named], everything: Sequence[Named], *, held: bool) ->
     rows = []
     for code in languages:
         mine = [n for n in some if n.language == code]
-        home = language_of(n.name for n in everything if n.language == code)
+        home = detect_language(n.name for n in everything if n.language == code)
         for kind, of in (("six", TARGETS), ("all", classes)):
             cells = [Score(*before[code][kind]), score(mine, "", of), score(mine, home, of)]
             if code != "en":
@@ -224,7 +224,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     named = catalogue_names(ensure_assets())
     if options.missed:
         mine = [n for n in named if n.language == options.missed and not is_held_out(n)]
-        print("\n".join(wrong(mine, language_of(n.name for n in mine))))
+        print("\n".join(wrong(mine, detect_language(n.name for n in mine))))
         return 0
     options.out.write_text(page(named), encoding="utf-8")
     return 0

@@ -65,7 +65,7 @@ def taken_in(run: Path, root: Path) -> Iterable[dict[str, Any]]:
             last = _Last()
             episode = next(e for e in player.episodes if e.episode_id == record.episode_id)
             check_same(record, player.play(episode, last.on_step))
-            taken = "" if last.taken is None else thing_of(player.scene, caster, last.taken)
+            taken = "" if last.taken is None else thing_named(player.scene, caster, last.taken)
             yield {"scene": scene, "episode_id": record.episode_id, "taken": taken}
 
 
@@ -88,7 +88,7 @@ def check_same(was: EpisodeRecord, now: EpisodeRecord) -> None:
         )
 
 
-def thing_of(scene: Scene, caster: RayCaster, taken: ObjectRecord) -> str:
+def thing_named(scene: Scene, caster: RayCaster, taken: ObjectRecord) -> str:
     """What most of an object's points lie on: its class, and its name in the plan if that says more."""
     whole = len(taken.points) // _POINT_BYTES * _POINT_BYTES
     points = np.frombuffer(taken.points[:whole], np.float32).reshape(-1, 3)

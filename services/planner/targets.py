@@ -9,7 +9,7 @@ from surveilnav.contract import PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import BusError, MissionError, TargetError
 from surveilnav.messages import InferRequest, TextReply
 from surveilnav.perception.prompts import value_prompt
-from surveilnav.words import checked_word
+from surveilnav.words import validate_word
 
 _MOST_ASKED, _PATIENCE_S = 3, 1.0
 #: So long workers that warm up are asked again; who sends a goal waits five seconds.
@@ -23,7 +23,7 @@ def understood(node: Node, name: str) -> str:
         MissionError: it is no phrase, or no perception worker that answers knows it. Where none answers, it may be known.
     """
     try:
-        word = checked_word(name)
+        word = validate_word(name)
     except TargetError as error:
         raise MissionError("bad_target", str(error)) from error
     refusal, until_s = "", time.monotonic() + _WARM_UP_S
@@ -55,7 +55,7 @@ def _reply(node: Node, worker: str, word: str, until_s: float) -> TextReply:
 def _own_name(reply: TextReply, word: str) -> str:
     """What the worker calls it; the word itself where it knows any, or says what is no word."""
     try:
-        return checked_word(reply.words[0]) if len(reply.words) == 1 and reply.words[0] else word
+        return validate_word(reply.words[0]) if len(reply.words) == 1 and reply.words[0] else word
     except TargetError:
         return word
 

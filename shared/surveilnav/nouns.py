@@ -79,7 +79,7 @@ class _Reading:
     is_whole: bool = False
 
 
-def thing_of(name: str, language: str = "") -> str | None:
+def thing_named(name: str, language: str = "") -> str | None:
     """The class or the kind of furniture that a name says; "" for another thing, None for words that no language knows.
 
     Args:
@@ -102,7 +102,7 @@ def thing_asked_for(phrase: str) -> str:
     return best.head if best.head and best.head != PART and best.is_whole else ""
 
 
-def phrases_of() -> dict[str, tuple[str, ...]]:
+def phrases_by_thing() -> dict[str, tuple[str, ...]]:
     """By thing, the phrases of all languages that a person may ask for it by."""
     phrases: dict[str, dict[str, None]] = {}
     for row in _table()["languages"].values():
@@ -118,10 +118,10 @@ def whole_of(name: str) -> str | None:
     if best.head != PART:
         return best.head
     whole = next((thing for thing in reversed(best.things) if thing and thing != PART), None)
-    return whole or thing_of(" ".join(words_of(name, keeps_accents=True)[:-1])) or ""
+    return whole or thing_named(" ".join(split_words(name, keeps_accents=True)[:-1])) or ""
 
 
-def language_of(names: Iterable[str]) -> str:
+def detect_language(names: Iterable[str]) -> str:
     """The code of the language that most of some names are written in, such as those of a home's furniture."""
     names = list(islice(dict.fromkeys(name[:_MAX_NAME_CHARS] for name in names), _MAX_NAMES))
     known = {language.code: sum(bool(_read(name, language).things) for name in names) for language in _languages()}
@@ -133,14 +133,14 @@ def things() -> frozenset[str]:
     return frozenset(thing for row in _table()["languages"].values() for thing in row["things"]) - {"", PART}
 
 
-def words_of(text: str, keeps_accents: bool = False) -> tuple[str, ...]:
+def split_words(text: str, keeps_accents: bool = False) -> tuple[str, ...]:
     """The words of a text in lower case, without accents unless they are kept: "DoubleBed_2" -> ("double", "bed")."""
-    spaced = humps_apart(_POSSESSIVE.sub("", unicodedata.normalize("NFKC", text)))
+    spaced = split_camel_case(_POSSESSIVE.sub("", unicodedata.normalize("NFKC", text)))
     folded = spaced.casefold() if keeps_accents else _without_accents(spaced.casefold())
     return tuple(_WORD.findall(unicodedata.normalize("NFC", folded)))
 
 
-def humps_apart(text: str) -> str:
+def split_camel_case(text: str) -> str:
     """Spaces before the capitals that begin a word: "TVStand" -> "TV Stand"."""
     around = zip(" " + text, text, text[1:] + " ", strict=False)
     starts = (
@@ -156,7 +156,7 @@ def _without_accents(text: str) -> str:
 
 @lru_cache(maxsize=4096)
 def _parts(name: str, keeps_accents: bool) -> tuple[tuple[str, ...], ...]:
-    return tuple(words_of(part, keeps_accents) for part in _STOP.split(name))
+    return tuple(split_words(part, keeps_accents) for part in _STOP.split(name))
 
 
 @lru_cache(maxsize=4096)
@@ -231,9 +231,9 @@ def _language(code: str, row: dict, asked: bool) -> Language:
     endings: dict[str, str] = {}
     for thing, listed in (*row["things"].items(), *(row["also"].items() if asked else ())):
         for phrase in listed.split(", "):
-            words = words_of(phrase, keeps_accents)
+            words = split_words(phrase, keeps_accents)
             phrases[words] = thing
             if phrase.startswith("-"):
                 endings[words[0]] = thing
-    links = frozenset(words_of(row["links"], keeps_accents))
+    links = frozenset(split_words(row["links"], keeps_accents))
     return Language(code, phrases, endings, links, row["head"] == "first", keeps_accents, max(map(len, phrases)))

@@ -19,7 +19,7 @@ def canonical(name: str) -> str:
     return _synonyms().get(folded, folded)
 
 
-def checked_word(name: str) -> str:
+def validate_word(name: str) -> str:
     """``canonical(name)`` if it can name a thing: a short phrase in any language.
 
     Raises:

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import shutil
 import sys
+from importlib import metadata
 
 import pytest
 
-from surveilnav import program
 from surveilnav.code_fingerprint import code_fingerprint
 
 
@@ -37,7 +37,7 @@ def test_a_changed_file_is_another_program(package, file):
 
 def test_a_new_version_of_a_library_is_another_program(package, monkeypatch):
     first = anew(package.name)
-    monkeypatch.setattr(program.metadata, "version", lambda name: "999")
+    monkeypatch.setattr(metadata, "version", lambda name: "999")
     assert anew(package.name) != first
 
 

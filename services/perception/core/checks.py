@@ -6,7 +6,7 @@ from surveilnav.errors import TargetError, WireError
 from surveilnav.messages import InferRequest
 from surveilnav.sensing.packing import check_rgbd
 from surveilnav.services.perception.core.refusal import Refusal
-from surveilnav.words import MAX_WORDS, checked_word
+from surveilnav.words import MAX_WORDS, validate_word
 
 MAX_TEXTS, MAX_TEXT_CHARS = 256, 500
 
@@ -26,7 +26,7 @@ def check_view(request: InferRequest, payload: bytes, *, needs_prompts: bool) ->
         raise Refusal("bad_prompt", f"up to {MAX_WORDS} prompts can be looked for at once, got {len(request.prompts)}")
     for prompt in request.prompts:
         try:
-            checked_word(prompt)
+            validate_word(prompt)
         except TargetError as error:
             raise Refusal("bad_prompt", f"a prompt can't be looked for: {error}") from error
     if needs_prompts and request.detects and not request.prompts:

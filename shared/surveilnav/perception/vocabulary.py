@@ -26,7 +26,7 @@ from typing import TypeVar, overload
 import msgspec
 
 from surveilnav.errors import ConfigError, TargetError
-from surveilnav.nouns import phrases_of, thing_asked_for, whole_of
+from surveilnav.nouns import phrases_by_thing, thing_asked_for, whole_of
 from surveilnav.words import MAX_WORD_CHARS, canonical
 
 DATA = Path(__file__).parent / "data"
@@ -136,7 +136,7 @@ class Vocabulary(Sequence[str]):
     @cached_property
     def _phrases(self) -> dict[str, tuple[str, ...]]:
         """By name, what else people call it."""
-        phrases = phrases_of()
+        phrases = phrases_by_thing()
         others: dict[str, list[str]] = {name: [] for name in self}
         for word, name in self._meanings.items():
             others[name].append(word)

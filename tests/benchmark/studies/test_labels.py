@@ -6,7 +6,7 @@ import pytest
 
 from surveilnav.benchmark.studies.labels import Named, Score, is_held_out, labels_by_id, names_of, page, score, wrong
 from surveilnav.errors import AssetError
-from surveilnav.nouns import language_of
+from surveilnav.nouns import detect_language
 from surveilnav.simulator.furniture.assets import ensure_assets
 from surveilnav.simulator.furniture.catalog import DEFAULT_CATALOG, JAR, CatalogModel, read_properties
 from surveilnav.simulator.furniture.labels import TARGETS
@@ -49,6 +49,6 @@ def test_the_default_catalogue_is_understood_in_every_language() -> None:
     assert len(languages) >= 18
     for code in languages:
         mine = [n for n in names if n.language == code]
-        found = score(mine, language_of(n.name for n in mine), TARGETS)
+        found = score(mine, detect_language(n.name for n in mine), TARGETS)
         assert found.right >= 0.9 * found.said, (code, wrong(mine, code))
         assert found.right >= 0.85 * found.there, (code, wrong(mine, code))

@@ -54,11 +54,11 @@ def test_most_points_say_which_thing_it_is(flat):
     scene, caster = flat
     bed, chair, wall = (scene.labelled(label)[0] for label in ("bed", "chair", "wall"))
     points = np.concatenate([on(scene, bed), on(scene, chair, 3)])
-    assert taken.thing_of(scene, caster, seen_at(points)).startswith("bed")
-    assert taken.thing_of(scene, caster, seen_at(points[::-1][:3])).startswith("chair")
-    assert taken.thing_of(scene, caster, seen_at(on(scene, wall))) == "wall", "a wall's number says nothing"
+    assert taken.thing_named(scene, caster, seen_at(points)).startswith("bed")
+    assert taken.thing_named(scene, caster, seen_at(points[::-1][:3])).startswith("chair")
+    assert taken.thing_named(scene, caster, seen_at(on(scene, wall))) == "wall", "a wall's number says nothing"
     bare = dataclasses.replace(scene, instances=())
-    assert taken.thing_of(bare, caster, seen_at(points)) == ""
+    assert taken.thing_named(bare, caster, seen_at(points)) == ""
 
 
 def test_a_search_that_comes_out_otherwise_is_refused():

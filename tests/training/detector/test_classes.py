@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from surveilnav.nouns import phrases_of
+from surveilnav.nouns import phrases_by_thing
 from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.simulator.furniture.labels import KINDS, TARGETS
 from training.detector import classes
@@ -52,7 +52,7 @@ def test_rooms_have_kinds(name: str, kind: str) -> None:
 
 def test_people_have_words_for_every_class_and_room_names_are_none() -> None:
     known = classes.load()
-    vocabulary, phrases = Vocabulary("compact", known.names, meanings=known.meanings), phrases_of()
+    vocabulary, phrases = Vocabulary("compact", known.names, meanings=known.meanings), phrases_by_thing()
     things: dict[str, list[str]] = {name: [name] for name in known.names}
     for word, name in known.meanings.items():
         things[name].append(word)

@@ -45,7 +45,7 @@ class YoloWorld:
             )
         self._input, (self._height, self._width) = entry.name, entry.shape[2:]
         self._outputs = [output.name for output in self._session.get_outputs()]
-        self.vocabulary = Vocabulary(path.stem, words_of(path, self._session))
+        self.vocabulary = Vocabulary(path.stem, exported_words(path, self._session))
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]] = ()) -> list[Boxes]:
         """See ``Detector.detect``: one picture after the other, since the file takes one."""
@@ -98,7 +98,7 @@ def letterboxed(
     return canvas.transpose(2, 0, 1)[None].astype(np.float32) / np.float32(255), ratio, float(left), float(top)
 
 
-def words_of(path: Path, opened: onnxruntime.InferenceSession) -> list[str]:
+def exported_words(path: Path, opened: onnxruntime.InferenceSession) -> list[str]:
     """The words that a file was exported with, in its order.
 
     Raises:
