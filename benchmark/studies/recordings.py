@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from surveilnav.benchmark.play.sight import Sight, Sighted
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import InferReply, ModelIds
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.robot_body import STEP_M, TURN_RAD
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.packing import decode_depth, encode_depth, perception_from_wire, perception_to_wire
@@ -125,18 +125,18 @@ class Witness(Backend):
         self.stages = (Stage("witness", self._look),)
         self.seen: dict[tuple[object, ...], tuple[tuple[int, float], ...]] = {}
 
-    def _look(self, batch: Sequence[Work]) -> None:
-        for work in batch:
-            work.seen = self._witnessed(work)
+    def _look(self, batch: Sequence[ViewTask]) -> None:
+        for task in batch:
+            task.result = self._witnessed(task)
 
-    def _witnessed(self, work: Work) -> ViewPerception:
-        if work.truth is None:
+    def _witnessed(self, task: ViewTask) -> ViewPerception:
+        if task.truth is None:
             raise ValueError("a witness needs the true instances of every view")
-        view, told = work.view, work.truth if self._inner.needs_truth else None
+        view, told = task.view, task.truth if self._inner.needs_truth else None
         perception = self._inner.perceive(
-            view.rgb, view.depth_m, view.camera, prompts=work.prompts, truth=told, key=work.key
+            view.rgb, view.depth_m, view.camera, prompts=task.prompts, truth=told, key=task.key
         )
-        self.seen[work.key] = tuple(instance_of(d, work.truth.ids, self._things) for d in perception.detections)
+        self.seen[task.key] = tuple(instance_of(d, task.truth.ids, self._things) for d in perception.detections)
         return perception
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import TargetError
-from surveilnav.perception.backend import Backend, Work
+from surveilnav.perception.backend import Backend, ViewTask
 from surveilnav.perception.prompts import word_refused
 from surveilnav.services.perception.core import probe
 from surveilnav.services.perception.core.cache import ByteCache, text_key
@@ -32,10 +32,10 @@ class EmbeddingStage:
         self._cache: ByteCache[NDArray[np.float32]] = ByteCache(_CACHE_BYTES)
         self._cache_lock = threading.Lock()
 
-    def run(self, batch: Sequence[PendingRequest], works: Sequence[Work]) -> None:
+    def run(self, batch: Sequence[PendingRequest], tasks: Sequence[ViewTask]) -> None:
         """Runs the backend's last stage and embeds the prompts of the requests."""
         with self._backend_lock:
-            self._backend.stages[-1].run(works)
+            self._backend.stages[-1].run(tasks)
             embeddings = self.embed_known({prompt for pending in batch for prompt in pending.request.prompts})
         for pending in batch:
             pending.prompt_embeddings = {p: embeddings[p] for p in pending.request.prompts if p in embeddings}

@@ -10,7 +10,7 @@ from typing import Any
 from surveilnav.bus import Answer, Node, Refused, clock_ns
 from surveilnav.errors import PerceptionError, WireError
 from surveilnav.messages import InferReply, InferRequest
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.core.checks import check_view
 from surveilnav.services.perception.core.queue import Job
@@ -42,7 +42,7 @@ class InferenceHandler:
         return [
             PipelineStage("decode", lambda batch: batch[0].decode(), threads=settings.decoders),
             *(_backend_stage(stage, max_batch) for stage in first),
-            PipelineStage(last.name, lambda batch: self._embedding.run(batch, _works(batch)), max_batch),
+            PipelineStage(last.name, lambda batch: self._embedding.run(batch, _tasks(batch)), max_batch),
             PipelineStage("answer", lambda batch: self._reply(batch[0])),
         ]
 
@@ -119,7 +119,7 @@ class InferenceHandler:
 
     def _reply(self, pending: PendingRequest) -> None:
         """The last stage: sets and caches the reply."""
-        perception = pending.work.seen if pending.work is not None else None
+        perception = pending.task.result if pending.task is not None else None
         assert perception is not None, f"the last stage of {self._backend.name} gave no answer"
         reply = build_reply(
             pending.request,
@@ -143,10 +143,10 @@ class InferenceHandler:
 
 
 def _backend_stage(stage: Stage, max_batch: int) -> PipelineStage:
-    return PipelineStage(stage.name, lambda batch: stage.run(_works(batch)), max_batch)
+    return PipelineStage(stage.name, lambda batch: stage.run(_tasks(batch)), max_batch)
 
 
-def _works(batch: list[PendingRequest]) -> list[Work]:
-    works = [pending.work for pending in batch if pending.work is not None]
-    assert len(works) == len(batch), "all were decoded before"
-    return works
+def _tasks(batch: list[PendingRequest]) -> list[ViewTask]:
+    tasks = [pending.task for pending in batch if pending.task is not None]
+    assert len(tasks) == len(batch), "all were decoded before"
+    return tasks

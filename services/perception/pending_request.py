@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from surveilnav.bus import Answer, Refused
 from surveilnav.errors import PerceptionError
 from surveilnav.messages import InferRequest
-from surveilnav.perception.backend import Work
+from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.sensing.packing import decode_rgbd
 from surveilnav.services.perception.core.queue import Job
@@ -29,7 +29,7 @@ class PendingRequest:
         load_truth: decodes the instance ids of the view; only for backends that are told the truth.
         embedding_only: the request wants only the view's embedding, and the backend needs no detections to compute it.
         answer: completed when the request is answered or refused.
-        work: the decoded view and the results of the backend's stages.
+        task: the decoded view and the results of the backend's stages.
         prompt_embeddings: by prompt, its embedding (D,).
         reply: what ``answer`` will be completed with.
         processing_ms: time that stages have worked on it, without waiting.
@@ -41,7 +41,7 @@ class PendingRequest:
     load_truth: TruthLoader | None = None
     embedding_only: bool = False
     answer: Future[Any] = field(default_factory=Future)
-    work: Work | None = None
+    task: ViewTask | None = None
     prompt_embeddings: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     reply: Answer | None = None
     processing_ms: float = 0.0
@@ -63,14 +63,14 @@ class PendingRequest:
         return Job(self, r.source.startswith("robot/"), received_ns + r.deadline_ms * 1_000_000, replaces)
 
     def decode(self) -> None:
-        """Decodes the payload into ``work``. Raises WireError if the picture can't be decoded."""
+        """Decodes the payload into ``task``. Raises WireError if the picture can't be decoded."""
         r = self.request
         assert r.camera is not None, "check_view() was called before"
         assert r.image is not None, "check_view() was called before"
         assert r.depth is not None, "check_view() was called before"
         rgb, depth_m = decode_rgbd(self.payload, r.image, r.depth, r.camera, r.depth_range_m)
         truth = self.load_truth() if self.load_truth is not None else None
-        self.work = Work(RgbdView(rgb, depth_m, r.camera), r.prompts, truth, self.view_key)
+        self.task = ViewTask(RgbdView(rgb, depth_m, r.camera), r.prompts, truth, self.view_key)
         self.payload = b""
 
     def refuse(self, error: Exception) -> None:

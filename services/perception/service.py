@@ -51,11 +51,11 @@ class PerceptionService:
             PerceptionError: the backend fails, or its answer is malformed.
         """
         for n in (1, self._settings.max_batch or self._backend.best_batch):
-            works = [probe.probe_task() for _ in range(n)]
+            tasks = [probe.probe_task() for _ in range(n)]
             try:
                 for stage in self._backend.stages:
-                    stage.run(works)
-                problems = [probe.find_problem(work.seen, self._backend.embedding_dim) for work in works]
+                    stage.run(tasks)
+                problems = [probe.find_problem(task.result, self._backend.embedding_dim) for task in tasks]
                 problems.append(self._embedding.find_problem(probe.PROMPTS))
             except Exception as error:  # a model's library may raise anything
                 problems = [f"{type(error).__name__}: {error}"]

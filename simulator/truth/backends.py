@@ -16,7 +16,7 @@ from scipy.special import ndtr
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.messages import ModelIds
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.chances import table_of
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
@@ -74,16 +74,16 @@ class Oracle(Backend):
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return name_space.embed_texts(texts)
 
-    def _look(self, batch: Sequence[Work]) -> None:
-        for work in batch:
-            words = tuple(dict.fromkeys((*COCO, *(canonical(prompt) for prompt in work.prompts))))
-            told = _told(work.truth, work.view.depth_m, self.name)
-            things = visible_things(told, work.view.depth_m, self._min_pixels, words)
+    def _look(self, batch: Sequence[ViewTask]) -> None:
+        for task in batch:
+            words = tuple(dict.fromkeys((*COCO, *(canonical(prompt) for prompt in task.prompts))))
+            told = _told(task.truth, task.view.depth_m, self.name)
+            things = visible_things(told, task.view.depth_m, self._min_pixels, words)
             detections = tuple(
                 Detected(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label), chance=1.0) for t in things
             )
             image = name_space.embed_image([thing.label for thing in things])
-            work.seen = ViewPerception(self.name, detections, image, self.models.embedder, words)
+            task.result = ViewPerception(self.name, detections, image, self.models.embedder, words)
 
 
 class Simulated(Backend):
@@ -109,13 +109,13 @@ class Simulated(Backend):
         self.chances = table_of("compact")  # that is what it imitates
         self.stages = (Stage("detect", self._look), Stage("judge", self.judge))
 
-    def _look(self, batch: Sequence[Work]) -> None:
-        for work in batch:
-            work.seen = self._seen(work)
+    def _look(self, batch: Sequence[ViewTask]) -> None:
+        for task in batch:
+            task.result = self._seen(task)
 
-    def _seen(self, work: Work) -> ViewPerception:
-        depth_m, camera, key = work.view.depth_m, work.view.camera, work.key
-        told = _told(work.truth, depth_m, self.name)
+    def _seen(self, task: ViewTask) -> ViewPerception:
+        depth_m, camera, key = task.view.depth_m, task.view.camera, task.key
+        told = _told(task.truth, depth_m, self.name)
         labels, scene = self._scene_of(told.labels)
         told = replace(told, labels=labels)
         is_camera = any(isinstance(part, str) and part.startswith("camera/") for part in key)

@@ -35,7 +35,7 @@ from surveilnav.errors import SurveilNavError
 from surveilnav.geometry import Pinhole
 from surveilnav.histogram import quantile_ms
 from surveilnav.messages import InferRequest, ModelIds, Part, WorkerLoad
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.presets import Networks, onnx_coco
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.sensing.views import Detected, ViewPerception
@@ -61,16 +61,16 @@ class Timed(Backend):
     def __init__(self, speed: float = 1.0) -> None:
         self.stages = tuple(Stage(n, self._slept(n, a / speed, b / speed)) for n, (a, b) in STAGES_MS.items())
 
-    def _slept(self, name: str, batch_ms: float, view_ms: float) -> Callable[[Sequence[Work]], None]:
-        def run(batch: Sequence[Work]) -> None:
+    def _slept(self, name: str, batch_ms: float, view_ms: float) -> Callable[[Sequence[ViewTask]], None]:
+        def run(batch: Sequence[ViewTask]) -> None:
             time.sleep((batch_ms + view_ms * len(batch)) / 1000)
-            for work in batch if name == "embed" else ():
+            for task in batch if name == "embed" else ():
                 vector = np.full(DIM, DIM**-0.5, np.float32)
                 things = [
                     Detected("chair", 0.9, (10.0 * k, 10.0, 10.0 * k + 90, 120.0), np.ones((110, 90), bool), vector)
                     for k in range(5)
                 ]
-                work.seen = ViewPerception(self.name, tuple(things), vector)
+                task.result = ViewPerception(self.name, tuple(things), vector)
 
         return run
 

@@ -17,7 +17,7 @@ from safetensors.torch import load_file, save_file
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import parts
-from surveilnav.perception.backend import Work
+from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.detectors.grounding_dino import GroundingDino
 from surveilnav.perception.embedders.clip import Clip
 from surveilnav.perception.protocols import RgbdView
@@ -129,15 +129,15 @@ def test_paper_runs_from_folders_in_the_models_directory(
     assert backend.vocabulary is None
     assert backend.models.embedder.startswith("my-clip@")
     depth_m = np.full((120, 160), 2.0, np.float32)
-    work = [Work(RgbdView(rgb, depth_m, CAMERA), ("couch", "fire extinguisher")) for rgb in pictures[:3]]
+    task = [ViewTask(RgbdView(rgb, depth_m, CAMERA), ("couch", "fire extinguisher")) for rgb in pictures[:3]]
     for stage in backend.stages:
-        stage.run(work)
-    for one in work:
-        assert one.seen is not None
-        assert one.seen.detections
-        assert {d.label for d in one.seen.detections} <= {"couch", "fire extinguisher"}
+        stage.run(task)
+    for one in task:
+        assert one.result is not None
+        assert one.result.detections
+        assert {d.label for d in one.result.detections} <= {"couch", "fire extinguisher"}
         alone = backend.perceive(one.view.rgb, depth_m, CAMERA, prompts=one.prompts)
-        np.testing.assert_allclose(alone.image_embedding, one.seen.image_embedding, atol=1e-5)
+        np.testing.assert_allclose(alone.image_embedding, one.result.image_embedding, atol=1e-5)
     assert backend.perceive(pictures[0], depth_m, CAMERA).detections == ()
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from surveilnav.messages import ModelIds
 from surveilnav.perception import models
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.embedders import class_space
@@ -41,12 +41,12 @@ class InCocoWords(Backend):
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return class_space.embed_texts(texts)
 
-    def _look(self, batch: Sequence[Work]) -> None:
-        for work in batch:
-            work.seen = self._seen(work)
+    def _look(self, batch: Sequence[ViewTask]) -> None:
+        for task in batch:
+            task.result = self._seen(task)
 
-    def _seen(self, work: Work) -> ViewPerception:
-        boxes, things = found(self._network, self._network.answer(work.view), work.view)
+    def _seen(self, task: ViewTask) -> ViewPerception:
+        boxes, things = found(self._network, self._network.answer(task.view), task.view)
         own, coco = self._shared
         scores = np.zeros((len(boxes), len(COCO)), np.float32)
         scores[:, coco] = boxes.scores[:, own]

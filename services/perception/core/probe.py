@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
-from surveilnav.perception.backend import Work
+from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception, box_cells
 
@@ -19,13 +19,13 @@ _CAMERA = Pinhole.from_hfov(320, 240, math.radians(79.0))
 _UNIT_TOLERANCE = 0.05  # deviation of a unit vector's length from 1
 
 
-def probe_task() -> Work:
+def probe_task() -> ViewTask:
     """A picture of a colour gradient 2 m away. Backends that are told the truth are told that it shows no instance."""
     y, x = np.mgrid[0 : _CAMERA.height_px, 0 : _CAMERA.width_px]
     rgb = np.stack([x * 255 // _CAMERA.width_px, y * 255 // _CAMERA.height_px, (x + y) % 256], axis=2).astype(np.uint8)
     depth_m = np.full(rgb.shape[:2], 2.0, np.float32)
     nothing = TrueInstances(np.zeros(rgb.shape[:2], np.uint16))
-    return Work(RgbdView(rgb, depth_m, _CAMERA), PROMPTS, nothing, ("probe",))
+    return ViewTask(RgbdView(rgb, depth_m, _CAMERA), PROMPTS, nothing, ("probe",))
 
 
 def find_problem(seen: ViewPerception | None, embedding_dim: int) -> str:

@@ -20,7 +20,7 @@ from surveilnav.sensing.views import TrueInstances, ViewPerception
 
 
 @dataclass(slots=True, eq=False)
-class Work:
+class ViewTask:
     """One view on its way through the stages: what was asked, and what is known so far.
 
     Attributes:
@@ -29,10 +29,10 @@ class Work:
         truth: what each pixel shows; only for backends that need it.
         key: names the view (source, view, seq): what a backend draws by chance depends on nothing else, and a source that
             begins with "camera/" is a camera's.
-        looked_for: after detecting, the words that were looked for; none if detecting was left out.
+        searched_words: after detecting, the words that were looked for; none if detecting was left out.
         boxes: after detecting, with all words' scores.
         rows: after segmenting, which of the boxes are reported; ``masks``: theirs.
-        seen: the answer, after the last stage.
+        result: the answer, after the last stage.
     """
 
     view: RgbdView
@@ -42,8 +42,8 @@ class Work:
     boxes: Boxes = field(default_factory=Boxes.empty)
     rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     masks: list[NDArray[np.bool_] | None] = field(default_factory=list)
-    looked_for: tuple[str, ...] = ()
-    seen: ViewPerception | None = None
+    searched_words: tuple[str, ...] = ()
+    result: ViewPerception | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Stage:
     """One step of a backend. ``run`` takes a batch and writes its results into it; PerceptionError: it can't."""
 
     name: str
-    run: Callable[[Sequence[Work]], None]
+    run: Callable[[Sequence[ViewTask]], None]
 
 
 class Backend(ABC):
@@ -91,29 +91,31 @@ class Backend(ABC):
         truth: TrueInstances | None = None,
         key: tuple[object, ...] = (),
     ) -> ViewPerception:
-        """What is seen in one view; the arguments are ``Work``'s and ``RgbdView``'s.
+        """What is seen in one view; the arguments are ``ViewTask``'s and ``RgbdView``'s.
 
         Raises:
             PerceptionError: the backend can't answer.
         """
-        work = Work(RgbdView(rgb, depth_m, camera), prompts, truth, key)
+        task = ViewTask(RgbdView(rgb, depth_m, camera), prompts, truth, key)
         for stage in self.stages:
-            stage.run([work])
-        assert work.seen is not None, f"the last stage of {self.name} gives no answer"
-        return work.seen
+            stage.run([task])
+        assert task.result is not None, f"the last stage of {self.name} gives no answer"
+        return task.result
 
     @property
     def calibrated(self) -> bool:
         """Whether its detections have chances."""
         return self.chances is not None
 
-    def judge(self, batch: Sequence[Work]) -> None:
+    def judge(self, batch: Sequence[ViewTask]) -> None:
         """The last stage of a calibrated backend: gives each detection its chance."""
         assert self.chances is not None, f"{self.name} isn't calibrated"
-        for work in batch:
-            assert work.seen is not None, f"nothing was seen before {self.name} judges it"
-            is_camera = bool(work.key) and str(work.key[0]).startswith("camera/")
-            work.seen = with_chances(work.seen, work.view.depth_m, work.view.camera, self.chances, is_camera=is_camera)
+        for task in batch:
+            assert task.result is not None, f"nothing was seen before {self.name} judges it"
+            is_camera = bool(task.key) and str(task.key[0]).startswith("camera/")
+            task.result = with_chances(
+                task.result, task.view.depth_m, task.view.camera, self.chances, is_camera=is_camera
+            )
 
     def refuses(self, word: str) -> str:
         """Why it can't look for a word; empty: it can."""

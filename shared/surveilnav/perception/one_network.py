@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.messages import ModelIds
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.detectors.compact import Answer, CompactNetwork
@@ -75,21 +75,21 @@ class OneNetwork(Backend):
         near, what = self._network.near_vectors[rows], self._network.class_vectors[rows]
         return np.asarray(np.concatenate([near, what], axis=1) / np.sqrt(2.0), np.float32)
 
-    def _look(self, batch: Sequence[Work]) -> None:
-        for work in batch:
-            work.seen = self._seen(work)
+    def _look(self, batch: Sequence[ViewTask]) -> None:
+        for task in batch:
+            task.result = self._seen(task)
 
-    def _seen(self, work: Work) -> ViewPerception:
-        answer = self._network.answer(work.view)
-        _, things = found(self._network, answer, work.view)
+    def _seen(self, task: ViewTask) -> ViewPerception:
+        answer = self._network.answer(task.view)
+        _, things = found(self._network, answer, task.view)
         detections = []
         for thing in things:
             vector = np.concatenate([np.zeros(self._n, np.float32), answer.embeddings[thing.place]])
             detections.append(Detected(thing.label, thing.score, thing.box_px, thing.mask, vector))
         image = np.concatenate([answer.image, np.zeros(self._n, np.float32)])
-        work.looked_for = tuple(self._classes)
+        task.searched_words = tuple(self._classes)
         model = self.models.embedder
-        return ViewPerception(self.name, tuple(detections), image, model, work.looked_for)
+        return ViewPerception(self.name, tuple(detections), image, model, task.searched_words)
 
 
 def _akin(network: CompactNetwork) -> dict[str, list[str]]:

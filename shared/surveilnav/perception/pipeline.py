@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.messages import ModelIds
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.protocols import ChecksWords, Detector, Embedder, RgbdView, Segmenter
@@ -60,33 +60,33 @@ class Pipeline(Backend):
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return self.embedder.embed_texts(texts)
 
-    def _detect(self, batch: Sequence[Work]) -> None:
+    def _detect(self, batch: Sequence[ViewTask]) -> None:
         found = self.detector.detect([w.view.rgb for w in batch], [w.prompts for w in batch])
-        for work, boxes in zip(batch, found, strict=True):
-            work.boxes = boxes
-            work.looked_for = tuple(work.prompts if self.vocabulary is None else self.vocabulary)
+        for task, boxes in zip(batch, found, strict=True):
+            task.boxes = boxes
+            task.searched_words = tuple(task.prompts if self.vocabulary is None else self.vocabulary)
 
-    def _segment(self, batch: Sequence[Work]) -> None:
+    def _segment(self, batch: Sequence[ViewTask]) -> None:
         likely = [np.flatnonzero(w.boxes.best >= self._min_score) for w in batch]
         xyxy = [w.boxes.xyxy[rows] for w, rows in zip(batch, likely, strict=True)]
         every = self.segmenter.segment([w.view for w in batch], xyxy)
-        for work, rows, masks in zip(batch, likely, every, strict=True):
-            work.boxes = self._sized(work.view, work.boxes, rows, masks)
-            kept = np.flatnonzero(work.boxes.best[rows] >= self._min_score)
-            work.rows, work.masks = rows[kept], [masks[i] for i in kept]
+        for task, rows, masks in zip(batch, likely, every, strict=True):
+            task.boxes = self._sized(task.view, task.boxes, rows, masks)
+            kept = np.flatnonzero(task.boxes.best[rows] >= self._min_score)
+            task.rows, task.masks = rows[kept], [masks[i] for i in kept]
 
-    def _embed(self, batch: Sequence[Work]) -> None:
+    def _embed(self, batch: Sequence[ViewTask]) -> None:
         images, boxes = [w.view.rgb for w in batch], [w.boxes for w in batch]
         every = self.embedder.embed_views(images, boxes, [w.rows for w in batch])
-        for work, embedding in zip(batch, every, strict=True):
-            labels, best = work.boxes.labels, work.boxes.best
+        for task, embedding in zip(batch, every, strict=True):
+            labels, best = task.boxes.labels, task.boxes.best
             detections = [
-                Detected(labels[row], min(1.0, float(best[row])), _box(work.boxes.xyxy[row]), mask, vector)
-                for row, mask, vector in zip(work.rows.tolist(), work.masks, embedding.objects, strict=True)
+                Detected(labels[row], min(1.0, float(best[row])), _box(task.boxes.xyxy[row]), mask, vector)
+                for row, mask, vector in zip(task.rows.tolist(), task.masks, embedding.objects, strict=True)
             ]
             detections.sort(key=lambda d: -d.score)
-            work.seen = ViewPerception(
-                self.name, tuple(detections), embedding.image, self.embedder.model, work.looked_for
+            task.result = ViewPerception(
+                self.name, tuple(detections), embedding.image, self.embedder.model, task.searched_words
             )
 
     def _sized(

@@ -58,9 +58,9 @@ def test_the_backend_isnt_told_what_the_witness_sees():
             self.stages = (Stage("look", self.look),)
 
         def look(self, batch):
-            for work in batch:
-                told.append(work.truth)
-                work.seen = ViewPerception("blind", (detected((0.0, 0.0, 4.0, 4.0)),), embed_image([]))
+            for task in batch:
+                told.append(task.truth)
+                task.result = ViewPerception("blind", (detected((0.0, 0.0, 4.0, 4.0)),), embed_image([]))
 
         def embed_texts(self, texts):
             raise NotImplementedError

@@ -99,8 +99,8 @@ class Judging(Backend):
         self.stages = (Stage("look", self._look), Stage("judge", self.judge))
 
     def _look(self, batch):
-        for work in batch:
-            work.seen = self._seen
+        for task in batch:
+            task.result = self._seen
 
     def embed_texts(self, texts):
         raise NotImplementedError

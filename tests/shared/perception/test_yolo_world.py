@@ -12,7 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import presets
-from surveilnav.perception.backend import Work
+from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.detectors.yolo_world import YoloWorld, letterboxed
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.protocols import RgbdView
@@ -123,6 +123,6 @@ def test_a_threshold_of_nothing_is_one(
     path = export(tmp_path / "mine.onnx", dense((32, 32, 16, 8, 0.05, 0.0), (10, 10, 8, 8, 0.03, 0.0)))
     monkeypatch.setattr(presets.parts, "embedder", lambda *_, **__: ClassSpace())
     backend = presets.yolo_world(presets.Networks(detector=str(path), threshold=threshold), "for tests")
-    work = [Work(RgbdView(np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.float32), CAMERA))]
-    backend.stages[0].run(work)
-    assert len(work[0].boxes.xyxy) == found
+    task = [ViewTask(RgbdView(np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.float32), CAMERA))]
+    backend.stages[0].run(task)
+    assert len(task[0].boxes.xyxy) == found
