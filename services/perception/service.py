@@ -85,7 +85,7 @@ class PerceptionService:
                 worker=self._settings.worker,
                 backend=self._backend.name,
                 embeddings=embeddings,
-                words=[self._backend.understood(named(text)) for text in request.texts],
+                words=[self._backend.find_name(named(text)) for text in request.texts],
                 models=self._backend.models,
                 vocabulary=list(self._backend.vocabulary or ()),
             )

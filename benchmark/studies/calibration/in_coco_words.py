@@ -34,7 +34,7 @@ class InCocoWords(Backend):
         self.name = self.why = f"{model} in COCO's words"
         self.models = ModelIds(f"{model}-in-coco-words", model, ClassSpace.model)
         self.stages = (Stage("look", self._look),)
-        names = [COCO.name_of(word) for word in self._network.classes]
+        names = [COCO.exact_name(word) for word in self._network.classes]
         #: (columns of the network's classes, their columns among COCO's)
         self._shared = np.array([(i, COCO.index(name)) for i, name in enumerate(names) if name]).T
 
@@ -53,6 +53,6 @@ class InCocoWords(Backend):
         detections = tuple(
             Detected(label, thing.score, thing.box_px, thing.mask, class_space.embed_object(scores[thing.row]))
             for thing in things
-            if (label := COCO.name_of(thing.label))
+            if (label := COCO.exact_name(thing.label))
         )
         return ViewPerception(self.name, detections, class_space.embed_image(scores), ClassSpace.model, tuple(COCO))

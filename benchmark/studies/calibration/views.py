@@ -98,7 +98,7 @@ def looks_of(name: str, recording: Recording, building: SimulatedBuilding, vocab
         raise ValueError(f"the recording of {name} shows another building: delete it")
     seen = [_look(s, building) for s in recording.views if s.perception is not None]
     labels = building.scene.truth_labels
-    own = {id_: said for id_, label in labels.items() if (said := vocabulary.name_of(label))}
+    own = {id_: said for id_, label in labels.items() if (said := vocabulary.exact_name(label))}
     return Looks(name, measured(labels) | own, seen)
 
 

@@ -122,17 +122,17 @@ class Backend(ABC):
         if self.vocabulary is None:
             return ""
         try:
-            self.vocabulary.known(word)
+            self.vocabulary.resolve_name(word)
         except TargetError as error:
             return str(error)
         return ""
 
-    def understood(self, word: str) -> str:
+    def find_name(self, word: str) -> str:
         """The name that its vocabulary has for a word; empty: none, or it knows any word.
 
         "Fernseher" is "tv" for a detector of COCO's classes.
         """
-        return "" if self.vocabulary is None else self.vocabulary.understood(word)
+        return "" if self.vocabulary is None else self.vocabulary.find_name(word)
 
     @abstractmethod
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:

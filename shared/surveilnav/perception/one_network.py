@@ -71,7 +71,7 @@ class OneNetwork(Backend):
         self.stages = (Stage("look", self._look), *([Stage("judge", self.judge)] if chances else []))
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        rows = [self._classes.index(self._classes.known(named(text))) for text in texts]
+        rows = [self._classes.index(self._classes.resolve_name(named(text))) for text in texts]
         near, what = self._network.near_vectors[rows], self._network.class_vectors[rows]
         return np.asarray(np.concatenate([near, what], axis=1) / np.sqrt(2.0), np.float32)
 

@@ -92,24 +92,24 @@ class Vocabulary(Sequence[str]):
             raise ValueError(f"{word!r} is no name of {self.name}")
         return self._numbers[word]
 
-    def name_of(self, word: str) -> str:
+    def exact_name(self, word: str) -> str:
         """The name that a word of this program's own is or means; empty: none. It reads no languages (``known`` does)."""
         word = canonical(word)
         return word if word in self else self._meanings.get(word, "")
 
-    def understood(self, name: str) -> str:
+    def find_name(self, name: str) -> str:
         """The name that a person's word means, in any spelling or language ("Sofa", "canapé", "床"); empty: none."""
         word = canonical(name)
-        own = (self.name_of(said) for said in (word, thing_asked_for(name), thing_asked_for(word)))
+        own = (self.exact_name(said) for said in (word, thing_asked_for(name), thing_asked_for(word)))
         return next(filter(None, own), "")
 
-    def known(self, name: str) -> str:
+    def resolve_name(self, name: str) -> str:
         """``understood``.
 
         Raises:
             TargetError: it means none; the message says which names come nearest.
         """
-        if own := self.understood(name):
+        if own := self.find_name(name):
             return own
         near = self.nearest(name)
         hint = f"; nearest are {', '.join(near)}" if near else ""

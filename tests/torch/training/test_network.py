@@ -206,8 +206,8 @@ def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.Mo
     assert "nearest are couch" in backend.refuses("couches")
     assert backend.refuses("sofa") == ""
     words = ("Kommode", "Couchtisch", "escalier", "モニター", "table")
-    assert [backend.understood(word) for word in words] == ["chest of drawers", "table", "stairs", "computer", "table"]
-    assert backend.understood("kitchen") == ""
+    assert [backend.find_name(word) for word in words] == ["chest of drawers", "table", "stairs", "computer", "table"]
+    assert backend.find_name("kitchen") == ""
     assert len(backend.vocabulary.nearest("kitchen")) == 3
 
 

@@ -96,7 +96,7 @@ def embed_texts(texts: Sequence[str]) -> NDArray[np.float32]:
 
 def class_named(text: str) -> str:
     """The class that a prompt or a plain name names. Raises TargetError."""
-    return COCO.known(named(text))
+    return COCO.resolve_name(named(text))
 
 
 @lru_cache(maxsize=1)

@@ -90,7 +90,7 @@ def test_with_a_table_its_detections_have_chances(network: CompactNetwork) -> No
 
 def test_its_words_are_understood_and_rooms_have_near_classes(network: CompactNetwork) -> None:
     backend = OneNetwork("compact", "in a test", network, "compact@0")
-    assert [backend.understood(word) for word in ("Kommode", "Bett", "télé", "Couchtisch")] == [
+    assert [backend.find_name(word) for word in ("Kommode", "Bett", "télé", "Couchtisch")] == [
         "chest of drawers",
         "bed",
         "tv",

@@ -42,8 +42,8 @@ def test_they_know_the_goals_and_the_parts_of_a_building_and_answer():
     assert backend.vocabulary is not None
     assert len(backend.vocabulary) >= 40
     assert {*TARGETS, "door", "window", "stairs"} <= set(backend.vocabulary)
-    assert backend.understood("Fernseher") == "tv"
-    assert backend.understood("escalier") == "stairs"
+    assert backend.find_name("Fernseher") == "tv"
+    assert backend.find_name("escalier") == "stairs"
     seen = backend.perceive(
         np.zeros((240, 320, 3), np.uint8), np.ones((240, 320), np.float32), Pinhole.from_hfov(320, 240, 1.3)
     )
