@@ -117,7 +117,7 @@ class Backend(ABC):
                 task.result, task.view.depth_m, task.view.camera, self.chances, is_camera=is_camera
             )
 
-    def refuses(self, word: str) -> str:
+    def refusal(self, word: str) -> str:
         """Why it can't look for a word; empty: it can."""
         if self.vocabulary is None:
             return ""

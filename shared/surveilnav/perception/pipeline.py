@@ -52,10 +52,10 @@ class Pipeline(Backend):
             *([Stage("judge", self.judge)] if chances else []),
         )
 
-    def refuses(self, word: str) -> str:
-        """See ``Backend.refuses``; a detector may have reasons of its own (``ChecksWords``)."""
-        own = self.detector.refuses(word) if isinstance(self.detector, ChecksWords) else ""
-        return super().refuses(word) or own
+    def refusal(self, word: str) -> str:
+        """See ``Backend.refusal``; a detector may have reasons of its own (``ChecksWords``)."""
+        own = self.detector.refusal(word) if isinstance(self.detector, ChecksWords) else ""
+        return super().refusal(word) or own
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return self.embedder.embed_texts(texts)

@@ -28,4 +28,4 @@ def word_refused(backend: Backend, text: str) -> str:
 
     A plain text is compared with embeddings alone: no detector has to know it.
     """
-    return backend.refuses(named(text)) if _PROMPT.fullmatch(text) else ""
+    return backend.refusal(named(text)) if _PROMPT.fullmatch(text) else ""

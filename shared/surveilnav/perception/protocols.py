@@ -64,7 +64,7 @@ class ChecksWords(Protocol):
     It leaves such a word's column zero. A mission is told before it starts.
     """
 
-    def refuses(self, word: str) -> str:
+    def refusal(self, word: str) -> str:
         """Why it can't look for a word; empty: it can. Any thread may ask."""
         ...
 

@@ -20,7 +20,7 @@ class ShortWords:
 
     model, vocabulary = "short@1", None
 
-    def refuses(self, word):
+    def refusal(self, word):
         return f"{word!r} is too long" if len(word) > 5 else ""
 
 

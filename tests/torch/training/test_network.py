@@ -203,8 +203,8 @@ def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.Mo
     for d in seen.detections:
         x0, y0, x1, y1 = box_cells(d.box_px, 90, 60)
         assert d.mask is None or d.mask.shape == (y1 - y0, x1 - x0)
-    assert "nearest are couch" in backend.refuses("couches")
-    assert backend.refuses("sofa") == ""
+    assert "nearest are couch" in backend.refusal("couches")
+    assert backend.refusal("sofa") == ""
     words = ("Kommode", "Couchtisch", "escalier", "モニター", "table")
     assert [backend.find_name(word) for word in words] == ["chest of drawers", "table", "stairs", "computer", "table"]
     assert backend.find_name("kitchen") == ""

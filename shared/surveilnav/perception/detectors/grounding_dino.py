@@ -26,7 +26,7 @@ _SAME_THING_IOU = 0.8
 
 
 class GroundingDino:
-    """The detector of this module. ``vocabulary``: None, it knows any word but those that it ``refuses`` (``ChecksWords``)."""
+    """The detector of this module. ``vocabulary``: None, it knows any word but those that it refuses (``ChecksWords``)."""
 
     vocabulary = None
 
@@ -58,13 +58,13 @@ class GroundingDino:
         self._model = load(transformers.AutoModelForZeroShotObjectDetection, path, MODEL_TYPES, runtime or Runtime())
         self._most_tokens = int(self._model.net.config.max_text_len)
         self._images, self._tokenizer = image_processor(path), tokenizer(path)
-        self.refuses = WordLength(path, self._most_tokens, "{}.".format).refuses
+        self.refusal = WordLength(path, self._most_tokens, "{}.".format).refusal
         start, stop, dot, question = self._tokenizer.convert_tokens_to_ids(["[CLS]", "[SEP]", ".", "?"])
         self._marks = Marks(start, stop, dot, inside=(question,))
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
         """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""
-        return in_groups(images, words, self._detect, self.refuses)
+        return in_groups(images, words, self._detect, self.refusal)
 
     def _detect(self, images: Sequence[NDArray[np.uint8]], words: tuple[str, ...]) -> list[Boxes]:
         pixels = self._images(list(images), return_tensors="np")["pixel_values"]

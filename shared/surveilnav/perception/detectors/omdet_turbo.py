@@ -27,7 +27,7 @@ _MOST_TOKENS = 77  # of a text, in training
 
 
 class OmDetTurbo:
-    """The detector of this module. ``vocabulary``: None, it knows any word but those that it ``refuses`` (``ChecksWords``)."""
+    """The detector of this module. ``vocabulary``: None, it knows any word but those that it refuses (``ChecksWords``)."""
 
     vocabulary = None
 
@@ -46,11 +46,11 @@ class OmDetTurbo:
         self.model, self.threshold = model, threshold
         self._model = load(transformers.OmDetTurboForObjectDetection, path, MODEL_TYPES, runtime or Runtime())
         self._images, self._tokenizer = image_processor(path), tokenizer(path)
-        self.refuses = WordLength(path, _MOST_TOKENS).refuses
+        self.refusal = WordLength(path, _MOST_TOKENS).refusal
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
         """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""
-        return in_groups(images, words, self._detect, self.refuses)
+        return in_groups(images, words, self._detect, self.refusal)
 
     def _detect(self, images: Sequence[NDArray[np.uint8]], words: tuple[str, ...]) -> list[Boxes]:
         clean = [cleaned(word) for word in words]

@@ -25,7 +25,7 @@ _text = "a photo of a {}".format
 
 
 class Owlv2:
-    """The detector of this module. ``vocabulary``: None, it knows any word but those that it ``refuses`` (``ChecksWords``)."""
+    """The detector of this module. ``vocabulary``: None, it knows any word but those that it refuses (``ChecksWords``)."""
 
     vocabulary = None
 
@@ -45,11 +45,11 @@ class Owlv2:
         self._model = load(transformers.Owlv2ForObjectDetection, path, MODEL_TYPES, runtime or Runtime())
         self._images, self._tokenizer = image_processor(path), tokenizer(path)
         self._most_tokens = int(self._model.net.config.text_config.max_position_embeddings)
-        self.refuses = WordLength(path, self._most_tokens, _text).refuses
+        self.refusal = WordLength(path, self._most_tokens, _text).refusal
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
         """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""
-        return in_groups(images, words, self._detect, self.refuses)
+        return in_groups(images, words, self._detect, self.refusal)
 
     def _detect(self, images: Sequence[NDArray[np.uint8]], words: tuple[str, ...]) -> list[Boxes]:
         asked = tokens(self._tokenizer, [_text(cleaned(word)) for word in words], most=self._most_tokens, whole=True)

@@ -14,28 +14,28 @@ Finder = Callable[[Sequence[NDArray[np.uint8]], tuple[str, ...]], list[Boxes]]
 
 
 def in_groups(
-    images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]], find: Finder, refuses: Callable[[str], str]
+    images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]], find: Finder, refusal: Callable[[str], str]
 ) -> list[Boxes]:
     """``Detector.detect`` by a ``find`` that gets as a batch what has one size and the same words: such pictures need no
     padding, so none changes what is said of another.
 
-    Words that the detector ``refuses`` aren't looked for, and their columns are zero: one word doesn't blind a view.
+    Words that the detector refuses aren't looked for, and their columns are zero: one word doesn't blind a view.
     """
     found = [Boxes.empty(tuple(asked)) for asked in words]
     groups: dict[tuple[tuple[int, ...], tuple[str, ...]], list[int]] = {}
     for row, (image, asked) in enumerate(zip(images, words, strict=True)):
-        if sought := tuple(word for word in asked if not refuses(word)):
+        if sought := tuple(word for word in asked if not refusal(word)):
             groups.setdefault((image.shape, sought), []).append(row)
     for (_, sought), rows in groups.items():
         for row, boxes in zip(rows, find([images[row] for row in rows], sought), strict=True):
-            found[row] = _widened(boxes, tuple(words[row]), refuses)
+            found[row] = _widened(boxes, tuple(words[row]), refusal)
     return found
 
 
-def _widened(boxes: Boxes, asked: tuple[str, ...], refuses: Callable[[str], str]) -> Boxes:
+def _widened(boxes: Boxes, asked: tuple[str, ...], refusal: Callable[[str], str]) -> Boxes:
     """The boxes with a column for every word asked for."""
     scores = np.zeros((len(boxes), len(asked)), np.float32)
-    scores[:, [column for column, word in enumerate(asked) if not refuses(word)]] = boxes.scores
+    scores[:, [column for column, word in enumerate(asked) if not refusal(word)]] = boxes.scores
     return Boxes(boxes.xyxy, scores, asked)
 
 

@@ -35,8 +35,8 @@ class WordLength:
         self._lock = threading.Lock()
         self._said: dict[str, str] = {}
 
-    def refuses(self, word: str) -> str:
-        """See ``ChecksWords.refuses``."""
+    def refusal(self, word: str) -> str:
+        """See ``ChecksWords.refusal``."""
         with self._lock:
             if word not in self._said:
                 if len(self._said) >= _MOST_KEPT:

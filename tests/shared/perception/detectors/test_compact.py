@@ -97,8 +97,8 @@ def test_its_words_are_understood_and_rooms_have_near_classes(network: CompactNe
         "",
     ]
     assert (backend.embed_texts(["Bett"]) == backend.embed_texts(["bed"])).all()
-    assert "nearest are oven" in backend.refuses("kitchen")
-    assert "nearest are table" in backend.refuses("Couchtisch")
+    assert "nearest are oven" in backend.refusal("kitchen")
+    assert "nearest are table" in backend.refusal("Couchtisch")
 
 
 @pytest.mark.parametrize(
