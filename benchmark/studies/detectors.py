@@ -28,7 +28,7 @@ from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.presets import DEFAULT_DETECTORS, DEFAULT_LARGE_DETECTORS
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.robot_body import CAMERA_HEIGHT_M
-from surveilnav.sensing.views import Detected, TrueInstances
+from surveilnav.sensing.views import DetectedObject, TrueInstances
 from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.renderer import Renderer
@@ -84,7 +84,7 @@ def views_of(name: str, seed: int, n_robot: int, n_camera: int) -> Iterator[Rend
         yield RenderedView(f"{name}-s{seed}-{i}", kind, seen.rgb, seen.depth_m, camera, truth)
 
 
-def matches(things: Sequence[VisibleThing], found: Sequence[Detected]) -> list[int]:
+def matches(things: Sequence[VisibleThing], found: Sequence[DetectedObject]) -> list[int]:
     """For every detection, best score first, the index of the thing whose box it fits best (IoU >= 0.5), or -1.
 
     A thing is given once, first to detections of its own class.
@@ -119,7 +119,7 @@ class Tally:
         self.mask_precision: list[float] = []
         self.mask_recall: list[float] = []
 
-    def add(self, view: RenderedView, found: Sequence[Detected]) -> None:
+    def add(self, view: RenderedView, found: Sequence[DetectedObject]) -> None:
         """Counts a view and what was found in it."""
         self.views += 1
         everything = visible_things(view.truth, view.depth_m, 30, COCO)
@@ -144,7 +144,7 @@ class Tally:
                 col = int(np.searchsorted(SIDE_EDGES_PX, math.sqrt(thing.n_pixels)))
                 self.cells[row, col].append(int(j in owner))
 
-    def _add_mask(self, view: RenderedView, thing: VisibleThing, d: Detected) -> None:
+    def _add_mask(self, view: RenderedView, thing: VisibleThing, d: DetectedObject) -> None:
         if d.mask is None:
             return
         mask = mask_within(thing, d.box_px, view.depth_m.shape)

@@ -24,7 +24,7 @@ from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.robot_body import STEP_M, TURN_RAD
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.packing import decode_depth, encode_depth, perception_from_wire, perception_to_wire
-from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_cells
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception, box_cells
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Scene
@@ -144,7 +144,7 @@ class Witness(Backend):
         return self._inner.embed_texts(texts)
 
 
-def instance_of(detected: Detected, ids: NDArray[np.uint16], things: dict[int, Thing]) -> tuple[int, float]:
+def instance_of(detected: DetectedObject, ids: NDArray[np.uint16], things: dict[int, Thing]) -> tuple[int, float]:
     """(instance, share) that most pixels of a detection's mask show; (0, share) if that is the building or nothing."""
     height, width = ids.shape
     x0, y0, x1, y1 = box_cells(detected.box_px, width, height)

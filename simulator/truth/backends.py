@@ -23,7 +23,7 @@ from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.segmenters.depth_in_box import floor_of, mask_of
 from surveilnav.perception.sizes import WRONG_SIZE, extent_m, extents_of, plausible
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
+from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception
 from surveilnav.simulator.truth import name_space
 from surveilnav.simulator.truth.error_model import (
     Draws,
@@ -80,7 +80,8 @@ class Oracle(Backend):
             told = _told(task.truth, task.view.depth_m, self.name)
             things = visible_things(told, task.view.depth_m, self._min_pixels, words)
             detections = tuple(
-                Detected(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label), chance=1.0) for t in things
+                DetectedObject(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label), chance=1.0)
+                for t in things
             )
             image = name_space.embed_image([thing.label for thing in things])
             task.result = ViewPerception(self.name, detections, image, self.models.embedder, words)
@@ -170,7 +171,7 @@ class Simulated(Backend):
         depth_m: NDArray[np.float32],
         camera: Pinhole,
         floor: Callable[[], NDArray[np.bool_] | None],
-    ) -> Iterator[tuple[Detected | None, NDArray[np.float32]]]:
+    ) -> Iterator[tuple[DetectedObject | None, NDArray[np.float32]]]:
         """Detection (None: nothing is reported) and class scores of what is found among candidates of one kind."""
         kind = self._model.kinds[c.kind]
         draws = Draws(scene, view, c.ids, c.direction, c.range_m)
@@ -206,7 +207,7 @@ class Simulated(Backend):
             if not fits:
                 all_scores *= WRONG_SIZE
             elif box is not None and min(box[2] - box[0], box[3] - box[1]) >= 2:
-                detected = Detected(said, score, box, mask, class_space.embed_object(all_scores))
+                detected = DetectedObject(said, score, box, mask, class_space.embed_object(all_scores))
             yield detected, all_scores
 
     def _names(self, kind: Kind, c: Candidates, i: int, sight: str, scene: int, view: int) -> list[str]:

@@ -38,7 +38,7 @@ from surveilnav.messages import InferRequest, ModelIds, Part, WorkerLoad
 from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.presets import Networks, onnx_coco
 from surveilnav.sensing.packing import encode_rgbd
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.workers import Workers
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.service import PerceptionService
@@ -67,7 +67,9 @@ class Timed(Backend):
             for task in batch if name == "embed" else ():
                 vector = np.full(DIM, DIM**-0.5, np.float32)
                 things = [
-                    Detected("chair", 0.9, (10.0 * k, 10.0, 10.0 * k + 90, 120.0), np.ones((110, 90), bool), vector)
+                    DetectedObject(
+                        "chair", 0.9, (10.0 * k, 10.0, 10.0 * k + 90, 120.0), np.ones((110, 90), bool), vector
+                    )
                     for k in range(5)
                 ]
                 task.result = ViewPerception(self.name, tuple(things), vector)

@@ -18,7 +18,7 @@ from surveilnav.perception.names import BackendName
 from surveilnav.perception.one_network import found
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 
 
 class InCocoWords(Backend):
@@ -51,7 +51,7 @@ class InCocoWords(Backend):
         scores = np.zeros((len(boxes), len(COCO)), np.float32)
         scores[:, coco] = boxes.scores[:, own]
         detections = tuple(
-            Detected(label, thing.score, thing.box_px, thing.mask, class_space.embed_object(scores[thing.row]))
+            DetectedObject(label, thing.score, thing.box_px, thing.mask, class_space.embed_object(scores[thing.row]))
             for thing in things
             if (label := COCO.exact_name(thing.label))
         )

@@ -32,7 +32,7 @@ from surveilnav.perception.chances import ChanceTable, Floats, with_chances
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
-from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.core import ObjectConfig
 from surveilnav.services.fusion.core.config import PosteriorConfig
 from surveilnav.services.fusion.core.evidence import Evidence
@@ -112,7 +112,7 @@ class _Owners:
         self._of: defaultdict[tuple[float, int], Counter[tuple[Any, ...]]] = defaultdict(Counter)
 
     def note(
-        self, z_m: float, of_floor: ObjectMap, found: Sequence[Detected], owners: Sequence[tuple[Any, ...]]
+        self, z_m: float, of_floor: ObjectMap, found: Sequence[DetectedObject], owners: Sequence[tuple[Any, ...]]
     ) -> None:
         """Follows what a view's detections were joined to, and which objects became one."""
         owner = {(d.label, d.box_px): o for d, o in zip(found, owners, strict=True)}
@@ -171,7 +171,7 @@ def _seen(look: Look, view: PosedView, names: Sequence[str]) -> ViewPerception:
     boxes = np.array([d.box_px for d in look.found], np.float32).reshape(-1, 4)
     masks = DepthInBox().segment([RgbdView(view.rgb, view.depth_m, view.camera)], [boxes])[0]
     found = tuple(
-        Detected(d.label, d.score, d.box_px, mask, _embedding(d, names))
+        DetectedObject(d.label, d.score, d.box_px, mask, _embedding(d, names))
         for d, mask in zip(look.found, masks, strict=True)
     )
     return ViewPerception("kept", found, np.ones(1, np.float32), "names")

@@ -17,7 +17,7 @@ from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.vocabulary import COCO, Vocabulary
-from surveilnav.sensing.views import Detected, TrueInstances, box_cells
+from surveilnav.sensing.views import DetectedObject, TrueInstances, box_cells
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.truth.backends import Simulated
 from surveilnav.simulator.truth.error_model import ErrorModel, Floats, sights
@@ -127,7 +127,7 @@ def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
 
 
 def _found(
-    d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1, is_of_classes: bool = True
+    d: DetectedObject, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1, is_of_classes: bool = True
 ) -> Found:
     x0, y0, x1, y1 = box_cells(d.box_px, depth_m.shape[1], depth_m.shape[0])
     under_ids = ids[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)].ravel()

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
-from surveilnav.sensing.views import Detected, PosedView
+from surveilnav.sensing.views import DetectedObject, PosedView
 from surveilnav.services.fusion.core.association import (
     Similarity,
     box_overlap,
@@ -68,14 +68,14 @@ class ObjectMap:
     def __len__(self) -> int:
         return len(self._objects)
 
-    def integrate(self, view: PosedView, detections: tuple[Detected, ...], embedding_model: str = "") -> int:
+    def integrate(self, view: PosedView, detections: tuple[DetectedObject, ...], embedding_model: str = "") -> int:
         """Adds what a detector saw in a view (nothing is a statement, too); returns how many detections had a place."""
         # masks -> points in the world
         sightings = locate_all(view, detections, self._voxel_m, self._config, embedding_model)
         self.add(view, detections, sightings)
         return len(sightings)
 
-    def look_again(self, view: PosedView, detections: tuple[Detected, ...], embedding_model: str = "") -> int:
+    def look_again(self, view: PosedView, detections: tuple[DetectedObject, ...], embedding_model: str = "") -> int:
         """``integrate`` for a view that was taken before: what isn't among the detections says nothing."""
         sightings = locate_all(view, detections, self._voxel_m, self._config, embedding_model)
         seen: set[tuple[int, str]] = set()
@@ -83,7 +83,7 @@ class ObjectMap:
             self._associate(view, sighting, seen)
         return len(sightings)
 
-    def add(self, view: PosedView, detections: tuple[Detected, ...], sightings: Sequence[Sighting]) -> None:
+    def add(self, view: PosedView, detections: tuple[DetectedObject, ...], sightings: Sequence[Sighting]) -> None:
         """``integrate`` with the detections that have a place already found, strongest first."""
         # eq. 3: each detection joins the most similar object or starts a new one
         seen: set[tuple[int, str]] = set()
@@ -197,7 +197,7 @@ class ObjectMap:
         elif obj.status != before and obj.status != "candidate":
             self._log(obj, view, obj.label, obj.confidence, obj.status, obj.reason)
 
-    def _note_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
+    def _note_misses(self, view: PosedView, detections: tuple[DetectedObject, ...], seen: set[int]) -> None:
         """Negative evidence on the objects in plain view of a robot that no detection shows."""
         c, min_score = self._config.false_positives, self._config.points.min_score
         before = (self._objects[i] for i in self._objects.boxes.before(view.T_world_camera, c.miss_far_m + 1.0))
@@ -340,7 +340,7 @@ def _rank(found: Similarity, config: AssociationConfig) -> float:
     return max(found.s, config.tau + found.mutual if same_place(found.mutual, config) else -math.inf)
 
 
-def _holds(detected: Detected, pixel: NDArray[np.float64]) -> bool:
+def _holds(detected: DetectedObject, pixel: NDArray[np.float64]) -> bool:
     x0, y0, x1, y1 = detected.box_px
     return bool(x0 <= pixel[0] <= x1 and y0 <= pixel[1] <= y1)
 

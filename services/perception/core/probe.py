@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.protocols import RgbdView
-from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception, box_cells
+from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception, box_cells
 
 PROMPTS: Final = ("chair",)
 _CAMERA = Pinhole.from_hfov(320, 240, math.radians(79.0))
@@ -50,7 +50,7 @@ def find_text_problem(rows: Sequence[NDArray[np.float32]], embedding_dim: int) -
     return f"expected unit embeddings of {embedding_dim} numbers for texts, got {_describe(bad[0])}" if bad else ""
 
 
-def _detection_problem(detected: Detected, embedding_dim: int) -> str:
+def _detection_problem(detected: DetectedObject, embedding_dim: int) -> str:
     x0, y0, x1, y1 = detected.box_px
     if not (0 <= x0 < x1 <= _CAMERA.width_px and 0 <= y0 < y1 <= _CAMERA.height_px):  # False for NaN
         return f"a box outside the picture: {detected.box_px}"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.vocabulary import DATA
-from surveilnav.sensing.views import Detected, ViewPerception, box_cells
+from surveilnav.sensing.views import DetectedObject, ViewPerception, box_cells
 
 Floats = NDArray[np.float64]
 
@@ -96,8 +96,8 @@ def with_chances(
 
 
 def _with_chance(
-    d: Detected, depth_m: NDArray[np.float32], camera: Pinhole, table: ChanceTable, is_camera: bool
-) -> Detected:
+    d: DetectedObject, depth_m: NDArray[np.float32], camera: Pinhole, table: ChanceTable, is_camera: bool
+) -> DetectedObject:
     x0, y0, x1, y1 = box_cells(d.box_px, camera.width_px, camera.height_px)
     under = depth_m[y0:y1, x0:x1]
     under = under[d.mask] if d.mask is not None else under.ravel()

@@ -21,7 +21,7 @@ from surveilnav.perception.detectors.compact import Answer, CompactNetwork
 from surveilnav.perception.prompts import named
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.vocabulary import Vocabulary
-from surveilnav.sensing.views import Detected, ViewPerception, box_cells
+from surveilnav.sensing.views import DetectedObject, ViewPerception, box_cells
 
 #: So many classes are said to be nearest to a kind of room.
 _MOST_AKIN = 5
@@ -32,7 +32,7 @@ MIN_SCORE = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """A thing of a view: its ``row`` among the boxes, the ``place`` that speaks for it, and what ``Detected`` holds of it."""
+    """A thing of a view: its ``row`` among the boxes, the ``place`` that speaks for it, and what ``DetectedObject`` holds of it."""
 
     row: int
     place: int
@@ -85,7 +85,7 @@ class OneNetwork(Backend):
         detections = []
         for thing in things:
             vector = np.concatenate([np.zeros(self._n, np.float32), answer.embeddings[thing.place]])
-            detections.append(Detected(thing.label, thing.score, thing.box_px, thing.mask, vector))
+            detections.append(DetectedObject(thing.label, thing.score, thing.box_px, thing.mask, vector))
         image = np.concatenate([answer.image, np.zeros(self._n, np.float32)])
         task.searched_words = tuple(self._classes)
         model = self.models.embedder

@@ -13,7 +13,7 @@ from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.protocols import ChecksWords, Detector, Embedder, RgbdView, Segmenter
 from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 
 _EDGE_PX = 3.0  # a box that ends so near to the picture's edge is cut by it
 
@@ -81,7 +81,7 @@ class Pipeline(Backend):
         for task, embedding in zip(batch, every, strict=True):
             labels, best = task.boxes.labels, task.boxes.best
             detections = [
-                Detected(labels[row], min(1.0, float(best[row])), _box(task.boxes.xyxy[row]), mask, vector)
+                DetectedObject(labels[row], min(1.0, float(best[row])), _box(task.boxes.xyxy[row]), mask, vector)
                 for row, mask, vector in zip(task.rows.tolist(), task.masks, embedding.objects, strict=True)
             ]
             detections.sort(key=lambda d: -d.score)

@@ -32,7 +32,7 @@ from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import Detection, FrameHeader, InferReply, Part
 from surveilnav.sensing import rle
-from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_cells
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception, box_cells
 
 DEPTH_QUANTUM_PER_M: Final = 0.001
 
@@ -339,7 +339,7 @@ def perception_from_wire(reply: InferReply, camera: Pinhole) -> ViewPerception:
     return ViewPerception(reply.backend, detections, image_embedding, reply.models.embedder, words)
 
 
-def _detected(d: Detection, camera: Pinhole, dim: int) -> Detected:
+def _detected(d: Detection, camera: Pinhole, dim: int) -> DetectedObject:
     x0, y0, x1, y1 = d.box_px
     if not all(math.isfinite(v) for v in d.box_px):
         raise WireError(f"a box must be finite, got {d.box_px}")
@@ -356,7 +356,7 @@ def _detected(d: Detection, camera: Pinhole, dim: int) -> Detected:
         raise WireError(f"a label has 1 to {MAX_LABEL_CHARS} characters, got {len(d.label)}")
     left, top, right, bottom = box_cells((x0, y0, x1, y1), camera.width_px, camera.height_px)
     mask = rle.decode(d.mask, right - left, bottom - top) if d.mask else None
-    return Detected(d.label, d.score, (x0, y0, x1, y1), mask, unpack_embedding(d.embedding, dim), d.chance)
+    return DetectedObject(d.label, d.score, (x0, y0, x1, y1), mask, unpack_embedding(d.embedding, dim), d.chance)
 
 
 # --- arrays: map layers, truth ------------------------------------------------------------------------------------

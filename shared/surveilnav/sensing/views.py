@@ -58,7 +58,7 @@ class PosedView:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Detected:
+class DetectedObject:
     """One object that a detector found in one view.
 
     Attributes:
@@ -93,7 +93,7 @@ class ViewPerception:
     """
 
     backend: str
-    detections: tuple[Detected, ...]
+    detections: tuple[DetectedObject, ...]
     image_embedding: NDArray[np.float32]
     embedding_model: str = ""
     words: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ from surveilnav.benchmark.studies.recordings import TOURS, Facts, Recording, See
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
 from surveilnav.perception.embedders.class_space import embed_image, embed_object
-from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig
 from surveilnav.services.fusion.core.config import AssociationConfig, PointsConfig
 
@@ -85,7 +85,9 @@ def recording():
         depth_m = np.full((144, 192), 3.0, np.float32)
         depth_m[30:120, 15:75] = depth_m[30:120, 120:180] = 2.0
         boxes = [(15.0, 30.0, 75.0, 120.0), (120.0, 30.0, 180.0, 120.0)]
-        said = ViewPerception("test", tuple(Detected("chair", 0.6, b, None, look) for b in boxes), embed_image([]))
+        said = ViewPerception(
+            "test", tuple(DetectedObject("chair", 0.6, b, None, look) for b in boxes), embed_image([])
+        )
         pose = camera_pose((0.0, 0.02 * seq, 0.88), 0.0, 0.0)
         view = PosedView(
             "robot/r1", 0, seq, seq, "0", pose, camera, 0.88, np.zeros((144, 192, 3), np.uint8), depth_m, (0.5, 5.0)

@@ -7,12 +7,12 @@ import numpy as np
 from surveilnav.benchmark.studies.detectors import ROBOT, RenderedView, Tally, matches
 from surveilnav.perception.embedders.class_space import embed_object
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import Detected, TrueInstances
+from surveilnav.sensing.views import DetectedObject, TrueInstances
 from surveilnav.simulator.truth.visible import VisibleThing
 
 
-def detected(label: str, score: float, box: tuple[float, float, float, float]) -> Detected:
-    return Detected(label, score, box, None, embed_object(np.eye(len(COCO))[COCO.index(label)]))
+def detected(label: str, score: float, box: tuple[float, float, float, float]) -> DetectedObject:
+    return DetectedObject(label, score, box, None, embed_object(np.eye(len(COCO))[COCO.index(label)]))
 
 
 def thing(label: str, box: tuple[float, float, float, float]) -> VisibleThing:

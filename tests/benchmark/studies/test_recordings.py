@@ -23,7 +23,7 @@ from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.perception.backend import Backend, Stage
 from surveilnav.perception.embedders.class_space import embed_image, embed_object
 from surveilnav.sensing.packing import decode_depth, encode_depth
-from surveilnav.sensing.views import Detected, PosedView, TrueInstances, ViewPerception
+from surveilnav.sensing.views import DetectedObject, PosedView, TrueInstances, ViewPerception
 from surveilnav.simulator.sources import open_building
 from surveilnav.simulator.truth.backends import Oracle
 from surveilnav.simulator.world.navigation import NavigationMap
@@ -34,7 +34,7 @@ LOOK = embed_object(np.eye(80)[56])
 
 
 def detected(box, mask=None):
-    return Detected("chair", 0.5, box, mask, LOOK)
+    return DetectedObject("chair", 0.5, box, mask, LOOK)
 
 
 def test_a_detection_shows_what_most_of_its_mask_shows():

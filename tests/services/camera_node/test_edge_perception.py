@@ -18,7 +18,7 @@ from surveilnav.errors import PerceptionError
 from surveilnav.messages import CameraRequest
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.camera_node import edge_perception as edge_perception_module
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.edge_perception import EdgePerception, open_edge_perception
@@ -47,7 +47,9 @@ class Watcher:
             raise PerceptionError("out of sorts")
         scores = [(label, 0.5 + 0.01 * key[1]) for label in self.labels]
         box = (0.0, 0.0, 9.0, 9.0)
-        found = tuple(Detected(label, score / 2, box, None, np.zeros(81, np.float32), score) for label, score in scores)
+        found = tuple(
+            DetectedObject(label, score / 2, box, None, np.zeros(81, np.float32), score) for label, score in scores
+        )
         return ViewPerception(self.name, found, np.zeros(81, np.float32))
 
 

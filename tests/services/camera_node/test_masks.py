@@ -18,7 +18,7 @@ from surveilnav.errors import ConfigError
 from surveilnav.messages import CameraRequest
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_to_wire
-from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
+from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.edge_perception import EdgePerception
 from surveilnav.services.camera_node.frames import FrameEncoder
@@ -102,7 +102,8 @@ class Gossip:
         numbers = [rgb.astype(int).sum(), np.nansum(depth_m), (truth.ids == 1).sum(), (truth.ids == 2).sum()]
         box = (0.0, 0.0, 9.0, 9.0)
         found = tuple(
-            Detected(f"{i}", float(n % 997) / 997, box, None, np.zeros(81, np.float32)) for i, n in enumerate(numbers)
+            DetectedObject(f"{i}", float(n % 997) / 997, box, None, np.zeros(81, np.float32))
+            for i, n in enumerate(numbers)
         )
         return ViewPerception(self.name, found, np.zeros(81, np.float32))
 

@@ -20,7 +20,7 @@ from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, ModelIds
 from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.sensing.packing import encode_rgbd
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.service import PerceptionService
 from tests.waiting import patient
@@ -67,7 +67,7 @@ class Scripted(Backend):
     def _embed(self, batch: Sequence[ViewTask]) -> None:
         self._pass("embed", batch)
         for task in batch:
-            thing = Detected("chair", 0.9, self.box_px, None, np.eye(DIM, dtype=np.float32)[0])
+            thing = DetectedObject("chair", 0.9, self.box_px, None, np.eye(DIM, dtype=np.float32)[0])
             task.result = ViewPerception(self.name, (thing,), self.embedding)
 
     def embed_texts(self, texts: Sequence[str]) -> np.ndarray:

@@ -13,7 +13,7 @@ from surveilnav.geometry import Pinhole
 from surveilnav.perception.backend import Backend, Stage
 from surveilnav.perception.chances import ChanceTable, ClassTerms, table_of, with_chances
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 
 TABLE = ChanceTable(
     source="a test",
@@ -75,8 +75,8 @@ def seen_by(table_, is_camera):
     camera = Pinhole.from_hfov(64, 48, 1.2)
     vector = np.array([1.0, 0.0], np.float32)
     found = (
-        Detected("bed", 0.6, (20.0, 10.0, 30.0, 30.0), mask, vector),
-        Detected("tv", 0.5, (0.0, 0.0, 8.0, 8.0), None, vector),
+        DetectedObject("bed", 0.6, (20.0, 10.0, 30.0, 30.0), mask, vector),
+        DetectedObject("tv", 0.5, (0.0, 0.0, 8.0, 8.0), None, vector),
     )
     return camera, with_chances(ViewPerception("b", found, vector), depth_m, camera, table_, is_camera=is_camera)
 

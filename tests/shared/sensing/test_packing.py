@@ -18,7 +18,7 @@ from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole, Pose, camera_pose
 from surveilnav.messages import FrameHeader, InferReply, ModelIds, Part
 from surveilnav.sensing import packing
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 
 RANGE_M = (0.5, 5.0)
 CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
@@ -229,8 +229,8 @@ def reply(**changes: object) -> InferReply:
     seen = ViewPerception(
         "oracle",
         (
-            Detected("bed", 0.9, (10.2, 5.0, 30.5, 15.1), mask, unit(1), chance=0.25),
-            Detected("tv", 0.5, (0.0, 0.0, 64.0, 48.0), None, unit(2)),
+            DetectedObject("bed", 0.9, (10.2, 5.0, 30.5, 15.1), mask, unit(1), chance=0.25),
+            DetectedObject("tv", 0.5, (0.0, 0.0, 64.0, 48.0), None, unit(2)),
         ),
         unit(3),
     )
