@@ -250,7 +250,7 @@ class Sight:
         for index, view in enumerate(self.camera(name)):
             labels: dict[str, float] = {}
             for detected in view.perception.detections if view.perception else ():
-                labels[detected.label] = max(detected.worth, labels.get(detected.label, 0.0))
+                labels[detected.label] = max(detected.confidence, labels.get(detected.label, 0.0))
             seen[index] = ViewLabels(1, labels)
         floor = self._cameras[name].floor
         message = build_summary(name, floor, merge_labels(seen), stamp_ns=0)

@@ -153,7 +153,7 @@ class EdgePerception:
         perception = backend.perceive(picture.rgb, picture.depth_m, self._source.intrinsics, truth=truth, key=key)
         labels: dict[str, float] = {}
         for found in perception.detections:
-            labels[found.label] = max(float(found.worth), labels.get(found.label, 0.0))
+            labels[found.label] = max(float(found.confidence), labels.get(found.label, 0.0))
         if not backend.needs_truth:  # the results of oracle and simulated depend on more than the picture
             self._cache.put(cache_key, view, recipe, [msgspec.json.encode(labels)])
         return core.ViewLabels(picture.version, labels)

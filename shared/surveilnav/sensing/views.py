@@ -79,7 +79,7 @@ class DetectedObject:
     chance: float | None = None
 
     @property
-    def worth(self) -> float:
+    def confidence(self) -> float:
         """``chance``; the score, where that is all that is known."""
         return self.score if self.chance is None else self.chance
 
