@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import models
-from surveilnav.perception.boxes import Boxes, merged
+from surveilnav.perception.boxes import Boxes, merge_overlapping
 from surveilnav.perception.detectors.coco import load
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
@@ -101,8 +101,8 @@ def boxes_of(name: str, pictures: Iterable[Picture]) -> list[Boxes]:
         found = [network.detect(_without_depth(picture)) for picture in pictures]
     else:
         detector = load(path, models.family(name), runtime)
-        found = [merged(detector.detect(picture), SAME_THING_IOU) for picture in pictures]
-    return [boxes.where(boxes.best >= LEAST_SCORE) for boxes in found]
+        found = [merge_overlapping(detector.detect(picture), SAME_THING_IOU) for picture in pictures]
+    return [boxes.select(boxes.best_scores >= LEAST_SCORE) for boxes in found]
 
 
 def _without_depth(picture: Picture) -> RgbdView:

@@ -83,7 +83,7 @@ def test_boxes_lie_in_the_picture_the_best_first(detector: Any, pictures: list[n
         assert (boxes.xyxy >= 0).all()
         assert (boxes.xyxy <= [160, 120, 160, 120]).all()
         assert (boxes.xyxy[:, 2:] > boxes.xyxy[:, :2]).all()
-        assert (np.diff(boxes.best) <= 0).all()
+        assert (np.diff(boxes.best_scores) <= 0).all()
         assert boxes.scores.dtype == boxes.xyxy.dtype == np.float32
 
 

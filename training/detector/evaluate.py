@@ -23,7 +23,7 @@ import numpy as np
 
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import models
-from surveilnav.perception.boxes import Boxes, merged, overlaps
+from surveilnav.perception.boxes import Boxes, merge_overlapping, overlaps
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
@@ -101,7 +101,7 @@ class _Merged:
         self.name, self._network = network.name, network
 
     def detect(self, view: RgbdView) -> Boxes:
-        return merged(self._network.detect(view.rgb), _SAME_THING_IOU)
+        return merge_overlapping(self._network.detect(view.rgb), _SAME_THING_IOU)
 
 
 class _Pair:

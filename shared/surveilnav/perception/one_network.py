@@ -47,12 +47,12 @@ def found(network: CompactNetwork, answer: Answer, view: RgbdView) -> tuple[Boxe
     height, width = view.rgb.shape[:2]
     boxes, places = network.things(answer, height, width)
     labels, things = boxes.labels, []
-    for row in np.flatnonzero(boxes.best >= MIN_SCORE).tolist():
+    for row in np.flatnonzero(boxes.best_scores >= MIN_SCORE).tolist():
         x0, y0, x1, y1 = boxes.xyxy[row].tolist()
         place = int(places[row])
         mask = answer.mask(place, box_cells((x0, y0, x1, y1), width, height))
         shown = mask if mask.any() else None
-        things.append(Found(row, place, labels[row], float(boxes.best[row]), (x0, y0, x1, y1), shown))
+        things.append(Found(row, place, labels[row], float(boxes.best_scores[row]), (x0, y0, x1, y1), shown))
     return boxes, things
 
 

@@ -67,19 +67,19 @@ class Pipeline(Backend):
             task.searched_words = tuple(task.prompts if self.vocabulary is None else self.vocabulary)
 
     def _segment(self, batch: Sequence[ViewTask]) -> None:
-        likely = [np.flatnonzero(w.boxes.best >= self._min_score) for w in batch]
+        likely = [np.flatnonzero(w.boxes.best_scores >= self._min_score) for w in batch]
         xyxy = [w.boxes.xyxy[rows] for w, rows in zip(batch, likely, strict=True)]
         every = self.segmenter.segment([w.view for w in batch], xyxy)
         for task, rows, masks in zip(batch, likely, every, strict=True):
             task.boxes = self._sized(task.view, task.boxes, rows, masks)
-            kept = np.flatnonzero(task.boxes.best[rows] >= self._min_score)
+            kept = np.flatnonzero(task.boxes.best_scores[rows] >= self._min_score)
             task.rows, task.masks = rows[kept], [masks[i] for i in kept]
 
     def _embed(self, batch: Sequence[ViewTask]) -> None:
         images, boxes = [w.view.rgb for w in batch], [w.boxes for w in batch]
         every = self.embedder.embed_views(images, boxes, [w.rows for w in batch])
         for task, embedding in zip(batch, every, strict=True):
-            labels, best = task.boxes.labels, task.boxes.best
+            labels, best = task.boxes.labels, task.boxes.best_scores
             detections = [
                 DetectedObject(labels[row], min(1.0, float(best[row])), _box(task.boxes.xyxy[row]), mask, vector)
                 for row, mask, vector in zip(task.rows.tolist(), task.masks, embedding.objects, strict=True)
@@ -100,7 +100,7 @@ class Pipeline(Backend):
         ]
         scores = boxes.scores.copy()
         scores[wrong] *= WRONG_SIZE
-        return boxes.scored(scores)
+        return boxes.with_scores(scores)
 
     def _fits(
         self, view: RgbdView, label: str, box: tuple[float, float, float, float], mask: NDArray[np.bool_]

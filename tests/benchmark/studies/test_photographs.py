@@ -73,4 +73,4 @@ def test_compact_looks_at_photographs_without_depth():
     picture = np.kron(rng.integers(0, 255, (12, 16, 3)), np.ones((20, 20, 1))).astype(np.uint8)
     (found,) = photographs.boxes_of("compact", [picture])
     assert "bed" in found.words
-    assert (found.best >= photographs.LEAST_SCORE).all()
+    assert (found.best_scores >= photographs.LEAST_SCORE).all()

@@ -76,7 +76,7 @@ def test_a_box_in_the_file_is_one_in_the_picture(tmp_path: Path, outputs: dict[s
     (found,) = detector.detect([wide], [["anything"]])
     assert found.labels == ["samovar"]
     np.testing.assert_allclose(found.xyxy, [[48, 22, 80, 38]], atol=1e-4)
-    assert found.best[0] == pytest.approx(0.9)
+    assert found.best_scores[0] == pytest.approx(0.9)
 
 
 def test_a_picture_lies_in_the_middle_of_grey() -> None:

@@ -13,7 +13,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
-from surveilnav.perception.boxes import Boxes, merged_rows
+from surveilnav.perception.boxes import Boxes, merge_overlapping_rows
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS, depth_channels
 from surveilnav.perception.detectors.guided_mask import guided_mask
 from surveilnav.perception.detectors.onnx_file import LOWEST
@@ -103,7 +103,9 @@ class CompactNetwork:
         """(boxes in pixels of the picture, one a thing, the best first; the place that speaks for each)."""
         likely = np.flatnonzero(answer.scores.max(axis=1) >= LOWEST)
         scores = np.where(answer.scores[likely] >= LOWEST, answer.scores[likely], np.float32(0.0))
-        kept, rows = merged_rows(Boxes(answer.xyxy[likely], scores, self.classes), _SAME_THING_IOU, most=_MOST)
+        kept, rows = merge_overlapping_rows(
+            Boxes(answer.xyxy[likely], scores, self.classes), _SAME_THING_IOU, most=_MOST
+        )
         inside = np.clip(kept.xyxy, 0, np.array([width, height, width, height], np.float32))
         large = np.flatnonzero((inside[:, 2:] - inside[:, :2]).min(axis=1, initial=np.inf) >= _SMALLEST_PX)
         return Boxes(inside[large], kept.scores[large], self.classes), likely[rows[large]]

@@ -41,6 +41,6 @@ class Picodet:
             xyxy = np.concatenate([centre - reach[:, :2], centre + reach[:, 2:]], axis=1)
             table = scores[0][keep].astype(np.float32)
             parts.append(Boxes(xyxy.astype(np.float32), np.where(table < LOWEST, np.float32(0), table), COCO))
-        boxes = Boxes.joined(parts)
+        boxes = Boxes.concatenate(parts)
         scale = np.array([width, height, width, height], np.float32) / np.float32(self._size)
         return Boxes(boxes.xyxy * scale, boxes.scores, COCO).clipped(width, height)

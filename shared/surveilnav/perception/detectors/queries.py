@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.perception.boxes import Boxes, merged
+from surveilnav.perception.boxes import Boxes, merge_overlapping
 
 #: Finds words in pictures of one size, all asked for the same words.
 Finder = Callable[[Sequence[NDArray[np.uint8]], tuple[str, ...]], list[Boxes]]
@@ -57,4 +57,4 @@ def chosen(
 
 def things(parts: Sequence[Boxes], same_thing_iou: float, width_px: int, height_px: int) -> Boxes:
     """One box a thing, the best first, in the picture. What has no extent in it, or isn't a number, goes first."""
-    return merged(Boxes.joined(parts).clipped(width_px, height_px), same_thing_iou)
+    return merge_overlapping(Boxes.concatenate(parts).clipped(width_px, height_px), same_thing_iou)

@@ -18,7 +18,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
-from surveilnav.perception.boxes import Boxes, merged
+from surveilnav.perception.boxes import Boxes, merge_overlapping
 from surveilnav.perception.detectors.onnx_file import LOWEST, session
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.vocabulary import Vocabulary
@@ -56,7 +56,9 @@ class YoloWorld:
         out = [np.asarray(o) for o in self._session.run(None, {self._input: tensor})]
         found = self._dense(out[0]) if len(out) == 1 else self._suppressed(dict(zip(self._outputs, out, strict=True)))
         xyxy = (found.xyxy - np.array([left, top, left, top], np.float32)) / np.float32(ratio)
-        return merged(Boxes(xyxy, found.scores, found.words).clipped(rgb.shape[1], rgb.shape[0]), _SAME_THING_IOU)
+        return merge_overlapping(
+            Boxes(xyxy, found.scores, found.words).clipped(rgb.shape[1], rgb.shape[0]), _SAME_THING_IOU
+        )
 
     def _dense(self, output: NDArray[Any]) -> Boxes:
         """Of (1, 4 + W, N), or with the last two axes swapped."""
