@@ -83,7 +83,7 @@ class _Model:
     id: str
 
 
-def detector(
+def load_detector(
     name: str, runtime: Runtime, *, words_per_pass: int = 0, threshold: float | None = None, download: bool = True
 ) -> Detector:
     """The detector with an open vocabulary that runs this model.
@@ -106,8 +106,8 @@ def detector(
     return made
 
 
-def segmenter(name: str, runtime: Runtime, *, download: bool = True) -> Segmenter:
-    """The segmenter that runs this model; "depth-in-box" needs none. PerceptionError: see ``detector``."""
+def load_segmenter(name: str, runtime: Runtime, *, download: bool = True) -> Segmenter:
+    """The segmenter that runs this model; "depth-in-box" needs none. PerceptionError: see ``load_detector``."""
     if name == DepthInBox.model:
         return DepthInBox()
     model = _found(name, download)
@@ -115,14 +115,14 @@ def segmenter(name: str, runtime: Runtime, *, download: bool = True) -> Segmente
     return made
 
 
-def embedder(name: str, runtime: Runtime, *, download: bool = True) -> Embedder:
-    """The embedder that runs this model. PerceptionError: see ``detector``."""
+def load_embedder(name: str, runtime: Runtime, *, download: bool = True) -> Embedder:
+    """The embedder that runs this model. PerceptionError: see ``load_detector``."""
     model = _found(name, download)
     made: Embedder = _kind(model, name, _EMBEDDERS, "an embedder")(model.path, model.id, runtime)
     return made
 
 
-def on_gpu(runtime: Runtime) -> bool:
+def runs_on_gpu(runtime: Runtime) -> bool:
     """Whether networks under PyTorch run on a GPU. PerceptionError: the device isn't there."""
     from surveilnav.perception.torch_model import device_named
 

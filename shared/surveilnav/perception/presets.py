@@ -113,15 +113,15 @@ def paper(networks: Networks, why: str) -> Backend:
     given = (networks.detector, networks.segmenter, networks.embedder)
     names = [name or default for name, default in zip(given, PAPER, strict=True)]
     runtime = Runtime(networks.device, networks.threads, networks.compiled)
-    detector = parts.detector(
+    detector = parts.load_detector(
         names[0],
         runtime,
         words_per_pass=networks.words_per_pass,
         threshold=networks.threshold,
         download=networks.download,
     )
-    segmenter = parts.segmenter(names[1], runtime, download=networks.download)
-    embedder = parts.embedder(names[2], runtime, download=networks.download)
+    segmenter = parts.load_segmenter(names[1], runtime, download=networks.download)
+    embedder = parts.load_embedder(names[2], runtime, download=networks.download)
     # The detector keeps what is weak to itself.
     return Pipeline(
         "paper",
@@ -130,7 +130,7 @@ def paper(networks: Networks, why: str) -> Backend:
         segmenter,
         embedder,
         min_score=0.0,
-        best_batch=_GPU_BATCH if parts.on_gpu(runtime) else 1,
+        best_batch=_GPU_BATCH if parts.runs_on_gpu(runtime) else 1,
     )
 
 
@@ -142,9 +142,9 @@ def yolo_world(networks: Networks, why: str) -> Backend:
     """
     name, runtime = networks.detector or "yolo-world", Runtime(networks.device, networks.threads, networks.compiled)
     threshold = _YOLO_WORLD_MIN_SCORE if networks.threshold is None else networks.threshold
-    detector = parts.detector(name, runtime, threshold=threshold, download=False)
-    segmenter = parts.segmenter(networks.segmenter or DepthInBox.model, runtime, download=networks.download)
-    embedder = parts.embedder(networks.embedder or PAPER[2], runtime, download=networks.download)
+    detector = parts.load_detector(name, runtime, threshold=threshold, download=False)
+    segmenter = parts.load_segmenter(networks.segmenter or DepthInBox.model, runtime, download=networks.download)
+    embedder = parts.load_embedder(networks.embedder or PAPER[2], runtime, download=networks.download)
     said = f"{len(detector.vocabulary or ())} words of its own"
     return Pipeline("yolo-world", f"{detector.model} ({said}), {why}", detector, segmenter, embedder, min_score=0.0)
 
