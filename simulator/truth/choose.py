@@ -7,7 +7,7 @@ from typing import Any
 from surveilnav.perception import choose as real
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.names import BackendName
-from surveilnav.perception.presets import Networks
+from surveilnav.perception.presets import NetworkSettings
 from surveilnav.simulator.truth.backends import Oracle, Simulated
 
 BACKENDS: tuple[str, ...] = tuple(BackendName)
@@ -21,7 +21,7 @@ def choose_backend(
     Args:
         seed, harder: of ``simulated``.
         simulated: whether the building is: "auto" may then take what learnt from such ones.
-        networks: see ``surveilnav.perception.presets.Networks``.
+        networks: see ``surveilnav.perception.presets.NetworkSettings``.
 
     Raises:
         PerceptionError: it can't run; the message says what is missing.
@@ -34,4 +34,6 @@ def choose_backend(
         return Simulated(f"{told} stand in, so these figures aren't a detector's. {why}", seed)
 
     others = {"oracle": lambda why: Oracle(), "simulated": error_model}
-    return real.choose_backend(name, Networks(**networks), simulated=simulated, others=others, stand_in="simulated")
+    return real.choose_backend(
+        name, NetworkSettings(**networks), simulated=simulated, others=others, stand_in="simulated"
+    )

@@ -36,7 +36,7 @@ from surveilnav.geometry import Pinhole
 from surveilnav.histogram import quantile_ms
 from surveilnav.messages import InferRequest, ModelIds, Part, WorkerLoad
 from surveilnav.perception.backend import Backend, Stage, ViewTask
-from surveilnav.perception.presets import Networks, onnx_coco
+from surveilnav.perception.presets import NetworkSettings, onnx_coco
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.workers import Workers
@@ -83,7 +83,9 @@ class Timed(Backend):
 def serve(backend: str, speed: float) -> None:
     """A worker, until SIGTERM."""
     settings = PerceptionSettings()
-    made: Backend = Timed(speed) if backend == "timed" else onnx_coco(Networks(download=False), "for the benchmark")
+    made: Backend = (
+        Timed(speed) if backend == "timed" else onnx_coco(NetworkSettings(download=False), "for the benchmark")
+    )
     with Node("perception", settings.worker) as node:
         service = PerceptionService(node, made, settings)
         service.warm_up()
@@ -384,7 +386,7 @@ def main() -> None:
 def backends() -> list[str]:
     """Those that can run here."""
     try:
-        onnx_coco(Networks(download=False), "are its weights here?")
+        onnx_coco(NetworkSettings(download=False), "are its weights here?")
     except SurveilNavError as error:
         print(f"onnx-coco is left out: {error}")
         return ["timed"]

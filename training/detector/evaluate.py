@@ -29,7 +29,7 @@ from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.models.card import Measured, card_of, save_card
 from surveilnav.perception.pipeline import Pipeline
-from surveilnav.perception.presets import Networks, onnx_coco
+from surveilnav.perception.presets import NetworkSettings, onnx_coco
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
 from surveilnav.simulator.furniture.labels import TARGETS
@@ -110,7 +110,7 @@ class _Pair:
     name = "onnx-coco"
 
     def __init__(self, threads: int) -> None:
-        backend = onnx_coco(Networks(threads=threads, download=False), "to compare with")
+        backend = onnx_coco(NetworkSettings(threads=threads, download=False), "to compare with")
         assert isinstance(backend, Pipeline), "made of three parts"
         self._detector = backend.detector
 

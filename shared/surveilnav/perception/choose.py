@@ -9,7 +9,7 @@ from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.names import BackendName
-from surveilnav.perception.presets import PRESETS, Networks
+from surveilnav.perception.presets import PRESETS, NetworkSettings
 
 #: What "auto" takes, the first that runs.
 BEST: tuple[BackendName, ...] = (BackendName.ONNX_COCO, BackendName.COMPACT)
@@ -27,7 +27,7 @@ _NONE: Mapping[str, Maker] = MappingProxyType({})
 
 def choose_backend(
     name: str = "auto",
-    networks: Networks | None = None,
+    networks: NetworkSettings | None = None,
     *,
     simulated: bool = False,
     others: Mapping[str, Maker] = _NONE,
@@ -44,7 +44,7 @@ def choose_backend(
     Raises:
         PerceptionError: it can't run; the message says what is missing.
     """
-    networks = networks or Networks()
+    networks = networks or NetworkSettings()
     if name in others:
         return others[name]("asked for by name")
     if name in PRESETS:
@@ -57,7 +57,7 @@ def choose_backend(
     return _best(networks, names, of, others[stand_in] if stand_in else None)
 
 
-def _best(networks: Networks, names: Sequence[BackendName], why_first: str, stand_in: Maker | None) -> Backend:
+def _best(networks: NetworkSettings, names: Sequence[BackendName], why_first: str, stand_in: Maker | None) -> Backend:
     """The first that runs, else the stand-in. PerceptionError: neither."""
     faults: list[str] = []
     for name in names:

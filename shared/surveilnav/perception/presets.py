@@ -37,7 +37,7 @@ _GPU_BATCH = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Networks:
+class NetworkSettings:
     """What settings say of the models.
 
     Attributes:
@@ -64,7 +64,7 @@ class Networks:
     download: bool = True
 
 
-def onnx_coco(networks: Networks, why: str) -> Backend:
+def onnx_coco(networks: NetworkSettings, why: str) -> Backend:
     """COCO detectors that have to agree, masks from depth, the space of COCO's classes.
 
     Raises:
@@ -92,7 +92,7 @@ def onnx_coco(networks: Networks, why: str) -> Backend:
     )
 
 
-def compact(networks: Networks, why: str) -> Backend:
+def compact(networks: NetworkSettings, why: str) -> Backend:
     """Our own network, which comes with this package: it finds, cuts out and embeds.
 
     Raises:
@@ -104,7 +104,7 @@ def compact(networks: Networks, why: str) -> Backend:
     return OneNetwork("compact", f"{said}, {why}", network, models.model_id("compact", path), table_of("compact"))
 
 
-def paper(networks: Networks, why: str) -> Backend:
+def paper(networks: NetworkSettings, why: str) -> Backend:
     """The paper's eyes, which find any word: Grounding DINO, MobileSAM, CLIP, or what settings name instead.
 
     Raises:
@@ -134,7 +134,7 @@ def paper(networks: Networks, why: str) -> Backend:
     )
 
 
-def yolo_world(networks: Networks, why: str) -> Backend:
+def yolo_world(networks: NetworkSettings, why: str) -> Backend:
     """YOLO-World from a user's file, with the words that it was exported with; masks from depth, CLIP.
 
     Raises:
@@ -150,7 +150,7 @@ def yolo_world(networks: Networks, why: str) -> Backend:
 
 
 #: What makes a backend, told what settings say and why it runs.
-PRESETS: Mapping[str, Callable[[Networks, str], Backend]] = MappingProxyType(
+PRESETS: Mapping[str, Callable[[NetworkSettings, str], Backend]] = MappingProxyType(
     {
         BackendName.COMPACT: compact,
         BackendName.ONNX_COCO: onnx_coco,

@@ -122,7 +122,7 @@ def test_a_threshold_of_nothing_is_one(
 ) -> None:
     path = export(tmp_path / "mine.onnx", dense((32, 32, 16, 8, 0.05, 0.0), (10, 10, 8, 8, 0.03, 0.0)))
     monkeypatch.setattr(presets.parts, "embedder", lambda *_, **__: ClassSpace())
-    backend = presets.yolo_world(presets.Networks(detector=str(path), threshold=threshold), "for tests")
+    backend = presets.yolo_world(presets.NetworkSettings(detector=str(path), threshold=threshold), "for tests")
     task = [ViewTask(RgbdView(np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.float32), CAMERA))]
     backend.stages[0].run(task)
     assert len(task[0].boxes.xyxy) == found
