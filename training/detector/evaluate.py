@@ -28,7 +28,7 @@ from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.models.card import Measured, card_of, save_card
-from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.pipeline import PipelineBackend
 from surveilnav.perception.presets import NetworkSettings, onnx_coco
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
@@ -111,7 +111,7 @@ class _Pair:
 
     def __init__(self, threads: int) -> None:
         backend = onnx_coco(NetworkSettings(threads=threads, download=False), "to compare with")
-        assert isinstance(backend, Pipeline), "made of three parts"
+        assert isinstance(backend, PipelineBackend), "made of three parts"
         self._detector = backend.detector
 
     def detect(self, view: RgbdView) -> Boxes:

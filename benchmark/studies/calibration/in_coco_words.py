@@ -15,8 +15,8 @@ from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.names import BackendName
-from surveilnav.perception.one_network import found
 from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.single_network import find_things
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 
@@ -46,7 +46,7 @@ class InCocoWords(Backend):
             task.result = self._seen(task)
 
     def _seen(self, task: ViewTask) -> ViewPerception:
-        boxes, things = found(self._network, self._network.answer(task.view), task.view)
+        boxes, things = find_things(self._network, self._network.answer(task.view), task.view)
         own, coco = self._shared
         scores = np.zeros((len(boxes), len(COCO)), np.float32)
         scores[:, coco] = boxes.scores[:, own]

@@ -18,7 +18,7 @@ from surveilnav.sensing.views import DetectedObject, ViewPerception
 _EDGE_PX = 3.0  # a box that ends so near to the picture's edge is cut by it
 
 
-class Pipeline(Backend):
+class PipelineBackend(Backend):
     """Three parts, one after the other.
 
     A thing whose size isn't that of its class gets a smaller score, where ``extents_m`` knows the class. Boxes below

@@ -15,10 +15,10 @@ from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.names import BackendName
-from surveilnav.perception.one_network import OneNetwork
-from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.pipeline import PipelineBackend
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
+from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.perception.sizes import extents_of
 from surveilnav.perception.vocabulary import COCO
 
@@ -80,7 +80,7 @@ def onnx_coco(networks: NetworkSettings, why: str) -> Backend:
     said = " + ".join(small) if small == large else f"{' + '.join(small)}; for cameras {' + '.join(large)}"
     kind = "a real detector" if len(loaded) == 1 else "real detectors that have to agree"
     detector = coco.CocoDetector([loaded[n] for n in small], [loaded[n] for n in large], model=ids)
-    return Pipeline(
+    return PipelineBackend(
         "onnx-coco",
         f"{kind} ({said}), {why}",
         detector,
@@ -101,7 +101,9 @@ def compact(networks: NetworkSettings, why: str) -> Backend:
     path = models.find("compact", download=False)
     network = CompactNetwork(session(path, Runtime(networks.device, networks.threads)))
     said = f"our own network of {len(network.classes)} classes, trained on rendered homes"
-    return OneNetwork("compact", f"{said}, {why}", network, models.model_id("compact", path), table_of("compact"))
+    return SingleNetworkBackend(
+        "compact", f"{said}, {why}", network, models.model_id("compact", path), table_of("compact")
+    )
 
 
 def paper(networks: NetworkSettings, why: str) -> Backend:
@@ -123,7 +125,7 @@ def paper(networks: NetworkSettings, why: str) -> Backend:
     segmenter = parts.load_segmenter(names[1], runtime, download=networks.download)
     embedder = parts.load_embedder(names[2], runtime, download=networks.download)
     # The detector keeps what is weak to itself.
-    return Pipeline(
+    return PipelineBackend(
         "paper",
         f"any word ({' + '.join(names)}), {why}",
         detector,
@@ -146,7 +148,9 @@ def yolo_world(networks: NetworkSettings, why: str) -> Backend:
     segmenter = parts.load_segmenter(networks.segmenter or DepthInBox.model, runtime, download=networks.download)
     embedder = parts.load_embedder(networks.embedder or PAPER[2], runtime, download=networks.download)
     said = f"{len(detector.vocabulary or ())} words of its own"
-    return Pipeline("yolo-world", f"{detector.model} ({said}), {why}", detector, segmenter, embedder, min_score=0.0)
+    return PipelineBackend(
+        "yolo-world", f"{detector.model} ({said}), {why}", detector, segmenter, embedder, min_score=0.0
+    )
 
 
 #: What makes a backend, told what settings say and why it runs.

@@ -14,7 +14,7 @@ from surveilnav.geometry import Pinhole
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.detectors.coco import CocoDetector, load
 from surveilnav.perception.embedders.class_space import ClassSpace
-from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.pipeline import PipelineBackend
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.perception.sizes import extents_of
@@ -58,7 +58,7 @@ def test_every_family_finds_a_stop_sign_in_its_place(
     name: str, width: int, height: int, centre: tuple[int, int]
 ) -> None:
     backend = choose_backend("onnx-coco", detectors=[name], large_detectors=[name], download=False)
-    assert isinstance(backend, Pipeline)
+    assert isinstance(backend, PipelineBackend)
     (found,) = backend.detector.detect([stop_sign(width, height, centre, 90)], [()])
     at = COCO.index("stop sign")
     best = int(found.scores[:, at].argmax())
@@ -100,10 +100,10 @@ class Scripted:
         return Boxes(np.array(xyxy, np.float32).reshape(-1, 4), scores, COCO)
 
 
-def scripted(min_score: float) -> Pipeline:
+def scripted(min_score: float) -> PipelineBackend:
     """The backend ``onnx-coco`` around it."""
     parts = CocoDetector([Scripted()]), DepthInBox(), ClassSpace()
-    return Pipeline("onnx-coco", "", *parts, min_score=min_score, extents_m=extents_of(COCO))
+    return PipelineBackend("onnx-coco", "", *parts, min_score=min_score, extents_m=extents_of(COCO))
 
 
 @pytest.mark.parametrize("at", [(100, 100), (600, 600), (500, 900), (1100, 50), (1270, 1270)])

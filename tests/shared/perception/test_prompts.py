@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from surveilnav.perception.backend import Backend
-from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.pipeline import PipelineBackend
 from surveilnav.perception.prompts import named, value_prompt, word_refused
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.perception.vocabulary import Vocabulary
@@ -37,7 +37,7 @@ class Plain(Backend):
 def pipeline(detector):
     """A backend around a detector."""
     embedder = SimpleNamespace(model="e@1", dim=4)
-    return Pipeline("paper", "for tests", detector, DepthInBox(), embedder, min_score=0.0)
+    return PipelineBackend("paper", "for tests", detector, DepthInBox(), embedder, min_score=0.0)
 
 
 @pytest.mark.parametrize("word", ["couch", "fire extinguisher", "umbrella", "the sims box", "a-frame"])

@@ -121,7 +121,7 @@ def test_a_threshold_of_nothing_is_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threshold: float | None, found: int
 ) -> None:
     path = export(tmp_path / "mine.onnx", dense((32, 32, 16, 8, 0.05, 0.0), (10, 10, 8, 8, 0.03, 0.0)))
-    monkeypatch.setattr(presets.parts, "embedder", lambda *_, **__: ClassSpace())
+    monkeypatch.setattr(presets.parts, "load_embedder", lambda *_, **__: ClassSpace())
     backend = presets.yolo_world(presets.NetworkSettings(detector=str(path), threshold=threshold), "for tests")
     task = [ViewTask(RgbdView(np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.float32), CAMERA))]
     backend.stages[0].run(task)

@@ -18,9 +18,9 @@ from surveilnav.perception.detectors.depth_channels import N_CHANNELS, depth_cha
 from surveilnav.perception.detectors.guided_mask import guided_mask
 from surveilnav.perception.detectors.onnx_file import session
 from surveilnav.perception.models.card import card_of
-from surveilnav.perception.one_network import OneNetwork
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.sensing.views import box_cells
 from training.detector import classes
 from training.detector.assign import Targets, assign, pairwise_iou
@@ -186,9 +186,9 @@ def test_a_mask_is_that_of_its_place(file: Path) -> None:
 
 
 def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("surveilnav.perception.one_network.MIN_SCORE", 0.0)
+    monkeypatch.setattr("surveilnav.perception.single_network.MIN_SCORE", 0.0)
     network = CompactNetwork(session(file, Runtime()), side_px=96)
-    backend = OneNetwork("compact", "in a test", network, "compact@0")
+    backend = SingleNetworkBackend("compact", "in a test", network, "compact@0")
     view = some_view(2)
     seen = backend.perceive(view.rgb, view.depth_m, view.camera)
     assert seen.words == NAMES.names

@@ -30,7 +30,7 @@ _SIDE_PX, _SIDE_OF_LARGE_PX, _LARGE_PX = 320, 416, 1000
 #: Boxes that overlap so much are one thing, as for the COCO detectors.
 _SAME_THING_IOU = 0.6
 #: More boxes than this aren't compared with each other.
-_MOST = 300
+_MAX_BOXES = 300
 #: Of the picture; smaller boxes are specks.
 _SMALLEST_PX = 4.0
 _GREY = 114

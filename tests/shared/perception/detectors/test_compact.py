@@ -15,9 +15,9 @@ from surveilnav.geometry import Pinhole
 from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed, places
 from surveilnav.perception.detectors.onnx_file import session
-from surveilnav.perception.one_network import OneNetwork
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.sensing.views import box_cells
 from tests.compact_file import write
 
@@ -62,7 +62,7 @@ def opened(path: Path) -> CompactNetwork:
 
 
 def test_as_a_backend_it_says_what_is_where_with_a_mask_and_a_vector(network: CompactNetwork) -> None:
-    backend = OneNetwork("compact", "in a test", network, "compact@0")
+    backend = SingleNetworkBackend("compact", "in a test", network, "compact@0")
     seen = backend.perceive(red_square(), np.ones((240, 320), np.float32), CAMERA)
     assert {d.label for d in seen.detections} == {"tv"}
     for d in seen.detections:
@@ -78,7 +78,7 @@ def test_as_a_backend_it_says_what_is_where_with_a_mask_and_a_vector(network: Co
 
 def test_with_a_table_its_detections_have_chances(network: CompactNetwork) -> None:
     table = ChanceTable("a test", 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, {})
-    backend = OneNetwork("compact", "in a test", network, "compact@0", table)
+    backend = SingleNetworkBackend("compact", "in a test", network, "compact@0", table)
     depth = np.ones((240, 320), np.float32)
     robot, camera = (
         backend.perceive(red_square(), depth, CAMERA, key=(source, 0, 1)).detections
@@ -89,7 +89,7 @@ def test_with_a_table_its_detections_have_chances(network: CompactNetwork) -> No
 
 
 def test_its_words_are_understood_and_rooms_have_near_classes(network: CompactNetwork) -> None:
-    backend = OneNetwork("compact", "in a test", network, "compact@0")
+    backend = SingleNetworkBackend("compact", "in a test", network, "compact@0")
     assert [backend.find_name(word) for word in ("Kommode", "Bett", "télé", "Couchtisch")] == [
         "chest of drawers",
         "bed",

@@ -31,7 +31,7 @@ MIN_SCORE = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class FoundThing:
     """A thing of a view: its ``row`` among the boxes, the ``place`` that speaks for it, and what ``DetectedObject`` holds of it."""
 
     row: int
@@ -42,7 +42,7 @@ class Found:
     mask: NDArray[np.bool_] | None
 
 
-def found(network: CompactNetwork, answer: Answer, view: RgbdView) -> tuple[Boxes, list[Found]]:
+def find_things(network: CompactNetwork, answer: Answer, view: RgbdView) -> tuple[Boxes, list[FoundThing]]:
     """All boxes of what the network says of a view, weak ones included, and those that are sure enough, cut out."""
     height, width = view.rgb.shape[:2]
     boxes, places = network.things(answer, height, width)
@@ -52,11 +52,11 @@ def found(network: CompactNetwork, answer: Answer, view: RgbdView) -> tuple[Boxe
         place = int(places[row])
         mask = answer.mask(place, box_cells((x0, y0, x1, y1), width, height))
         shown = mask if mask.any() else None
-        things.append(Found(row, place, labels[row], float(boxes.best_scores[row]), (x0, y0, x1, y1), shown))
+        things.append(FoundThing(row, place, labels[row], float(boxes.best_scores[row]), (x0, y0, x1, y1), shown))
     return boxes, things
 
 
-class OneNetwork(Backend):
+class SingleNetworkBackend(Backend):
     """See the module's docstring."""
 
     def __init__(
@@ -81,7 +81,7 @@ class OneNetwork(Backend):
 
     def _seen(self, task: ViewTask) -> ViewPerception:
         answer = self._network.answer(task.view)
-        _, things = found(self._network, answer, task.view)
+        _, things = find_things(self._network, answer, task.view)
         detections = []
         for thing in things:
             vector = np.concatenate([np.zeros(self._n, np.float32), answer.embeddings[thing.place]])
