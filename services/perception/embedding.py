@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import TargetError
 from surveilnav.perception.backend import Backend, ViewTask
-from surveilnav.perception.prompts import word_refused
+from surveilnav.perception.prompts import prompt_refusal
 from surveilnav.services.perception.core import probe
 from surveilnav.services.perception.core.cache import ByteCache, text_key
 from surveilnav.services.perception.pending_request import PendingRequest
@@ -46,7 +46,7 @@ class EmbeddingStage:
         Raises:
             TargetError: the backend can't embed a text, or a text names a target that it can't look for.
         """
-        if refused := next(filter(None, (word_refused(self._backend, text) for text in texts)), ""):
+        if refused := next(filter(None, (prompt_refusal(self._backend, text) for text in texts)), ""):
             raise TargetError(refused)
         embeddings, missing = self._from_cache(texts)
         if missing:

@@ -11,7 +11,7 @@ from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TE
 from surveilnav.errors import PerceptionError, TargetError
 from surveilnav.messages import InferRequest, TextReply, WorkerLoad
 from surveilnav.perception.backend import Backend
-from surveilnav.perception.prompts import named
+from surveilnav.perception.prompts import word_in_prompt
 from surveilnav.sensing.packing import pack_embedding
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.core import probe
@@ -85,7 +85,7 @@ class PerceptionService:
                 worker=self._settings.worker,
                 backend=self._backend.name,
                 embeddings=embeddings,
-                words=[self._backend.find_name(named(text)) for text in request.texts],
+                words=[self._backend.find_name(word_in_prompt(text)) for text in request.texts],
                 models=self._backend.models,
                 vocabulary=list(self._backend.vocabulary or ()),
             )

@@ -17,11 +17,11 @@ from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.messages import ModelIds
 from surveilnav.perception.backend import Backend, Stage, ViewTask
-from surveilnav.perception.chances import table_of
+from surveilnav.perception.chances import chance_table
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.segmenters.depth_in_box import floor_of, mask_of
-from surveilnav.perception.sizes import WRONG_SIZE, extent_m, extents_of, plausible
+from surveilnav.perception.sizes import WRONG_SIZE_FACTOR, extent_m, extents_of, is_plausible
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception
 from surveilnav.simulator.truth import name_space
@@ -107,8 +107,8 @@ class Simulated(Backend):
     ) -> None:
         self.why, self._seed, self._model, self._harder = why, seed, model or error_model(), harder
         self._scene: tuple[dict[int, str], dict[int, str], int] = ({}, {}, 0)
-        self.chances = table_of("compact")  # that is what it imitates
-        self.stages = (Stage("detect", self._look), Stage("judge", self.judge))
+        self.chances = chance_table("compact")  # that is what it imitates
+        self.stages = (Stage("detect", self._look), Stage("calibrate", self.assign_chances))
 
     def _look(self, batch: Sequence[ViewTask]) -> None:
         for task in batch:
@@ -205,7 +205,7 @@ class Simulated(Backend):
             all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label, sight))
             detected = None
             if not fits:
-                all_scores *= WRONG_SIZE
+                all_scores *= WRONG_SIZE_FACTOR
             elif box is not None and min(box[2] - box[0], box[3] - box[1]) >= 2:
                 detected = DetectedObject(said, score, box, mask, class_space.embed_object(all_scores))
             yield detected, all_scores
@@ -260,7 +260,7 @@ def _size_of(
 
 def _fits(name: str, size_m: float | None, cut: bool) -> bool:
     """Whether something is as large as things of a class, as far as depth tells."""
-    return size_m is None or plausible(_EXTENTS_M, name, size_m, cut)
+    return size_m is None or is_plausible(_EXTENTS_M, name, size_m, cut)
 
 
 def _told(truth: TrueInstances | None, depth_m: NDArray[np.float32], name: str) -> TrueInstances:

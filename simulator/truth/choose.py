@@ -35,5 +35,5 @@ def choose_backend(
 
     others = {"oracle": lambda why: Oracle(), "simulated": error_model}
     return real.choose_backend(
-        name, NetworkSettings(**networks), simulated=simulated, others=others, stand_in="simulated"
+        name, NetworkSettings(**networks), simulated=simulated, others=others, fallback="simulated"
     )

@@ -22,7 +22,7 @@ from surveilnav.perception.detectors.grounding_dino import GroundingDino
 from surveilnav.perception.embedders.clip import Clip
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.torch_model import TorchModel, device_named
+from surveilnav.perception.torch_model import TorchModel, find_device
 from surveilnav.simulator.truth.choose import choose_backend
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.3)
@@ -91,11 +91,11 @@ def test_without_torch_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_a_device_that_is_not_there_is_refused() -> None:
-    assert device_named("cpu") == torch.device("cpu")
-    assert device_named("auto").type in ("cpu", "cuda")
+    assert find_device("cpu") == torch.device("cpu")
+    assert find_device("auto").type in ("cpu", "cuda")
     for name in ("abacus", "cuda:99"):
         with pytest.raises(PerceptionError, match=f"expected a device out of auto, cpu, .*'{name}' can't be used"):
-            device_named(name)
+            find_device(name)
 
 
 def test_nothing_is_recorded_for_training() -> None:

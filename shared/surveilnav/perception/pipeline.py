@@ -1,4 +1,4 @@
-"""A backend made of three parts: detect, segment, embed, each in batches."""
+"""A backend made of three models: a detector, a segmenter and an embedder, each of which takes batches."""
 
 from __future__ import annotations
 
@@ -12,17 +12,21 @@ from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.protocols import ChecksWords, Detector, Embedder, RgbdView, Segmenter
-from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
+from surveilnav.perception.sizes import WRONG_SIZE_FACTOR, extent_m, is_plausible
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 
 _EDGE_PX = 3.0  # a box that ends so near to the picture's edge is cut by it
 
 
 class PipelineBackend(Backend):
-    """Three parts, one after the other.
+    """Runs a detector, a segmenter and an embedder one after the other.
 
-    A thing whose size isn't that of its class gets a smaller score, where ``extents_m`` knows the class. Boxes below
-    ``min_score`` are not reported; they still reach the embedder, for whose view they may count.
+    Args:
+        name, why, best_batch, chances: see ``Backend``.
+        min_score: objects with a lower score aren't reported. The embedder gets their boxes all the same, because they may
+            count for the view's embedding.
+        extents_m: by class, the smallest and largest extent of its objects. An object that depth shows to be of another size
+            gets a lower score.
     """
 
     def __init__(
@@ -49,11 +53,11 @@ class PipelineBackend(Backend):
             Stage("detect", self._detect),
             Stage("segment", self._segment),
             Stage("embed", self._embed),
-            *([Stage("judge", self.judge)] if chances else []),
+            *([Stage("calibrate", self.assign_chances)] if chances else []),
         )
 
     def refusal(self, word: str) -> str:
-        """See ``Backend.refusal``; a detector may have reasons of its own (``ChecksWords``)."""
+        """See ``Backend.refusal``. The detector may have reasons of its own (``ChecksWords``)."""
         own = self.detector.refusal(word) if isinstance(self.detector, ChecksWords) else ""
         return super().refusal(word) or own
 
@@ -71,7 +75,7 @@ class PipelineBackend(Backend):
         xyxy = [w.boxes.xyxy[rows] for w, rows in zip(batch, likely, strict=True)]
         every = self.segmenter.segment([w.view for w in batch], xyxy)
         for task, rows, masks in zip(batch, likely, every, strict=True):
-            task.boxes = self._sized(task.view, task.boxes, rows, masks)
+            task.boxes = self._reduce_wrong_sizes(task.view, task.boxes, rows, masks)
             kept = np.flatnonzero(task.boxes.best_scores[rows] >= self._min_score)
             task.rows, task.masks = rows[kept], [masks[i] for i in kept]
 
@@ -89,20 +93,20 @@ class PipelineBackend(Backend):
                 self.name, tuple(detections), embedding.image, self.embedder.model, task.searched_words
             )
 
-    def _sized(
+    def _reduce_wrong_sizes(
         self, view: RgbdView, boxes: Boxes, rows: NDArray[np.int64], masks: Sequence[NDArray[np.bool_] | None]
     ) -> Boxes:
-        """The boxes with smaller scores where depth says that a thing can't be what its best score says."""
+        """The boxes with reduced scores where an object's size doesn't fit the class with its highest score."""
         wrong = [
             row
             for row, mask in zip(rows.tolist(), masks, strict=True)
-            if mask is not None and not self._fits(view, boxes.labels[row], _box(boxes.xyxy[row]), mask)
+            if mask is not None and not self._size_fits(view, boxes.labels[row], _box(boxes.xyxy[row]), mask)
         ]
         scores = boxes.scores.copy()
-        scores[wrong] *= WRONG_SIZE
+        scores[wrong] *= WRONG_SIZE_FACTOR
         return boxes.with_scores(scores)
 
-    def _fits(
+    def _size_fits(
         self, view: RgbdView, label: str, box: tuple[float, float, float, float], mask: NDArray[np.bool_]
     ) -> bool:
         if label not in self._extents_m:
@@ -111,7 +115,7 @@ class PipelineBackend(Backend):
         right, bottom = view.camera.width_px - _EDGE_PX, view.camera.height_px - _EDGE_PX
         cut = x0 < _EDGE_PX or y0 < _EDGE_PX or x1 > right or y1 > bottom
         size_m = extent_m(view.depth_m, view.camera, box, mask)
-        return size_m is None or plausible(self._extents_m, label, size_m, cut)
+        return size_m is None or is_plausible(self._extents_m, label, size_m, cut)
 
 
 def _box(xyxy: NDArray[np.float32]) -> tuple[float, float, float, float]:

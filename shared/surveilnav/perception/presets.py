@@ -1,4 +1,4 @@
-"""Backends by name: which detector, segmenter and embedder each is made of."""
+"""The backends by name, and the models that each is made of."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from types import MappingProxyType
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models, parts
 from surveilnav.perception.backend import Backend
-from surveilnav.perception.chances import table_of
+from surveilnav.perception.chances import chance_table
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
 from surveilnav.perception.detectors.onnx_file import session
@@ -22,33 +22,32 @@ from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.perception.sizes import extents_of
 from surveilnav.perception.vocabulary import COCO
 
-#: The pairs that did best for their time on rendered homes: for robots' views, and for cameras' (the first in tiles).
+#: The pairs of networks with the best results for their time on rendered homes: for robots' views, and for cameras'.
 DEFAULT_DETECTORS: tuple[str, ...] = ("yolox-nano", "picodet-s")
 DEFAULT_LARGE_DETECTORS: tuple[str, ...] = ("yolox-nano", "deimv2-femto")
 
-#: The paper's three: Grounding DINO, MobileSAM, CLIP.
+#: The paper's models: detector, segmenter and embedder.
 PAPER: tuple[str, str, str] = ("grounding-dino-tiny", "mobile-sam", "clip-vit-b32")
 
-#: Weaker things of COCO's networks are kept out of the answer (they still tint the view's embedding).
+#: Objects with a lower score aren't reported. With COCO's networks they still count for the view's embedding.
 _COCO_MIN_SCORE = 0.25
 _YOLO_WORLD_MIN_SCORE = 0.25
-#: Views that a GPU looks at together; a processor is no faster with several.
+#: Batch size on a GPU. A CPU is no faster with batches.
 _GPU_BATCH = 8
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkSettings:
-    """What settings say of the models.
+    """Settings of a backend's models.
 
     Attributes:
-        detectors: the networks of ``onnx-coco`` for views of up to 900 pixels.
-        large_detectors: the same for larger ones.
-        detector, segmenter, embedder: models or folders of ``paper`` and ``yolo-world``; empty: the preset's own.
-        words_per_pass: how many words Grounding DINO looks for at once; 0: as many as fit into its text.
-        threshold: the score that a box of ``detector`` needs; None: what its paper says.
-        device, compiled: see ``Runtime``; of networks under PyTorch.
-        threads: of each network.
-        download: whether weights may be fetched.
+        detectors: names of the networks of ``onnx-coco`` for pictures of up to 900 pixels.
+        large_detectors: the same for larger pictures.
+        detector, segmenter, embedder: models or folders for ``paper`` and ``yolo-world``; empty: the preset's own.
+        words_per_pass: number of words that Grounding DINO looks for at once; 0: as many as fit into its text.
+        threshold: the score that a box of ``detector`` needs; None: the one of its paper.
+        device, threads, compiled: see ``Runtime``.
+        download: whether missing weights may be downloaded.
     """
 
     detectors: Sequence[str] = DEFAULT_DETECTORS
@@ -65,10 +64,10 @@ class NetworkSettings:
 
 
 def onnx_coco(networks: NetworkSettings, why: str) -> Backend:
-    """COCO detectors that have to agree, masks from depth, the space of COCO's classes.
+    """``onnx-coco``: several COCO detectors combined, masks from depth, embeddings in the space of COCO's classes.
 
     Raises:
-        PerceptionError: a network can't be had.
+        PerceptionError: a network can't be found or loaded.
     """
     small, large = tuple(networks.detectors), tuple(networks.large_detectors)
     if not small or not large:
@@ -88,29 +87,29 @@ def onnx_coco(networks: NetworkSettings, why: str) -> Backend:
         ClassSpace(),
         min_score=_COCO_MIN_SCORE,
         extents_m=extents_of(COCO),
-        chances=table_of("onnx-coco"),
+        chances=chance_table("onnx-coco"),
     )
 
 
 def compact(networks: NetworkSettings, why: str) -> Backend:
-    """Our own network, which comes with this package: it finds, cuts out and embeds.
+    """``compact``: the network that comes with this package, which detects, segments and embeds.
 
     Raises:
-        PerceptionError: its weights don't come with this version, or aren't what they should be.
+        PerceptionError: its weights aren't part of this installation, or are damaged.
     """
     path = models.find("compact", download=False)
     network = CompactNetwork(session(path, Runtime(networks.device, networks.threads)))
     said = f"our own network of {len(network.classes)} classes, trained on rendered homes"
     return SingleNetworkBackend(
-        "compact", f"{said}, {why}", network, models.model_id("compact", path), table_of("compact")
+        "compact", f"{said}, {why}", network, models.model_id("compact", path), chance_table("compact")
     )
 
 
 def paper(networks: NetworkSettings, why: str) -> Backend:
-    """The paper's eyes, which find any word: Grounding DINO, MobileSAM, CLIP, or what settings name instead.
+    """``paper``: open vocabulary, with Grounding DINO, MobileSAM and CLIP, or the models that the settings name instead.
 
     Raises:
-        PerceptionError: a model can't be had, or PyTorch isn't installed.
+        PerceptionError: a model can't be found or loaded, or PyTorch isn't installed.
     """
     given = (networks.detector, networks.segmenter, networks.embedder)
     names = [name or default for name, default in zip(given, PAPER, strict=True)]
@@ -124,7 +123,7 @@ def paper(networks: NetworkSettings, why: str) -> Backend:
     )
     segmenter = parts.load_segmenter(names[1], runtime, download=networks.download)
     embedder = parts.load_embedder(names[2], runtime, download=networks.download)
-    # The detector keeps what is weak to itself.
+    # min_score is 0: the detector itself applies the threshold.
     return PipelineBackend(
         "paper",
         f"any word ({' + '.join(names)}), {why}",
@@ -137,10 +136,10 @@ def paper(networks: NetworkSettings, why: str) -> Backend:
 
 
 def yolo_world(networks: NetworkSettings, why: str) -> Backend:
-    """YOLO-World from a user's file, with the words that it was exported with; masks from depth, CLIP.
+    """``yolo-world``: YOLO-World from a user's file, with the words that it was exported with; masks from depth, CLIP.
 
     Raises:
-        PerceptionError: the file or CLIP can't be had.
+        PerceptionError: the file or CLIP can't be found or loaded.
     """
     name, runtime = networks.detector or "yolo-world", Runtime(networks.device, networks.threads, networks.compiled)
     threshold = _YOLO_WORLD_MIN_SCORE if networks.threshold is None else networks.threshold
@@ -153,7 +152,7 @@ def yolo_world(networks: NetworkSettings, why: str) -> Backend:
     )
 
 
-#: What makes a backend, told what settings say and why it runs.
+#: By name, the function that makes a backend, given the settings and the reason why it was chosen.
 PRESETS: Mapping[str, Callable[[NetworkSettings, str], Backend]] = MappingProxyType(
     {
         BackendName.COMPACT: compact,

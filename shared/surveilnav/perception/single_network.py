@@ -1,8 +1,9 @@
-"""The backend of one network that finds, cuts out and embeds: ``compact``.
+"""The backend ``compact``: one network that detects, segments and embeds.
 
-The embedding space has two halves of D. A view's vector lies in the first, an object's in the second, and a text's in both: the
-network has a vector for what shows or stands near, and one for what a thing is. So cosines of views and objects with a text
-are the network's own, times 1 / sqrt(2).
+The network has two embeddings of each class: what a view looks like that shows the class or its usual surroundings, and what
+an object of the class looks like. A vector of the backend's space has 2 D numbers: a view's embedding has its D numbers in
+the first half, an object's in the second, and a text's in both. The cosine of a view or an object with a text is therefore
+the network's own cosine, times 1 / sqrt(2).
 """
 
 from __future__ import annotations
@@ -18,21 +19,27 @@ from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.detectors.compact import Answer, CompactNetwork
-from surveilnav.perception.prompts import named
+from surveilnav.perception.prompts import word_in_prompt
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.sensing.views import DetectedObject, ViewPerception, box_cells
 
-#: So many classes are said to be nearest to a kind of room.
-_MOST_AKIN = 5
+#: Number of classes that are suggested for a kind of room.
+_MAX_RELATED = 5
 
-#: Weaker things are kept out of the answer.
+#: Objects with a lower score aren't reported.
 MIN_SCORE = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundThing:
-    """A thing of a view: its ``row`` among the boxes, the ``place`` that speaks for it, and what ``DetectedObject`` holds of it."""
+    """An object in a view.
+
+    Attributes:
+        row: its row among the boxes.
+        place: the place of the network's output grid that detected it.
+        label, score, box_px, mask: see ``DetectedObject``.
+    """
 
     row: int
     place: int
@@ -43,7 +50,7 @@ class FoundThing:
 
 
 def find_things(network: CompactNetwork, answer: Answer, view: RgbdView) -> tuple[Boxes, list[FoundThing]]:
-    """All boxes of what the network says of a view, weak ones included, and those that are sure enough, cut out."""
+    """All boxes in the network's output for a view, and, with their masks, the objects whose score suffices."""
     height, width = view.rgb.shape[:2]
     boxes, places = network.things(answer, height, width)
     labels, things = boxes.labels, []
@@ -57,21 +64,21 @@ def find_things(network: CompactNetwork, answer: Answer, view: RgbdView) -> tupl
 
 
 class SingleNetworkBackend(Backend):
-    """See the module's docstring."""
+    """See the module's docstring. The arguments are attributes of ``Backend``; ``model``: the id of the network."""
 
     def __init__(
         self, name: str, why: str, network: CompactNetwork, model: str, chances: ChanceTable | None = None
     ) -> None:
         self.name, self.why, self._network, self.chances = name, why, network, chances
         self.models = ModelIds(model, model, model)
-        self._classes = Vocabulary(name, network.classes, meanings=network.meanings, akin=_akin(network))
+        self._classes = Vocabulary(name, network.classes, meanings=network.meanings, akin=_classes_near_rooms(network))
         self.vocabulary = self._classes
         self._n = network.class_vectors.shape[1]
         self.embedding_dim = 2 * self._n
-        self.stages = (Stage("look", self._look), *([Stage("judge", self.judge)] if chances else []))
+        self.stages = (Stage("look", self._look), *([Stage("calibrate", self.assign_chances)] if chances else []))
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        rows = [self._classes.index(self._classes.resolve_name(named(text))) for text in texts]
+        rows = [self._classes.index(self._classes.resolve_name(word_in_prompt(text))) for text in texts]
         near, what = self._network.near_vectors[rows], self._network.class_vectors[rows]
         return np.asarray(np.concatenate([near, what], axis=1) / np.sqrt(2.0), np.float32)
 
@@ -92,9 +99,9 @@ class SingleNetworkBackend(Backend):
         return ViewPerception(self.name, tuple(detections), image, model, task.searched_words)
 
 
-def _akin(network: CompactNetwork) -> dict[str, list[str]]:
-    """By kind of room, the classes whose surroundings look most like it: what it is near in meaning."""
+def _classes_near_rooms(network: CompactNetwork) -> dict[str, list[str]]:
+    """By kind of room, the classes whose usual surroundings look most like it."""
     things, rooms = np.split(network.near_vectors, [len(network.classes)])
     likeness = dict(zip(network.rooms, rooms @ things.T, strict=True))
-    best = {room: np.argsort(-row, kind="stable")[:_MOST_AKIN].tolist() for room, row in likeness.items()}
+    best = {room: np.argsort(-row, kind="stable")[:_MAX_RELATED].tolist() for room, row in likeness.items()}
     return {room: [network.classes[i] for i in order if likeness[room][i] > 0] for room, order in best.items()}

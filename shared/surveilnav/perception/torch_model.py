@@ -48,7 +48,7 @@ def numbers(tensor: torch.Tensor) -> NDArray[np.float32]:
     return np.asarray(tensor.float().cpu().numpy(), np.float32)
 
 
-def device_named(name: str) -> torch.device:
+def find_device(name: str) -> torch.device:
     """The device of a setting; "auto": a GPU if there is one. PerceptionError: there is no such device."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -75,7 +75,7 @@ def load(kind: Any, path: Path, model_types: Sequence[str], runtime: Runtime) ->
     """
     expect_type(path, model_types)
     torch.set_num_threads(runtime.threads)
-    device = device_named(runtime.device)
+    device = find_device(runtime.device)
     try:
         net, info = kind.from_pretrained(path, local_files_only=True, output_loading_info=True)
     except Exception as error:  # what transformers raises of a bad file has many classes

@@ -42,7 +42,7 @@ def made(n: int, seed: int = 0) -> Judged:
 def test_it_finds_the_terms_that_made_the_data():
     table = fit(made(20_000), "a test")
     bed, chair = table.by_class["bed"], table.by_class["chair"]
-    assert bed.even - chair.even == pytest.approx(-2.0, abs=0.2)
+    assert bed.intercept - chair.intercept == pytest.approx(-2.0, abs=0.2)
     assert table.slope + chair.slope == pytest.approx(1.5, abs=0.15)
     assert (table.size, table.range, table.camera) == pytest.approx((0.6, -0.8, -0.5), abs=0.12)
     rows = made(20_000, seed=1)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.prompts import named
+from surveilnav.perception.prompts import word_in_prompt
 from surveilnav.perception.protocols import ViewEmbedding
 from surveilnav.perception.vocabulary import COCO
 
@@ -96,7 +96,7 @@ def embed_texts(texts: Sequence[str]) -> NDArray[np.float32]:
 
 def class_named(text: str) -> str:
     """The class that a prompt or a plain name names. Raises TargetError."""
-    return COCO.resolve_name(named(text))
+    return COCO.resolve_name(word_in_prompt(text))
 
 
 @lru_cache(maxsize=1)

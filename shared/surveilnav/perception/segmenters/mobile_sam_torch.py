@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.mobile_sam import LACKING
-from surveilnav.perception.torch_model import TorchModel, device_named, numbers
+from surveilnav.perception.torch_model import TorchModel, find_device, numbers
 
 
 class TorchNetwork:
@@ -24,7 +24,7 @@ class TorchNetwork:
         except (ImportError, RuntimeError) as error:  # RuntimeError: a torchvision of another torch
             raise PerceptionError(LACKING.format(path.name, error)) from error
         torch.set_num_threads(runtime.threads)
-        device = device_named(runtime.device)
+        device = find_device(runtime.device)
         sam = sam_model_registry["vit_t"]()
         try:
             sam.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
