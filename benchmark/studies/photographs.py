@@ -27,7 +27,7 @@ from surveilnav.perception import models
 from surveilnav.perception.boxes import Boxes, merge_overlapping
 from surveilnav.perception.detectors.coco import load
 from surveilnav.perception.detectors.compact import CompactNetwork
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
 
@@ -97,7 +97,7 @@ def boxes_of(name: str, pictures: Iterable[Picture]) -> list[Boxes]:
     """One box per thing of at least ``LEAST_SCORE``, for each picture."""
     path, runtime = models.find(name, download=False), Runtime("cpu")
     if name == _COMPACT:
-        network = CompactNetwork(session(path, runtime))
+        network = CompactNetwork(open_session(path, runtime))
         found = [network.detect(_without_depth(picture)) for picture in pictures]
     else:
         detector = load(path, models.family(name), runtime)

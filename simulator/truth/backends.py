@@ -20,7 +20,7 @@ from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.chances import chance_table
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
-from surveilnav.perception.segmenters.depth_in_box import floor_of, mask_of
+from surveilnav.perception.segmenters.depth_in_box import find_floor, find_mask
 from surveilnav.perception.sizes import WRONG_SIZE_FACTOR, extent_m, extents_of, is_plausible
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception
@@ -123,7 +123,7 @@ class Simulated(Backend):
         view = hashed(scene, key)
         detections, weak = [], []
         shown: dict[str, float] = {}
-        floor = cache(partial(floor_of, depth_m, camera))  # views without detections don't ask
+        floor = cache(partial(find_floor, depth_m, camera))  # views without detections don't ask
         for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
             shown |= showing(c.labels, c.x) if c.kind != "place" else {}
             for detected, scores in self._found(c, scene, view, depth_m, camera, floor):
@@ -191,13 +191,13 @@ class Simulated(Backend):
                 said, of = label, "right"
                 if reported:
                     box = _box(c.shown[i], _one_of(kind.boxes[of], once[i, 1]), depth_m, camera)
-                    mask = mask_of(depth_m, box, floor())
+                    mask = find_mask(depth_m, box, floor())
             else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
                 names, of = self._names(kind, c, i, sight, scene, view), "wrong"
                 said = names[0]
                 for name in names if reported else ():
                     box = _box(c.shown[i], _one_of(kind.boxes.get(name, kind.boxes[of]), always[i, 0]), depth_m, camera)
-                    mask = mask_of(depth_m, box, floor())
+                    mask = find_mask(depth_m, box, floor())
                     fits = _fits(name, *_size_of(box, mask, depth_m, camera))
                     if fits:
                         said = name

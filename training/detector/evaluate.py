@@ -26,7 +26,7 @@ from surveilnav.perception import models
 from surveilnav.perception.boxes import Boxes, merge_overlapping, overlaps
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.models.card import Measured, card_of, save_card
 from surveilnav.perception.pipeline import PipelineBackend
 from surveilnav.perception.presets import NetworkSettings, onnx_coco
@@ -83,7 +83,7 @@ class Tally:
 
 def mask_ious(network: CompactNetwork, view: TrainingView, min_pixels: int) -> Iterator[float]:
     """IoU of each counted target's mask inside its true box, by the place whose box of its class fits best."""
-    known, answer = classes.load().names, network.answer(sensed(view))
+    known, answer = classes.load().names, network.run(sensed(view))
     iou, _ = overlaps(view.boxes, answer.xyxy)
     for i, label in enumerate(view.labels.tolist()):
         if known[label] not in TARGETS or view.areas[i] < min_pixels:
@@ -150,8 +150,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--min-pixels", type=int, default=400)
     parser.add_argument("--card", action="store_true", help="write what is found into the card beside the network")
     args = parser.parse_args(argv)
-    own = CompactNetwork(session(args.network, Runtime(threads=args.threads)))
-    equal = CompactNetwork(session(args.network, Runtime(threads=args.threads)), side_px=_SIDE)
+    own = CompactNetwork(open_session(args.network, Runtime(threads=args.threads)))
+    equal = CompactNetwork(open_session(args.network, Runtime(threads=args.threads)), side_px=_SIDE)
     detectors: list[Finds] = [own, *(beside(name, args.threads) for name in args.beside)]
     packs = read_packs(args.views, own.classes)
     tallies: dict[tuple[str, str], Tally] = {}

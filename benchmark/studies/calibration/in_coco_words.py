@@ -11,7 +11,7 @@ from surveilnav.messages import ModelIds
 from surveilnav.perception import models
 from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.detectors.compact import CompactNetwork
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.names import BackendName
@@ -29,7 +29,7 @@ class InCocoWords(Backend):
 
     def __init__(self) -> None:
         path = models.find(BackendName.COMPACT, download=False)
-        self._network = CompactNetwork(session(path, Runtime()))
+        self._network = CompactNetwork(open_session(path, Runtime()))
         model = models.model_id(BackendName.COMPACT, path)
         self.name = self.why = f"{model} in COCO's words"
         self.models = ModelIds(f"{model}-in-coco-words", model, ClassSpace.model)
@@ -46,7 +46,7 @@ class InCocoWords(Backend):
             task.result = self._seen(task)
 
     def _seen(self, task: ViewTask) -> ViewPerception:
-        boxes, things = find_things(self._network, self._network.answer(task.view), task.view)
+        boxes, things = find_things(self._network, self._network.run(task.view), task.view)
         own, coco = self._shared
         scores = np.zeros((len(boxes), len(COCO)), np.float32)
         scores[:, coco] = boxes.scores[:, own]

@@ -12,7 +12,7 @@ from surveilnav.perception.backend import Backend
 from surveilnav.perception.chances import chance_table
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.pipeline import PipelineBackend
@@ -98,7 +98,7 @@ def compact(networks: NetworkSettings, why: str) -> Backend:
         PerceptionError: its weights aren't part of this installation, or are damaged.
     """
     path = models.find("compact", download=False)
-    network = CompactNetwork(session(path, Runtime(networks.device, networks.threads)))
+    network = CompactNetwork(open_session(path, Runtime(networks.device, networks.threads)))
     said = f"our own network of {len(network.classes)} classes, trained on rendered homes"
     return SingleNetworkBackend(
         "compact", f"{said}, {why}", network, models.model_id("compact", path), chance_table("compact")

@@ -18,7 +18,7 @@ from surveilnav.messages import ModelIds
 from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.chances import ChanceTable
-from surveilnav.perception.detectors.compact import Answer, CompactNetwork
+from surveilnav.perception.detectors.compact import CompactNetwork, NetworkOutput
 from surveilnav.perception.prompts import word_in_prompt
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.vocabulary import Vocabulary
@@ -49,15 +49,15 @@ class FoundThing:
     mask: NDArray[np.bool_] | None
 
 
-def find_things(network: CompactNetwork, answer: Answer, view: RgbdView) -> tuple[Boxes, list[FoundThing]]:
+def find_things(network: CompactNetwork, output: NetworkOutput, view: RgbdView) -> tuple[Boxes, list[FoundThing]]:
     """All boxes in the network's output for a view, and, with their masks, the objects whose score suffices."""
     height, width = view.rgb.shape[:2]
-    boxes, places = network.things(answer, height, width)
+    boxes, places = network.boxes(output, height, width)
     labels, things = boxes.labels, []
     for row in np.flatnonzero(boxes.best_scores >= MIN_SCORE).tolist():
         x0, y0, x1, y1 = boxes.xyxy[row].tolist()
         place = int(places[row])
-        mask = answer.mask(place, box_cells((x0, y0, x1, y1), width, height))
+        mask = output.mask(place, box_cells((x0, y0, x1, y1), width, height))
         shown = mask if mask.any() else None
         things.append(FoundThing(row, place, labels[row], float(boxes.best_scores[row]), (x0, y0, x1, y1), shown))
     return boxes, things
@@ -87,13 +87,13 @@ class SingleNetworkBackend(Backend):
             task.result = self._seen(task)
 
     def _seen(self, task: ViewTask) -> ViewPerception:
-        answer = self._network.answer(task.view)
-        _, things = find_things(self._network, answer, task.view)
+        output = self._network.run(task.view)
+        _, things = find_things(self._network, output, task.view)
         detections = []
         for thing in things:
-            vector = np.concatenate([np.zeros(self._n, np.float32), answer.embeddings[thing.place]])
+            vector = np.concatenate([np.zeros(self._n, np.float32), output.embeddings[thing.place]])
             detections.append(DetectedObject(thing.label, thing.score, thing.box_px, thing.mask, vector))
-        image = np.concatenate([answer.image, np.zeros(self._n, np.float32)])
+        image = np.concatenate([output.image, np.zeros(self._n, np.float32)])
         task.searched_words = tuple(self._classes)
         model = self.models.embedder
         return ViewPerception(self.name, tuple(detections), image, model, task.searched_words)

@@ -22,7 +22,7 @@ from surveilnav.benchmark.studies.calibration.fit import (
 )
 from surveilnav.benchmark.studies.calibration.page import Side, compare
 from surveilnav.benchmark.studies.calibration.run import main, presence_of
-from surveilnav.benchmark.studies.calibration.views import Rows
+from surveilnav.benchmark.studies.calibration.views import Found, Rows
 from surveilnav.benchmark.studies.recordings import Tour, record
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.simulator.furniture.labels import TARGETS

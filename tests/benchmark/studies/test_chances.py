@@ -21,7 +21,7 @@ from surveilnav.benchmark.studies.calibration.views import Looks, looks_of, save
 from surveilnav.benchmark.studies.recordings import Tour, record
 from surveilnav.perception.chances import ChanceTable, features
 from surveilnav.perception.detectors.compact import CompactNetwork
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
@@ -93,7 +93,9 @@ def colours(tmp_path_factory):
     """A flat in flat light as a tiny network sees it, for which what is dark is a chest of drawers."""
     building = SimulatedBuilding(SimulationSettings(building="parametric_flat", seed=1, cameras=1, lighting="flat"))
     path = write(tmp_path_factory.mktemp("compact") / "compact.onnx", blackness=2.0, more={"meanings": OTHERS})
-    backend = SingleNetworkBackend("compact", "in a test", CompactNetwork(session(path, Runtime()), 320), "compact@0")
+    backend = SingleNetworkBackend(
+        "compact", "in a test", CompactNetwork(open_session(path, Runtime()), 320), "compact@0"
+    )
     recording = record(building, backend, Tour(12, np.radians(90.0), 2.0))
     return backend, looks_of("flat", recording, building, backend.vocabulary), building
 

@@ -10,7 +10,7 @@ import pytest
 
 from surveilnav.benchmark.studies.calibration import objects
 from surveilnav.benchmark.studies.calibration.objects import Claim, claims_of, figures, precision_recall
-from surveilnav.benchmark.studies.calibration.views import Look, Looks
+from surveilnav.benchmark.studies.calibration.views import Found, Look, Looks
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.perception.chances import ChanceTable
 from surveilnav.services.fusion.core import ObjectConfig

@@ -12,11 +12,10 @@ from torch import Tensor
 
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.boxes import overlaps
-from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed
-from surveilnav.perception.detectors.compact import places as places_of_file
+from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed, place_centres
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS, depth_channels
 from surveilnav.perception.detectors.guided_mask import guided_mask
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.models.card import card_of
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
@@ -77,7 +76,7 @@ def test_shapes(network: Compact, height: int, width: int) -> None:
     assert said.coefficients.shape == (2, L, said.prototypes.shape[1])
     assert said.near.shape == (2, C + R)
     torch.testing.assert_close(said.embeddings.norm(dim=-1), torch.ones(2, L))
-    assert (places_of_file(height, width) == places(height, width)[0].numpy()).all()
+    assert (place_centres(height, width) == places(height, width)[0].numpy()).all()
 
 
 def random_boxes(n: int, seed: int) -> Tensor:
@@ -144,8 +143,8 @@ def test_its_file_says_what_it_says(network: Compact, tmp_path: Path) -> None:
     path = tmp_path / "compact.onnx"
     assert 4 * n_parameters(network) < export(network, path) <= 8_000_000
     view = some_view(0)
-    own = CompactNetwork(session(path, Runtime()), side_px=96)
-    answer = own.answer(view)
+    own = CompactNetwork(open_session(path, Runtime()), side_px=96)
+    answer = own.run(view)
     box, ratio = letterboxed(view.rgb, 96)
     assert box.shape == (64, 96, 3)
     depth = torch.zeros(1, N_CHANNELS, 32, 48)  # the picture fills all of the box's columns, all rows are its own, too
@@ -178,7 +177,7 @@ def file(network: Compact, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_mask_is_that_of_its_place(file: Path) -> None:
     view = some_view(1)
-    answer = CompactNetwork(session(file, Runtime()), side_px=96).answer(view)
+    answer = CompactNetwork(open_session(file, Runtime()), side_px=96).run(view)
     logits = np.einsum("k,khw->hw", answer.coefficients[7], answer.prototypes).astype(np.float32)
     mask = answer.mask(7, (20, 12, 50, 40))
     assert mask.shape == (28, 30)
@@ -187,13 +186,13 @@ def test_a_mask_is_that_of_its_place(file: Path) -> None:
 
 def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("surveilnav.perception.single_network.MIN_SCORE", 0.0)
-    network = CompactNetwork(session(file, Runtime()), side_px=96)
+    network = CompactNetwork(open_session(file, Runtime()), side_px=96)
     backend = SingleNetworkBackend("compact", "in a test", network, "compact@0")
     view = some_view(2)
     seen = backend.perceive(view.rgb, view.depth_m, view.camera)
     assert seen.words == NAMES.names
     assert seen.detections
-    best = network.answer(view)
+    best = network.run(view)
     tv, bed = backend.embed_texts(["seems like there is a TV", "bed"])
     vectors = np.stack([tv, bed, seen.image_embedding, *(d.embedding for d in seen.detections)])
     assert vectors.shape[1] == backend.embedding_dim == 128
@@ -212,9 +211,9 @@ def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.Mo
 
 
 def test_one_thing_has_one_box_and_the_place_that_speaks_for_it(file: Path) -> None:
-    network = CompactNetwork(session(file, Runtime()), side_px=96)
-    answer = network.answer(some_view(3))
-    boxes, at = network.things(answer, 60, 90)
+    network = CompactNetwork(open_session(file, Runtime()), side_px=96)
+    answer = network.run(some_view(3))
+    boxes, at = network.boxes(answer, 60, 90)
     assert len(boxes) == len(at) > 0
     assert (boxes.xyxy >= 0).all()
     assert (boxes.xyxy <= [90, 60, 90, 60]).all()

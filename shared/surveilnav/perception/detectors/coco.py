@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.boxes import Boxes, merge_overlapping, weighted_box_fusion
 from surveilnav.perception.detectors.deimv2 import Deimv2
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.detectors.picodet import Picodet
 from surveilnav.perception.detectors.yolox import Yolox
 from surveilnav.perception.runtime import Runtime
@@ -46,7 +46,7 @@ def load(path: Path, family: str, runtime: Runtime) -> Network:
     """
     if family not in _FAMILIES:
         raise PerceptionError(f"expected a family of detectors out of {sorted(_FAMILIES)}, got {family!r}")
-    opened = session(path, runtime)
+    opened = open_session(path, runtime)
     try:
         network: Network = _FAMILIES[family](path.stem, opened)
         return network

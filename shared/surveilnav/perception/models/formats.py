@@ -53,9 +53,11 @@ def readable(path: Path) -> None:
     It costs what opening costs, so it is for files whose hash nobody knows.
     """
     if path.suffix == ".onnx":
-        from surveilnav.perception.detectors.onnx_file import session  # who only lists models needs no ONNX Runtime
+        from surveilnav.perception.detectors.onnx_file import (
+            open_session,
+        )  # who only lists models needs no ONNX Runtime
 
-        session(path, Runtime("cpu"))
+        open_session(path, Runtime("cpu"))
     elif path.suffix in (".pt", ".bin"):
         _expect_torch(path)
 
