@@ -5,7 +5,7 @@
 
 from surveilnav.bus.connection import Received
 from surveilnav.bus.node import Node
-from surveilnav.bus.publishing import Publisher, Slot, Subscription, Table
+from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Table
 from surveilnav.bus.queries import Answer, Request
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.wire import Refused, Unanswered, clock_ns
@@ -18,7 +18,7 @@ __all__ = [
     "Received",
     "Refused",
     "Request",
-    "Slot",
+    "LatestMessage",
     "Subscription",
     "Table",
     "Unanswered",

@@ -1,7 +1,7 @@
 """A node: one process on the bus.
 
     with Node("fusion", "fusion", BusSettings()) as node:
-        frames = node.slot(CAMERA_FRAME, floor="0", camera="c1", view=3)   # newest only
+        frames = node.latest(CAMERA_FRAME, floor="0", camera="c1", view=3)   # newest only
         infos = node.table(CAMERA_INFO)                                    # newest of every key
         node.serve(OBJECTS, answer, floor="0")                             # bounded queue, own thread
         node.run(step)                                                     # until SIGTERM
@@ -23,7 +23,7 @@ from typing import Any
 from surveilnav.bus import queries
 from surveilnav.bus.connection import Connection, Received
 from surveilnav.bus.presence import Presence
-from surveilnav.bus.publishing import Publisher, Slot, Subscription, Table
+from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Table
 from surveilnav.bus.queries import Answer, Handler, RetryAfterMs, Server
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.traffic import wire_bytes
@@ -143,9 +143,9 @@ class Node:
         """What puts messages on one concrete key."""
         return Publisher(self._connection, stream, self.key(stream, **ids))
 
-    def slot(self, stream: Stream, **ids: object) -> Slot[Any]:
+    def latest(self, stream: Stream, **ids: object) -> LatestMessage[Any]:
         """The newest message of one concrete key."""
-        return Slot(self._connection, stream, self.key(stream, **ids))
+        return LatestMessage(self._connection, stream, self.key(stream, **ids))
 
     def table(
         self, stream: Stream, on_message: Callable[[Received[Any]], None] | None = None, **ids: object

@@ -51,7 +51,7 @@ class Publisher:
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
-class Slot(Generic[M]):
+class LatestMessage(Generic[M]):
     """The newest message of one key; older ones are overwritten before they cost anything."""
 
     def __init__(self, connection: Connection, stream: Stream, key: str) -> None:

@@ -159,7 +159,7 @@ def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, ma
     watcher = Watcher(hold=hold)
     start(watcher)
     until(lambda: watcher.looks)  # it looks, and will for a long time
-    slots = [client.slot(CAMERA_FRAME, floor="0", camera="c1", view=v) for v in range(13)]
+    slots = [client.latest(CAMERA_FRAME, floor="0", camera="c1", view=v) for v in range(13)]
     loop = threading.Thread(target=lambda: camera_node.run(service.step, idle_s=0.02), daemon=True)
     loop.start()
     missing = set(range(13))

@@ -115,7 +115,7 @@ def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, c
     building = pair([ZONE])[secret - 1]
     hidden = masked_pixels([ZONE], SIDE, SIDE)
     service = CameraService(camera_node, building, camera_settings)
-    frames, truths = client.slot(CAMERA_FRAME, **PLACE, view=3), client.slot(TRUTH, source="camera-c1", view=3)
+    frames, truths = client.latest(CAMERA_FRAME, **PLACE, view=3), client.latest(TRUTH, source="camera-c1", view=3)
     until(lambda: service._frames[3].matched and service._truths[3].matched)
     service.step()
     frame = until(frames.poll)
@@ -141,7 +141,7 @@ def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, c
 
 def test_its_own_eyes_see_nothing_of_the_zones(camera_node, make_node, camera_settings):
     client = patient(make_node("test", "t", alive=False))
-    summaries = client.slot(CAMERA_SUMMARY, **PLACE)
+    summaries = client.latest(CAMERA_SUMMARY, **PLACE)
     said = []
     for building in pair([ZONE]):
         perception = EdgePerception(camera_node, building, camera_settings, Gossip)

@@ -55,7 +55,7 @@ class FakeNode:
     def table(self, stream):
         return self.infos if stream is contract.CAMERA_INFO else self.statuses
 
-    def slot(self, stream, **ids):
+    def latest(self, stream, **ids):
         slot = self.slots[tuple(ids.values())] = FakeSlot()
         self.slots_opened.append(slot)
         return slot

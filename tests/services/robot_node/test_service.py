@@ -105,7 +105,7 @@ def command(client):
 
 def test_it_says_what_it_did_in_status_and_observation_alike(robot, client, command):
     service = robot(Body())
-    observations = client.slot(ROBOT_OBSERVATION, robot="r1")
+    observations = client.latest(ROBOT_OBSERVATION, robot="r1")
     status = client.ask(ROBOT_STATUS, robot="r1").message
     assert (status.seq, status.last_action, status.collided, status.path_m) == (0, None, False, 0.0)
     assert status.stairs == [STAIR]
@@ -210,7 +210,7 @@ def test_without_a_command_before_the_deadline_it_says_that_it_stopped(robot, cl
 
 def test_an_observation_that_nobody_follows_up_comes_again(robot, client):
     service = robot(Body())
-    slot = client.slot(ROBOT_OBSERVATION, robot="r1")
+    slot = client.latest(ROBOT_OBSERVATION, robot="r1")
     until(lambda: service._observations.matched)
     service.step()
     first = until(slot.poll)
@@ -227,7 +227,7 @@ def test_an_observation_that_nobody_follows_up_comes_again(robot, client):
 @pytest.mark.parametrize("real", [False, True])
 def test_only_a_simulator_tells_what_each_pixel_shows(robot, client, real):
     service = robot(Body(real))
-    truths, slot = client.slot(TRUTH, source="robot-r1", view=0), client.slot(ROBOT_OBSERVATION, robot="r1")
+    truths, slot = client.latest(TRUTH, source="robot-r1", view=0), client.latest(ROBOT_OBSERVATION, robot="r1")
     until(lambda: service._truths.matched and service._observations.matched)
     service.step()
     seen = until(slot.poll)
