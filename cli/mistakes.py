@@ -8,14 +8,14 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_settings import SettingsError
 
-from surveilnav.bus.main import explain
+from surveilnav.bus.main import explain_settings_error
 from surveilnav.errors import SurveilNavError
 
 
 def in_words(error: Exception) -> str | None:
     """A line for each thing that is wrong; None: a bug, which wants its traceback."""
     if isinstance(error, ValidationError):
-        return explain(error)
+        return explain_settings_error(error)
     if isinstance(error, SettingsError | SurveilNavError):
         return f"error: {error}"
     if not isinstance(error, OSError):

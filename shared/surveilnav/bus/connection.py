@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 import structlog
 import zenoh
 
-from surveilnav.bus.logs import RateLimit
+from surveilnav.bus.logs import RateLimiter
 from surveilnav.bus.settings import MAX_MESSAGE_BYTES, BusSettings
 from surveilnav.bus.traffic import TrafficMeter
 from surveilnav.bus.wire import clock_ns, decode
@@ -66,7 +66,7 @@ class Connection:
         self.traffic = TrafficMeter()
         self.stopping, self.wake = threading.Event(), threading.Event()
         self.large_answer = threading.Lock()
-        self._limit = RateLimit()
+        self._limit = RateLimiter()
         self._threads: list[threading.Thread] = []
         self._kept: list[object] = []
 
@@ -140,7 +140,7 @@ class Connection:
 
     def may_log(self, what: str) -> bool:
         """Whether it is long enough since ``what`` was last logged; counts as logging it."""
-        return self._limit.allows(what)
+        return self._limit.try_acquire(what)
 
 
 @contextmanager

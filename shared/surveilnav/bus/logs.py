@@ -32,7 +32,7 @@ def configure(log_format: str = "console", level: str = "info") -> None:
     )
 
 
-class RateLimit:
+class RateLimiter:
     """Lets through one event per ``period_s`` and key."""
 
     def __init__(self, period_s: float = 5.0, capacity: int = 1000) -> None:
@@ -40,7 +40,7 @@ class RateLimit:
         self._last: dict[str, float] = {}
         self._lock = threading.Lock()
 
-    def allows(self, key: str) -> bool:
+    def try_acquire(self, key: str) -> bool:
         """Whether this event goes through; if so, the next ones of its key wait."""
         now = time.monotonic()
         with self._lock:

@@ -32,7 +32,7 @@ def run_service(main: Callable[[], None]) -> int:
         logs.configure(settings.log_format, settings.log_level)
         main()
     except ValidationError as error:
-        print(explain(error), file=sys.stderr)
+        print(explain_settings_error(error), file=sys.stderr)
         return 1
     except (SettingsError, SurveilNavError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -42,7 +42,7 @@ def run_service(main: Callable[[], None]) -> int:
     return 0
 
 
-def warm(warm_up: Callable[[], None]) -> None:
+def run_warm_up(warm_up: Callable[[], None]) -> None:
     """Runs a service's warm-up. One that fails keeps nobody from starting: what it would have compiled is compiled later."""
     log, began_s = structlog.get_logger(), time.monotonic()
     log.info("compiles its loops, or reads them from the cache")
@@ -70,7 +70,7 @@ def _wait_for_the_end() -> None:
     os._exit(1)
 
 
-def explain(error: ValidationError) -> str:
+def explain_settings_error(error: ValidationError) -> str:
     """A wrong setting in one line per fault: variable, what was expected, what arrived."""
     lines = []
     for fault in error.errors():

@@ -24,7 +24,7 @@ from surveilnav.bus import queries
 from surveilnav.bus.connection import Connection, Received
 from surveilnav.bus.presence import Presence
 from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Table
-from surveilnav.bus.queries import Answer, Handler, RetryAfterMs, Server
+from surveilnav.bus.queries import Answer, Handler, QueryServer, RetryAfterMs
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.traffic import wire_bytes
 from surveilnav.bus.wire import clock_ns
@@ -177,7 +177,7 @@ class Node:
         wait, more are refused at once as "busy", and told ``retry_after_ms``: a number, or what gives it. A handler may
         return a future, to answer later. If the key has wildcards, answers must name their ids.
         """
-        Server(
+        QueryServer(
             self._connection,
             stream,
             self.key(stream, **ids),

@@ -64,7 +64,7 @@ Handler = Callable[[Request], Answers | Future[Answers]]
 RetryAfterMs = int | Callable[[], int] | None
 
 
-class Server:
+class QueryServer:
     """Answers queries to one key (wildcards allowed) with ``handler``, on ``workers`` threads of their own.
 
     When ``capacity`` queries wait, more are refused at once as "busy", with the hint ``retry_after_ms``. A handler that
