@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import msgspec
 
-from surveilnav.messages import Part
+from surveilnav.messages import PayloadPart
 from surveilnav.sensing.packing import encode_jpeg, encode_rgbd
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.result_cache import ResultCache
@@ -23,8 +23,8 @@ class EncodedFrame:
 
     version: int
     payload: bytes
-    image: Part
-    depth: Part
+    image: PayloadPart
+    depth: PayloadPart
 
 
 class FrameEncoder:
@@ -60,5 +60,5 @@ class FrameEncoder:
 
 
 def _parse_frame(version: int, parts: Sequence[bytes]) -> EncodedFrame:
-    image, depth = msgspec.msgpack.decode(parts[1], type=tuple[Part, Part])
+    image, depth = msgspec.msgpack.decode(parts[1], type=tuple[PayloadPart, PayloadPart])
     return EncodedFrame(version, parts[0], image, depth)

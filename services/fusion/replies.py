@@ -9,7 +9,7 @@ import msgspec
 
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.errors import BusError, PerceptionError
-from surveilnav.messages import DEFAULT_LAYERS, LayerHeader, ObjectList, ObjectRecord, ViewPicture
+from surveilnav.messages import LAYERS, LayerHeader, ObjectList, ObjectRecord, ViewPicture
 from surveilnav.messages.maps import LayerName
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.packing import pack_array
@@ -36,8 +36,8 @@ class Replies:
     def layer(self, request: Request) -> Answer:
         """One layer of a floor; the value layer is of the target that the parameter ``target`` names."""
         floor, layer, target = request.ids.get("floor"), request.ids.get("layer"), request.parameters.get("target", "")
-        if floor is None or layer not in DEFAULT_LAYERS:
-            raise Refused("unknown_layer", f"ask for map/FLOOR/LAYER, with a layer of {', '.join(DEFAULT_LAYERS)}")
+        if floor is None or layer not in LAYERS:
+            raise Refused("unknown_layer", f"ask for map/FLOOR/LAYER, with a layer of {', '.join(LAYERS)}")
         text = self._embedded(target, value_prompt(target)) if layer == "value" else None
         try:
             if text is not None:

@@ -38,7 +38,7 @@ class Stream:
 
     ``kind`` is "put" or "query" ("put+query": both). ``request`` is what a query carries, ``message`` what is
     put or replied. ``payload`` says that raw bytes travel as the payload, the message then being the
-    attachment. ``max_age_ms``: older is stale. ``rate_hz``: None means on change. ``asked_of_all``: a request may
+    attachment. ``max_age_ms``: older is stale. ``rate_hz``: None means on change. ``allows_wildcard``: a request may
     go to all owners by a wildcard; others must name one, so that no command moves every robot.
     """
 
@@ -53,7 +53,7 @@ class Stream:
     carries: str
     request: type[Message] | None = None
     payload: bool = False
-    asked_of_all: bool = False
+    allows_wildcard: bool = False
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -162,7 +162,7 @@ CAMERA_SLOT = Stream(
     "control",
     "who holds a slot of the camera plan answers; the others look for a free one",
     request=m.SlotClaim,
-    asked_of_all=True,
+    allows_wildcard=True,
 )
 ROBOT_OBSERVATION = Stream(
     "robot_observation",
@@ -210,7 +210,7 @@ ROBOT_HALT = Stream(
     "control",
     "stop at once and stay, or be released: one robot or all",
     request=m.Halt,
-    asked_of_all=True,
+    allows_wildcard=True,
 )
 PERCEPTION_INFER = Stream(
     "perception_infer",
@@ -305,7 +305,7 @@ FORGET_PICTURES = Stream(
     "control",
     "forget past pictures: all who keep any",
     request=m.ForgetPictures,
-    asked_of_all=True,
+    allows_wildcard=True,
 )
 VIEW_LOG = Stream(
     "view_log",

@@ -34,7 +34,7 @@ from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD
 from surveilnav.errors import SurveilNavError
 from surveilnav.geometry import Pinhole
 from surveilnav.histogram import quantile_ms
-from surveilnav.messages import InferRequest, ModelIds, Part, WorkerLoad
+from surveilnav.messages import InferRequest, ModelIds, PayloadPart, WorkerLoad
 from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.presets import NetworkSettings, onnx_coco
 from surveilnav.sensing.packing import encode_rgbd
@@ -327,7 +327,9 @@ def bad_input(bus: BusSettings) -> None:
     good, payload = pictures(1)[0]
     assert good.image is not None
     rest = payload[good.image.n_bytes :]
-    rows = [(msgspec.structs.replace(good, image=Part("jpeg", len(p))), p + rest) for p in table.PICTURES.values()]
+    rows = [
+        (msgspec.structs.replace(good, image=PayloadPart("jpeg", len(p))), p + rest) for p in table.PICTURES.values()
+    ]
     rows += [(msgspec.structs.replace(good, **changes), payload) for changes, _ in table.REQUESTS.values()]
     tally = Tally()
     with worker(bus, "bad", "timed"), Node("bench", "bad-caller", bus, alive=False) as node:

@@ -18,7 +18,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 
 from surveilnav.histogram import EDGES_MS
 from surveilnav.messages import WorkerLoad
-from surveilnav.messages.mission import MissionState
+from surveilnav.messages.mission import MissionStateName
 from surveilnav.services.gateway.core.resources import Camera, Floor, Mission, Recorder, Robot, Service, Traffic
 
 T = TypeVar("T")
@@ -161,7 +161,7 @@ def _of_robots_and_missions(heard: Heard) -> Iterator[Metric]:
     yield _gauge("robot_up", "1: the robot was heard of", robots, lambda r: {"robot": r.id}, lambda r: not r.stale)
     states = Counter(m.state for m in heard.missions)
     what = "Missions by state, of those that are known"
-    known = get_args(MissionState)
+    known = get_args(MissionStateName)
     yield _gauge("missions", what, known, lambda state: {"state": state}, lambda state: states[state])
     what = "Missions that ended at their target, of those that are known"
     yield _single("missions_found", what, sum(m.found for m in heard.missions))

@@ -170,7 +170,7 @@ class QueryServer:
             data, payload = (attachment, payload) if attachment else (payload, b"")
             message = decode(stream.request, data, schema_in(query.encoding))
         ids = stream.ids_of(key) or {}
-        if not ids and stream.asked_of_all:  # each is asked for its own
+        if not ids and stream.allows_wildcard:  # each is asked for its own
             ids = stream.ids_of(self._key) or {}
         if stream.kind == "query" and stream.request is not None and not ids:
             raise WireError(f"expected a key like {stream.key} without wildcards, got {key!r:.120}")

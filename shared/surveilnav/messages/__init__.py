@@ -6,7 +6,7 @@ of the sender's clock (simulated time in a benchmark).
 
 from surveilnav.messages.camera import CameraInfo, CameraRequest, CameraSummary, CameraViewInfo, SlotClaim
 from surveilnav.messages.maps import (
-    DEFAULT_LAYERS,
+    LAYERS,
     CameraUse,
     LayerHeader,
     ObjectEvent,
@@ -43,11 +43,11 @@ from surveilnav.messages.recording import (
 )
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Halt, HaltReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Judged, Truth
-from surveilnav.messages.view import FrameHeader, Part
+from surveilnav.messages.view import FrameHeader, PayloadPart
 
 __all__ = [
     "ACTIONS",
-    "DEFAULT_LAYERS",
+    "LAYERS",
     "FASTEST_REPLAY",
     "FINISHED_STATES",
     "SLOWEST_REPLAY",
@@ -82,7 +82,7 @@ __all__ = [
     "ObjectList",
     "ObjectRecord",
     "Observation",
-    "Part",
+    "PayloadPart",
     "PicturesForgotten",
     "Plan",
     "RecorderStatus",

@@ -10,7 +10,7 @@ from surveilnav.geometry import Grid
 from surveilnav.messages.base import Message
 
 LayerName = Literal["occupancy", "explored", "frontier", "value", "cloud", "provenance"]
-DEFAULT_LAYERS: tuple[str, ...] = ("occupancy", "explored", "frontier", "value", "cloud", "provenance")
+LAYERS: tuple[str, ...] = ("occupancy", "explored", "frontier", "value", "cloud", "provenance")
 
 
 class LayerHeader(Message, frozen=True, kw_only=True):

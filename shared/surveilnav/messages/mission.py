@@ -8,9 +8,9 @@ import msgspec
 
 from surveilnav.messages.base import Message
 
-MissionState = Literal["queued", "active", "confirming", "paused", "done", "failed", "cancelled"]
+MissionStateName = Literal["queued", "active", "confirming", "paused", "done", "failed", "cancelled"]
 #: States that a mission never leaves.
-FINISHED_STATES: tuple[MissionState, ...] = ("done", "failed", "cancelled")
+FINISHED_STATES: tuple[MissionStateName, ...] = ("done", "failed", "cancelled")
 
 
 class MissionGoal(Message, frozen=True, kw_only=True):
@@ -29,7 +29,7 @@ class MissionAck(Message, frozen=True, kw_only=True):
 
     mission: str
     accepted: bool
-    state: MissionState
+    state: MissionStateName
     robot: str = ""
     target: str = ""
     error: str = ""
@@ -61,7 +61,7 @@ class MissionStatus(Message, frozen=True, kw_only=True):
     mission: str
     target: str
     robot: str
-    state: MissionState
+    state: MissionStateName
     phase: str
     step: int
     max_steps: int

@@ -6,7 +6,7 @@ import msgspec
 
 from surveilnav.geometry import Pinhole
 from surveilnav.messages.base import Message
-from surveilnav.messages.view import Part
+from surveilnav.messages.view import PayloadPart
 
 
 class InferRequest(Message, frozen=True, kw_only=True):
@@ -24,8 +24,8 @@ class InferRequest(Message, frozen=True, kw_only=True):
     view: int = 0
     seq: int = 0
     camera: Pinhole | None = None
-    image: Part | None = None
-    depth: Part | None = None
+    image: PayloadPart | None = None
+    depth: PayloadPart | None = None
     depth_range_m: tuple[float, float] = (0.0, 0.0)
     prompts: list[str] = []
     texts: list[str] = []

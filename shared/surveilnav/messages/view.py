@@ -10,7 +10,7 @@ from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages.base import Message
 
 
-class Part(msgspec.Struct, frozen=True):
+class PayloadPart(msgspec.Struct, frozen=True):
     """One stretch of the payload: how it is encoded, and how many bytes it takes."""
 
     encoding: Literal["jpeg", "depth-invq-zstd"]
@@ -33,5 +33,5 @@ class FrameHeader(Message, frozen=True, kw_only=True):
     camera: Pinhole
     mounting_offset_m: float
     depth_range_m: tuple[float, float]
-    image: Part
-    depth: Part
+    image: PayloadPart
+    depth: PayloadPart

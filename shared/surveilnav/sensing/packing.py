@@ -30,7 +30,7 @@ from numpy.typing import DTypeLike, NDArray
 from surveilnav.contract import ID
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import Detection, FrameHeader, InferReply, Part
+from surveilnav.messages import Detection, FrameHeader, InferReply, PayloadPart
 from surveilnav.sensing import rle
 from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception, box_cells
 
@@ -58,7 +58,7 @@ def encode_rgbd(
     *,
     depth_range_m: tuple[float, float],
     jpeg_quality: int = 90,
-) -> tuple[bytes, Part, Part]:
+) -> tuple[bytes, PayloadPart, PayloadPart]:
     """(payload, image part, depth part) of a registered RGB-D picture.
 
     Args:
@@ -69,7 +69,7 @@ def encode_rgbd(
     """
     image = encode_jpeg(rgb, jpeg_quality)
     depth = encode_depth(depth_m, depth_range_m)
-    return image + depth, Part("jpeg", len(image)), Part("depth-invq-zstd", len(depth))
+    return image + depth, PayloadPart("jpeg", len(image)), PayloadPart("depth-invq-zstd", len(depth))
 
 
 def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
@@ -103,7 +103,7 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
 
 
 def decode_rgbd(
-    payload: bytes, image: Part, depth: Part, camera: Pinhole, depth_range_m: tuple[float, float]
+    payload: bytes, image: PayloadPart, depth: PayloadPart, camera: Pinhole, depth_range_m: tuple[float, float]
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """(rgb (height, width, 3) uint8, depth (height, width) float32 [m], 0: none) of a payload ``image`` then ``depth``.
 
@@ -118,7 +118,7 @@ def decode_rgbd(
     )
 
 
-def check_rgbd(payload: bytes, image: Part, depth: Part, camera: Pinhole) -> None:
+def check_rgbd(payload: bytes, image: PayloadPart, depth: PayloadPart, camera: Pinhole) -> None:
     """What can be known of a payload before a pixel is decoded: its parts, and the dimensions that the JPEG states.
 
     Raises:

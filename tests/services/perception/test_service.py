@@ -17,7 +17,7 @@ import pytest
 from surveilnav.bus import BusSettings, Node, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import InferRequest, Part, Truth
+from surveilnav.messages import InferRequest, PayloadPart, Truth
 from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
@@ -149,7 +149,7 @@ def test_a_full_queue_refuses_and_a_deadline_is_kept_while_a_stage_is_stuck(bus:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"image": Part("jpeg", 3)},
+        {"image": PayloadPart("jpeg", 3)},
         {"camera": None},
         {"camera": Pinhole.from_hfov(99, 48, 1.0)},
         {"depth_range_m": (0.0, 0.0)},

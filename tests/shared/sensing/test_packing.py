@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole, Pose, camera_pose
-from surveilnav.messages import FrameHeader, InferReply, ModelIds, Part
+from surveilnav.messages import FrameHeader, InferReply, ModelIds, PayloadPart
 from surveilnav.sensing import packing
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 
@@ -110,9 +110,9 @@ def test_frame_round_trip() -> None:
         ({"depth_range_m": (0.5, math.inf)}, "range"),
         ({"camera": Pinhole.from_hfov(48, 64, 1.0)}, "JPEG"),
         ({"camera": Pinhole.from_hfov(16384, 16384, 1.0)}, "pixels"),
-        ({"image": Part("jpeg", 10)}, "payload"),
-        ({"image": Part("jpeg", -5)}, "payload"),
-        ({"image": Part("depth-invq-zstd", 1)}, "parts"),
+        ({"image": PayloadPart("jpeg", 10)}, "payload"),
+        ({"image": PayloadPart("jpeg", -5)}, "payload"),
+        ({"image": PayloadPart("depth-invq-zstd", 1)}, "parts"),
         ({"T_world_camera": Pose((1e9, 0, 0), (0, 0, 0, 1))}, "position"),
     ],
 )

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import Detection, InferReply, InferRequest, ModelIds, Part
+from surveilnav.messages import Detection, InferReply, InferRequest, ModelIds, PayloadPart
 from surveilnav.services.perception.core.cache import ByteCache, content_key, text_key
 from surveilnav.services.perception.core.reply import CachedReply
 
@@ -18,8 +18,8 @@ ASKED = InferRequest(
     view=0,
     seq=1,
     camera=Pinhole.from_hfov(64, 48, 1.2),
-    image=Part("jpeg", 3),
-    depth=Part("depth-invq-zstd", 2),
+    image=PayloadPart("jpeg", 3),
+    depth=PayloadPart("depth-invq-zstd", 2),
     depth_range_m=(0.5, 5.0),
     prompts=["tv"],
 )
@@ -85,7 +85,7 @@ def test_what_answers_take_in_memory_is_what_may_be_kept_of_them() -> None:
         {"detects": False},
         {"depth_range_m": (0.5, 6.0)},
         {"camera": Pinhole.from_hfov(64, 48, math.radians(80))},
-        {"image": Part("jpeg", 2), "depth": Part("depth-invq-zstd", 3)},
+        {"image": PayloadPart("jpeg", 2), "depth": PayloadPart("depth-invq-zstd", 3)},
     ],
 )
 def test_all_that_an_answer_depends_on_is_in_its_key(changes: dict[str, object]) -> None:
