@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surveilnav.nouns import PART, detect_language, split_words, thing_asked_for, thing_named, things, whole_of
+from surveilnav.nouns import PART, detect_language, split_words, thing_asked_for, thing_named, thing_or_whole, things
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.simulator.furniture.labels import KINDS, label_of
 
@@ -108,7 +108,7 @@ def test_the_language_of_a_home_decides_where_words_are_shared() -> None:
     ],
 )
 def test_parts_name_what_they_are_of(name: str, whole: str) -> None:
-    assert whole_of(name) == whole
+    assert thing_or_whole(name) == whole
     assert not label_of(name, SIZE) or whole == label_of(name, SIZE)
 
 

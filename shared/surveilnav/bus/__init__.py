@@ -1,6 +1,6 @@
-"""What every service stands on: the Zenoh session, queries with bounded queues, presence, traffic, health.
+"""The bus that connects all services: publishing, queries with bounded queues, presence, traffic figures, health.
 
-``Node`` is the whole interface; services see messages and numpy arrays, never a Zenoh type.
+``Node`` is the interface. Services see messages and bytes, never a type of Zenoh.
 """
 
 from surveilnav.bus.connection import Received

@@ -1,7 +1,6 @@
-"""Every message of the contract: frozen structs without behaviour, encoded as MessagePack.
+"""All messages of the contract: frozen structs without behaviour, encoded as MessagePack.
 
-Frames and units stand in the docstrings. Every message carries ``stamp_ns``, nanoseconds since the epoch
-of the sender's clock (simulated time in a benchmark).
+Each message has ``stamp_ns``, the time of its sender's clock in nanoseconds since the epoch (simulated time in a benchmark).
 """
 
 from surveilnav.messages.camera import CameraInfo, CameraRequest, CameraSummary, CameraViewInfo, SlotClaim

@@ -116,4 +116,4 @@ def test_any_text_is_known_or_refused(text):
 def test_what_is_akin_in_meaning_comes_first():
     own = Vocabulary("OWN", ["oven", "kitten"], akin={"kitchen": ["oven"]})
     assert own.nearest("kitchen") == ["oven", "kitten"]
-    assert own.nearest("kitchen", most=1) == ["oven"]
+    assert own.nearest("kitchen", max_names=1) == ["oven"]
