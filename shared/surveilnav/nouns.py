@@ -115,7 +115,7 @@ def thing_asked_for(phrase: str) -> str:
     """
     if len(phrase) > _MAX_NAME_CHARS:
         return ""
-    best = _best(phrase, "", asked=True)
+    best = _best(phrase, "", wide=True)
     return best.head if best.head and best.head != PART and best.is_complete else ""
 
 
@@ -177,9 +177,9 @@ def _parts(name: str, keeps_accents: bool) -> tuple[tuple[str, ...], ...]:
 
 
 @lru_cache(maxsize=4096)
-def _best(name: str, language: str, asked: bool = False) -> _Reading:
-    """The reading of the language that knows most of a name; of equals, the most used language. ``asked``: see ``_languages``."""
-    read = [(_read(name, known), known.code == language) for known in _languages(asked)]
+def _best(name: str, language: str, wide: bool = False) -> _Reading:
+    """The reading of the language that knows most of a name; of equals, the most used language. ``wide``: see ``_languages``."""
+    read = [(_read(name, known), known.code == language) for known in _languages(wide)]
     return max(read, key=lambda r: (r[0].known, r[1], r[0].n_links))[0]
 
 
@@ -237,16 +237,16 @@ def _annotations() -> frozenset[str]:
 
 
 @cache
-def _languages(asked: bool = False) -> tuple[Language, ...]:
-    """All languages, the most used first. ``asked``: including what a person may ask for besides furniture."""
-    return tuple(_language(code, row, asked) for code, row in _table()["languages"].items())
+def _languages(wide: bool = False) -> tuple[Language, ...]:
+    """All languages, the most used first. ``wide``: with words for more than furniture, for people's requests."""
+    return tuple(_language(code, row, wide) for code, row in _table()["languages"].items())
 
 
-def _language(code: str, row: dict, asked: bool) -> Language:
+def _language(code: str, row: dict, wide: bool) -> Language:
     keeps_accents = row.get("accents") == "kept"
     phrases: dict[tuple[str, ...], str] = {}
     endings: dict[str, str] = {}
-    for thing, listed in (*row["things"].items(), *(row["also"].items() if asked else ())):
+    for thing, listed in (*row["things"].items(), *(row["also"].items() if wide else ())):
         for phrase in listed.split(", "):
             words = split_words(phrase, keeps_accents)
             phrases[words] = thing

@@ -73,16 +73,16 @@ class PipelineBackend(Backend):
     def _segment(self, batch: Sequence[ViewTask]) -> None:
         likely = [np.flatnonzero(w.boxes.best_scores >= self._min_score) for w in batch]
         xyxy = [w.boxes.xyxy[rows] for w, rows in zip(batch, likely, strict=True)]
-        every = self.segmenter.segment([w.view for w in batch], xyxy)
-        for task, rows, masks in zip(batch, likely, every, strict=True):
+        masks_by_view = self.segmenter.segment([w.view for w in batch], xyxy)
+        for task, rows, masks in zip(batch, likely, masks_by_view, strict=True):
             task.boxes = self._reduce_wrong_sizes(task.view, task.boxes, rows, masks)
             kept = np.flatnonzero(task.boxes.best_scores[rows] >= self._min_score)
             task.rows, task.masks = rows[kept], [masks[i] for i in kept]
 
     def _embed(self, batch: Sequence[ViewTask]) -> None:
         images, boxes = [w.view.rgb for w in batch], [w.boxes for w in batch]
-        every = self.embedder.embed_views(images, boxes, [w.rows for w in batch])
-        for task, embedding in zip(batch, every, strict=True):
+        embeddings = self.embedder.embed_views(images, boxes, [w.rows for w in batch])
+        for task, embedding in zip(batch, embeddings, strict=True):
             labels, best = task.boxes.labels, task.boxes.best_scores
             detections = [
                 DetectedObject(labels[row], min(1.0, float(best[row])), _box(task.boxes.xyxy[row]), mask, vector)

@@ -76,12 +76,12 @@ def onnx_coco(networks: NetworkSettings, why: str) -> Backend:
     runtime = Runtime(networks.device, networks.threads)
     loaded = {n: coco.load(path, models.family(n), runtime) for n, path in files.items()}
     ids = "+".join(models.model_id(n, path) for n, path in files.items())
-    said = " + ".join(small) if small == large else f"{' + '.join(small)}; for cameras {' + '.join(large)}"
+    description = " + ".join(small) if small == large else f"{' + '.join(small)}; for cameras {' + '.join(large)}"
     kind = "a real detector" if len(loaded) == 1 else "real detectors that have to agree"
     detector = coco.CocoDetector([loaded[n] for n in small], [loaded[n] for n in large], model=ids)
     return PipelineBackend(
         "onnx-coco",
-        f"{kind} ({said}), {why}",
+        f"{kind} ({description}), {why}",
         detector,
         DepthInBox(),
         ClassSpace(),
@@ -99,9 +99,9 @@ def compact(networks: NetworkSettings, why: str) -> Backend:
     """
     path = models.find("compact", download=False)
     network = CompactNetwork(open_session(path, Runtime(networks.device, networks.threads)))
-    said = f"our own network of {len(network.classes)} classes, trained on rendered homes"
+    description = f"our own network of {len(network.classes)} classes, trained on rendered homes"
     return SingleNetworkBackend(
-        "compact", f"{said}, {why}", network, models.model_id("compact", path), chance_table("compact")
+        "compact", f"{description}, {why}", network, models.model_id("compact", path), chance_table("compact")
     )
 
 
@@ -146,9 +146,9 @@ def yolo_world(networks: NetworkSettings, why: str) -> Backend:
     detector = parts.load_detector(name, runtime, threshold=threshold, download=False)
     segmenter = parts.load_segmenter(networks.segmenter or DepthInBox.model, runtime, download=networks.download)
     embedder = parts.load_embedder(networks.embedder or PAPER[2], runtime, download=networks.download)
-    said = f"{len(detector.vocabulary or ())} words of its own"
+    description = f"{len(detector.vocabulary or ())} words of its own"
     return PipelineBackend(
-        "yolo-world", f"{detector.model} ({said}), {why}", detector, segmenter, embedder, min_score=0.0
+        "yolo-world", f"{detector.model} ({description}), {why}", detector, segmenter, embedder, min_score=0.0
     )
 
 

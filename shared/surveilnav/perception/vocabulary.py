@@ -101,8 +101,8 @@ class Vocabulary(Sequence[str]):
     def find_name(self, name: str) -> str:
         """The class that a person's word means, in any spelling or language ("Sofa", "canapé", "床"); empty if none."""
         word = canonical(name)
-        own = (self.exact_name(said) for said in (word, thing_asked_for(name), thing_asked_for(word)))
-        return next(filter(None, own), "")
+        names = (self.exact_name(w) for w in (word, thing_asked_for(name), thing_asked_for(word)))
+        return next(filter(None, names), "")
 
     def resolve_name(self, name: str) -> str:
         """``find_name``, or an error.
@@ -125,10 +125,10 @@ class Vocabulary(Sequence[str]):
         The spelling of the word, or of the thing that it means, is compared with a class's name, its single words, and its
         synonyms.
         """
-        word, asked = canonical(word)[:MAX_WORD_CHARS], thing_asked_for(word)
-        said = [asked] if asked else [word, thing_or_whole(word) or word]
-        alike = {name: max(self._similarity(one, name) for one in said) for name in self}
-        near = sorted((name for name in self if alike[name] > 0), key=lambda name: -alike[name])
+        word, thing = canonical(word)[:MAX_WORD_CHARS], thing_asked_for(word)
+        spellings = [thing] if thing else [word, thing_or_whole(word) or word]
+        similarity = {name: max(self._similarity(s, name) for s in spellings) for name in self}
+        near = sorted((name for name in self if similarity[name] > 0), key=lambda name: -similarity[name])
         return list(dict.fromkeys((*self._akin.get(word, ()), *near)))[:max_names]
 
     def _similarity(self, word: str, name: str) -> float:

@@ -1,6 +1,7 @@
 """Grounding DINO (Liu et al. 2023, arXiv 2303.05499) and MM-Grounding-DINO (Zhao et al. 2024, arXiv 2401.02361).
 
-A picture and a text look at each other; 900 queries give a box each, and how well every token of the text fits it.
+The network combines a picture and a text by cross-attention. Each of its 900 queries outputs a box, and how well each token
+of the text fits it.
 """
 
 from __future__ import annotations

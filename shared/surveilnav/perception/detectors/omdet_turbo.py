@@ -70,7 +70,7 @@ class OmDetTurbo:
         }
         with self._model.running():
             out = self._model.net(**{name: tensor.to(self._model.device) for name, tensor in inputs.items()})
-        every = zip(to_numpy(out.decoder_coord_logits), to_numpy(out.decoder_class_logits.sigmoid()), strict=True)
+        results = zip(to_numpy(out.decoder_coord_logits), to_numpy(out.decoder_class_logits.sigmoid()), strict=True)
         height, width = images[0].shape[:2]
         return [
             merge_queries(
@@ -79,5 +79,5 @@ class OmDetTurbo:
                 width,
                 height,
             )
-            for cxcywh, scores in every
+            for cxcywh, scores in results
         ]

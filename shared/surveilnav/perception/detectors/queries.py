@@ -24,22 +24,22 @@ def detect_in_groups(
     Such pictures need no padding, so that none influences the result of another. Words with a ``refusal`` aren't looked for,
     and their scores are zero: a single word must not make a view fail.
     """
-    found = [Boxes.empty(tuple(asked)) for asked in words]
+    found = [Boxes.empty(tuple(wanted)) for wanted in words]
     groups: dict[tuple[tuple[int, ...], tuple[str, ...]], list[int]] = {}
-    for row, (image, asked) in enumerate(zip(images, words, strict=True)):
-        if sought := tuple(word for word in asked if not refusal(word)):
-            groups.setdefault((image.shape, sought), []).append(row)
-    for (_, sought), rows in groups.items():
-        for row, boxes in zip(rows, detect([images[row] for row in rows], sought), strict=True):
+    for row, (image, wanted) in enumerate(zip(images, words, strict=True)):
+        if searched := tuple(word for word in wanted if not refusal(word)):
+            groups.setdefault((image.shape, searched), []).append(row)
+    for (_, searched), rows in groups.items():
+        for row, boxes in zip(rows, detect([images[row] for row in rows], searched), strict=True):
             found[row] = _with_all_words(boxes, tuple(words[row]), refusal)
     return found
 
 
-def _with_all_words(boxes: Boxes, asked: tuple[str, ...], refusal: Callable[[str], str]) -> Boxes:
+def _with_all_words(boxes: Boxes, wanted: tuple[str, ...], refusal: Callable[[str], str]) -> Boxes:
     """The boxes with columns of zeros for the words that weren't looked for."""
-    scores = np.zeros((len(boxes), len(asked)), np.float32)
-    scores[:, [column for column, word in enumerate(asked) if not refusal(word)]] = boxes.scores
-    return Boxes(boxes.xyxy, scores, asked)
+    scores = np.zeros((len(boxes), len(wanted)), np.float32)
+    scores[:, [column for column, word in enumerate(wanted) if not refusal(word)]] = boxes.scores
+    return Boxes(boxes.xyxy, scores, wanted)
 
 
 def to_corners(cxcywh: NDArray[np.float32], width_px: float, height_px: float) -> NDArray[np.float32]:

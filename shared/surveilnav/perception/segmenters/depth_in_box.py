@@ -73,8 +73,26 @@ def find_mask(
     if valid[box].sum() < max(6, 0.02 * valid[box].size):
         return None
 
-    near = np.log(np.where(valid, smooth, 1.0)).astype(np.float32)
-    surfaces = _surfaces(near, valid, step)
+    log_depth = np.log(np.where(valid, smooth, 1.0)).astype(np.float32)
+    mask = _object_pixels(log_depth, _surfaces(log_depth, valid, step), box)
+    if mask is None or mask.sum() < 0.03 * mask.size:
+        return None
+    if step > 1:
+        mask = np.repeat(np.repeat(mask, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
+        mask = mask & (depth_m[y0:y1, x0:x1] > 0)
+    return mask
+
+
+def _object_pixels(
+    log_depth: NDArray[np.float32], surfaces: NDArray[np.int32], box: tuple[slice, slice]
+) -> NDArray[np.bool_] | None:
+    """The pixels of a box, within a window, that belong to the object; None if no surface fills the box's centre.
+
+    Args:
+        log_depth: of the window.
+        surfaces: labels of the window's surfaces, 0: none.
+        box: the box's rows and columns in the window.
+    """
     inside = surfaces[box]
     n = int(surfaces.max()) + 1
     weight = np.bincount(inside.ravel(), weights=_centre_weight(inside.shape).ravel(), minlength=n)
@@ -84,21 +102,14 @@ def find_mask(
     main = int(np.argmax(share))
     if share[main] <= 0:
         return None
-    low, high = np.quantile(near[box][inside == main], [0.02, 0.98])
+    low, high = np.quantile(log_depth[box][inside == main], [0.02, 0.98])
     chosen = np.zeros(n, bool)
-    for label in np.flatnonzero(
-        (weight > 0.01 * weight.sum()) & (contained > 0.6)
-    ):  # further pieces of the object, such as legs and slats
-        middle = float(np.median(near[box][inside == label]))
+    # Further pieces of the object, such as legs and slats.
+    for label in np.flatnonzero((weight > 0.01 * weight.sum()) & (contained > 0.6)):
+        middle = float(np.median(log_depth[box][inside == label]))
         chosen[label] = label > 0 and low - 0.03 <= middle <= high + 0.03
     chosen[main] = True
-    mask = chosen[inside]
-    if mask.sum() < 0.03 * mask.size:
-        return None
-    if step > 1:
-        mask = np.repeat(np.repeat(mask, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
-        mask = mask & (depth_m[y0:y1, x0:x1] > 0)
-    return mask
+    return np.asarray(chosen[inside])
 
 
 def _centre_weight(shape: tuple[int, ...]) -> NDArray[np.float32]:
@@ -107,11 +118,11 @@ def _centre_weight(shape: tuple[int, ...]) -> NDArray[np.float32]:
     return np.exp(-(u * u + v * v)).astype(np.float32)
 
 
-def _surfaces(near: NDArray[np.float32], valid: NDArray[np.bool_], step: int) -> NDArray[np.int32]:
+def _surfaces(log_depth: NDArray[np.float32], valid: NDArray[np.bool_], step: int) -> NDArray[np.int32]:
     """Labels (0: none) of surfaces: connected pixels without a jump in log depth between them."""
     limit = np.float32(_JUMP * np.sqrt(step))
-    jump = np.zeros(near.shape, bool)  # pixels on the far side of a jump, so that the nearer surface keeps its rim
-    across, down = np.diff(near, axis=1), np.diff(near, axis=0)
+    jump = np.zeros(log_depth.shape, bool)  # pixels on the far side of a jump, so that the nearer surface keeps its rim
+    across, down = np.diff(log_depth, axis=1), np.diff(log_depth, axis=0)
     jump[:, 1:] |= across > limit
     jump[:, :-1] |= across < -limit
     jump[1:, :] |= down > limit
