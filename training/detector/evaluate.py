@@ -70,9 +70,9 @@ class Tally:
         for name in self.names:
             mine = view.labels == known.index(name)
             scores = found.scores[:, words.index(name)] if name in words else np.zeros(len(found), np.float32)
-            said = scores > 0
+            reported = scores > 0
             self.by_class[name].add(
-                found.xyxy[said], scores[said], view.boxes[mine], view.areas[mine] >= self.min_pixels
+                found.xyxy[reported], scores[reported], view.boxes[mine], view.areas[mine] >= self.min_pixels
             )
 
     def mean(self, names: Sequence[str]) -> float:
@@ -184,7 +184,7 @@ def measured(
     own: str, tallies: Mapping[tuple[str, str], Tally], masks: Mapping[str, float], views: Mapping[str, int]
 ) -> dict[str, Measured]:
     """By kind of view, what the network called ``own`` found, and others beside it on the six goals. Of classes that have no
-    objects nothing is said."""
+    objects nothing is reported."""
     found = {}
     for kind, n in sorted(views.items()):
         tally = tallies[kind, own]

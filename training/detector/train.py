@@ -156,9 +156,9 @@ class Training:
             group["lr"] = self.plan.rate_at(self.step)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.plan.bf16):
-            said = self.network(batch.pictures.float() / 255.0, batch.depth)
+            output = self.network(batch.pictures.float() / 255.0, batch.depth)
         points, _ = places(batch.pictures.shape[2], batch.pictures.shape[3], self.device)
-        parts = losses(said, points, batch)
+        parts = losses(output, points, batch)
         loss = torch.stack([WEIGHTS[name] * part for name, part in parts.items()]).sum()
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

@@ -67,15 +67,15 @@ def test_it_keeps_its_budget(network: Compact) -> None:
 
 @pytest.mark.parametrize(("height", "width"), [(64, 96), (128, 64)])
 def test_shapes(network: Compact, height: int, width: int) -> None:
-    said = network(torch.rand(2, 3, height, width), torch.rand(2, N_CHANNELS, height // 2, width // 2))
+    output = network(torch.rand(2, 3, height, width), torch.rand(2, N_CHANNELS, height // 2, width // 2))
     L = sum(height // s * (width // s) for s in (8, 16, 32))
-    assert said.logits.shape == (2, L, C)
-    assert said.ltrb.shape == (2, L, 4)
-    assert (said.ltrb > 0).all()
-    assert said.prototypes.shape[2:] == (height // 4, width // 4)
-    assert said.coefficients.shape == (2, L, said.prototypes.shape[1])
-    assert said.near.shape == (2, C + R)
-    torch.testing.assert_close(said.embeddings.norm(dim=-1), torch.ones(2, L))
+    assert output.logits.shape == (2, L, C)
+    assert output.ltrb.shape == (2, L, 4)
+    assert (output.ltrb > 0).all()
+    assert output.prototypes.shape[2:] == (height // 4, width // 4)
+    assert output.coefficients.shape == (2, L, output.prototypes.shape[1])
+    assert output.near.shape == (2, C + R)
+    torch.testing.assert_close(output.embeddings.norm(dim=-1), torch.ones(2, L))
     assert (place_centres(height, width) == places(height, width)[0].numpy()).all()
 
 
@@ -150,13 +150,13 @@ def test_its_file_says_what_it_says(network: Compact, tmp_path: Path) -> None:
     depth = torch.zeros(1, N_CHANNELS, 32, 48)  # the picture fills all of the box's columns, all rows are its own, too
     depth[0] = torch.from_numpy(depth_channels(view.depth_m, view.camera, 48, 32)).permute(2, 0, 1)
     with torch.no_grad():
-        said = network(torch.from_numpy(box).permute(2, 0, 1)[None].float() / 255.0, depth)
+        output = network(torch.from_numpy(box).permute(2, 0, 1)[None].float() / 255.0, depth)
     assert own.classes == NAMES.names
-    np.testing.assert_allclose(answer.scores, said.logits[0].sigmoid().numpy(), atol=1e-4)
-    wanted = boxes_of(said.ltrb[0], places(*box.shape[:2])[0]).numpy() / ratio
+    np.testing.assert_allclose(answer.scores, output.logits[0].sigmoid().numpy(), atol=1e-4)
+    wanted = boxes_of(output.ltrb[0], places(*box.shape[:2])[0]).numpy() / ratio
     np.testing.assert_allclose(answer.xyxy, wanted, rtol=1e-3, atol=1e-2)
-    np.testing.assert_allclose(answer.image, said.image[0].numpy(), atol=1e-4)
-    np.testing.assert_allclose(answer.prototypes, said.prototypes[0].numpy(), atol=1e-3)
+    np.testing.assert_allclose(answer.image, output.image[0].numpy(), atol=1e-4)
+    np.testing.assert_allclose(answer.prototypes, output.prototypes[0].numpy(), atol=1e-3)
 
 
 def test_its_card_says_what_its_weights_are(network: Compact, tmp_path: Path) -> None:
