@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 try:
     import fcntl
@@ -52,7 +52,7 @@ def lines(path: Path) -> list[str]:
 
 def rewrite(path: Path, new: Iterable[str]) -> None:
     """Puts other lines in a journal's place, all or none; to be called while it is ``locked``. Raises OSError."""
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         os.fchmod(file.fileno(), 0o644)
         file.write("".join(f"{line}\n" for line in new).encode())
         file.flush()

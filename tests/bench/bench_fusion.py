@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from sklearn.cluster import DBSCAN
 
 from surveilnav.geometry import Pinhole, camera_pose
-from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.core import JointMap, MapConfig
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
 from surveilnav.services.fusion.core.maps.floor_map import _count_points, window_of
@@ -47,7 +47,7 @@ class Corridor:
         self._noise = (1 + 0.005 * self._rng.standard_normal(2 * 640 * 480)).astype(np.float32)
         e = self._rng.standard_normal((5, 512)).astype(np.float32)
         self.embeddings = e / np.linalg.norm(e, axis=1, keepdims=True)
-        found = tuple(Detected("chair", 0.7, b, None, v) for b, v in zip(BOXES, self.embeddings, strict=False))
+        found = tuple(DetectedObject("chair", 0.7, b, None, v) for b, v in zip(BOXES, self.embeddings, strict=False))
         self.perceptions = {"no objects": (), "three objects": found}
 
     def view(self, seq: int, room: int) -> PosedView:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import DEFAULT_LAYERS, ObjectRecord
+from surveilnav.messages.maps import LAYERS, ObjectRecord
 from surveilnav.sensing.views import PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.maps.climbing import ClimbTracker
@@ -206,7 +206,7 @@ class JointMap:
             sources, first_ns, last_ns, _ = geometry.cloud.provenance()
             return geometry.grid, np.stack([sources, first_ns, last_ns], axis=-1)
         if name != "value":
-            raise KeyError(f"no layer {name!r}; there are {', '.join(DEFAULT_LAYERS)}")
+            raise KeyError(f"no layer {name!r}; there are {', '.join(LAYERS)}")
         if text_embedding is None:
             raise ValueError("the value layer belongs to a target: its text embedding is needed")
         return geometry.grid, maps.value.layer(geometry.grid, text_embedding, embedding_model)

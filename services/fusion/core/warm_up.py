@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
-from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.joint_map import JointMap
 from surveilnav.services.fusion.core.views.order import ViewFootprint
@@ -25,7 +25,7 @@ _FLOOR = "0"
 _DOWN_RAD = 0.3  # so much all cameras look down
 _UP_M = 0.88  # a robot's camera above its floor
 _EMBEDDING = np.eye(1, 8, dtype=np.float32)[0]
-_CHAIR = Detected("chair", 0.9, (280.0, 200.0, 360.0, 280.0), None, _EMBEDDING)
+_CHAIR = DetectedObject("chair", 0.9, (280.0, 200.0, 360.0, 280.0), None, _EMBEDDING)
 _PERCEPTION = ViewPerception("warm-up", (_CHAIR,), _EMBEDDING, "warm-up")
 
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from surveilnav.bus import Node, Received, Slot, clock_ns
+from surveilnav.bus import LatestMessage, Node, Received, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
 from surveilnav.errors import BusError
 from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
@@ -35,7 +35,7 @@ class InvokedCamera:
     """
 
     info: CameraInfo
-    slots: dict[int, Slot[FrameHeader]]
+    slots: dict[int, LatestMessage[FrameHeader]]
     arrived: set[int] = field(default_factory=set)
     resend_at_s: float = 0.0
     patience_s: float = 0.0
@@ -51,7 +51,7 @@ class Sources:
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
         node.alive("robot")  # the first call starts watching
-        self._robots: dict[str, Slot[FrameHeader]] = {}
+        self._robots: dict[str, LatestMessage[FrameHeader]] = {}
         self._newest = {robot: (last.seq, last.stamp_ns) for robot, last in maps.processed.robots.items()}
         self._invocation = Invocation()
         self._silent_prefetched: set[str] = set()
@@ -79,7 +79,7 @@ class Sources:
             self._node.log.info("forgets a robot", robot=robot)
         for robot in sorted(here):
             if robot not in self._robots and len(self._robots) < _MAX_ROBOTS:
-                self._robots[robot] = self._node.slot(ROBOT_OBSERVATION, robot=robot)
+                self._robots[robot] = self._node.latest(ROBOT_OBSERVATION, robot=robot)
                 self._node.log.info("follows a robot", robot=robot)
 
     def _robot_frames(self) -> list[Received[FrameHeader]]:
@@ -186,7 +186,7 @@ class Sources:
             if any(not 0 <= view < _MAX_VIEWS for view in views):
                 raise ValueError(f"{info.camera}: expected views from 0 to {_MAX_VIEWS - 1}, got {views[:99]}")
             place = {"floor": info.floor, "camera": info.camera}
-            slots = {view: self._node.slot(CAMERA_FRAME, **place, view=view) for view in views}
+            slots = {view: self._node.latest(CAMERA_FRAME, **place, view=view) for view in views}
         except ValueError as error:
             self._node.reject("camera_info", str(error))
             return

@@ -8,7 +8,7 @@ from surveilnav.bus import Node
 from surveilnav.contract import MISSION_STATUS
 from surveilnav.errors import TargetError
 from surveilnav.messages import FINISHED_STATES
-from surveilnav.words import MAX_WORDS, checked_word
+from surveilnav.words import MAX_WORDS, validate_word
 
 
 class SearchedWords:
@@ -47,7 +47,7 @@ def _valid_words(names: Iterable[str]) -> set[str]:
     words = set()
     for name in names:
         try:
-            words.add(checked_word(name))
+            words.add(validate_word(name))
         except TargetError:
             continue
     return words

@@ -39,7 +39,7 @@ from surveilnav.sensing.packing import (
     unpack_array,
     unpack_embedding,
 )
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.warm_up import warm_up
@@ -168,7 +168,7 @@ class Worker:
 
     def reply(self, source: str, view: int, seq: int) -> InferReply:
         look = np.eye(4, dtype=np.float32)
-        chair = Detected("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, look[0])
+        chair = DetectedObject("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, look[0])
         detections, image = perception_to_wire(ViewPerception("fake", (chair,), look[seq % 4]))
         return InferReply(
             stamp_ns=clock_ns(),

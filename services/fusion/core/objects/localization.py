@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surveilnav.geometry import transform_points
-from surveilnav.sensing.views import Detected, PosedView, box_cells
+from surveilnav.sensing.views import DetectedObject, PosedView, box_cells
 from surveilnav.services.fusion.core.config import ObjectConfig
 from surveilnav.services.fusion.core.objects.clustering import largest_cluster
 from surveilnav.services.fusion.core.objects.shape import Shape
@@ -24,14 +24,18 @@ class Sighting:
     ``range_m``: median distance of its points from the camera. ``embedding_model``: of the detection's embedding.
     """
 
-    detected: Detected
+    detected: DetectedObject
     shape: Shape
     range_m: float
     embedding_model: str = ""
 
 
 def locate_all(
-    view: PosedView, detections: tuple[Detected, ...], voxel_m: float, config: ObjectConfig, embedding_model: str = ""
+    view: PosedView,
+    detections: tuple[DetectedObject, ...],
+    voxel_m: float,
+    config: ObjectConfig,
+    embedding_model: str = "",
 ) -> list[Sighting]:
     """The detections of a view that have a place, strongest first: a weaker double finds its object taken."""
     strongest_first = sorted(detections, key=lambda d: (-d.score, d.label, d.box_px))
@@ -39,7 +43,7 @@ def locate_all(
 
 
 def locate(
-    view: PosedView, detected: Detected, voxel_m: float, config: ObjectConfig, embedding_model: str = ""
+    view: PosedView, detected: DetectedObject, voxel_m: float, config: ObjectConfig, embedding_model: str = ""
 ) -> Sighting | None:
     """Back-projects a mask and keeps the largest DBSCAN cluster; None if too little is left of it."""
     c, camera = config.points, view.camera

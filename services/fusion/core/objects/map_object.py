@@ -108,7 +108,7 @@ class MapObject:
         self.n_detections += 1
         self.sources.add(view.source)
         self.changed = True
-        self.evidence.add(detected.label, detected.score, detected.worth, _direction(view, sighting.shape))
+        self.evidence.add(detected.label, detected.score, detected.confidence, _direction(view, sighting.shape))
 
     def miss(self, view: PosedView) -> None:
         """A robot had it in plain sight, and no detection shows it."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
-from surveilnav.sensing.views import Detected, PosedView
+from surveilnav.sensing.views import DetectedObject, PosedView
 from surveilnav.services.fusion.core.config import AssociationConfig, ObjectConfig
 from surveilnav.services.fusion.core.objects.association import (
     Similarity,
@@ -68,7 +68,7 @@ class ObjectMap:
     def __len__(self) -> int:
         return len(self._objects)
 
-    def add_detections(self, view: PosedView, detections: tuple[Detected, ...], embedding_model: str = "") -> int:
+    def add_detections(self, view: PosedView, detections: tuple[DetectedObject, ...], embedding_model: str = "") -> int:
         """Adds what a detector found in a view; returns how many detections could be located.
 
         What a robot's view doesn't show is evidence, too: an object in plain sight that nothing was detected of.
@@ -78,7 +78,9 @@ class ObjectMap:
         self.add_located(view, detections, sightings)
         return len(sightings)
 
-    def add_located(self, view: PosedView, detections: tuple[Detected, ...], sightings: Sequence[Sighting]) -> None:
+    def add_located(
+        self, view: PosedView, detections: tuple[DetectedObject, ...], sightings: Sequence[Sighting]
+    ) -> None:
         """``add_detections`` with the detections already located, the strongest first."""
         # eq. 3: each detection joins the most similar object or starts a new one
         seen: set[tuple[int, str]] = set()
@@ -195,7 +197,7 @@ class ObjectMap:
         elif obj.status != before and obj.status != "candidate":
             self._log(obj, view, obj.label, obj.confidence, obj.status, obj.reason)
 
-    def _record_misses(self, view: PosedView, detections: tuple[Detected, ...], seen: set[int]) -> None:
+    def _record_misses(self, view: PosedView, detections: tuple[DetectedObject, ...], seen: set[int]) -> None:
         """Negative evidence on the objects in plain view of a robot that no detection shows."""
         c, min_score = self._config.false_positives, self._config.points.min_score
         before = (self._objects[i] for i in self._objects.boxes.before(view.T_world_camera, c.miss_far_m + 1.0))
@@ -346,7 +348,7 @@ def _rank(found: Similarity, config: AssociationConfig) -> float:
     return max(found.s, config.tau + found.mutual if same_place(found.mutual, config) else -math.inf)
 
 
-def _holds(detected: Detected, pixel: NDArray[np.float64]) -> bool:
+def _holds(detected: DetectedObject, pixel: NDArray[np.float64]) -> bool:
     x0, y0, x1, y1 = detected.box_px
     return bool(x0 <= pixel[0] <= x1 and y0 <= pixel[1] <= y1)
 

@@ -1,2 +1,5 @@
-"""Segmenters: which pixels of a box are the object. ``depth_in_box`` asks depth alone; ``mobile_sam`` (ONNX, or PyTorch)
-and ``sam2`` (PyTorch) are networks told boxes, and share ``box_prompts``."""
+"""Segmenters, which find the pixels of a box that belong to the object.
+
+``depth_in_box`` uses depth only. ``mobile_sam`` (ONNX or PyTorch) and ``sam2`` (PyTorch) are networks that take boxes as
+prompts; ``box_prompts`` is what they share.
+"""

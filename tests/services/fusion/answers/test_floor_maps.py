@@ -11,7 +11,7 @@ import pytest
 from surveilnav.bus import Received, Refused, Request
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pose
-from surveilnav.messages import FrameHeader, Part, Revision
+from surveilnav.messages import FrameHeader, PayloadPart, Revision
 from surveilnav.sensing.layers import GRID_LAYERS
 from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.answers.floor_maps import FloorMapsAnswers
@@ -62,8 +62,8 @@ class Fusion:
             depth_range_m=view.depth_range_m,
             T_world_camera=Pose.from_matrix(view.T_world_camera),
             mounting_offset_m=view.mounting_offset_m,
-            image=Part("jpeg", 0),
-            depth=Part("depth-invq-zstd", 0),
+            image=PayloadPart("jpeg", 0),
+            depth=PayloadPart("depth-invq-zstd", 0),
         )
         self.maps.integrate(PerceivedView((view.source, 0), header, view, seen))
         joint = self.maps.joint

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from surveilnav.geometry import Pinhole, Pose
-from surveilnav.messages import FrameHeader, Part
+from surveilnav.messages import FrameHeader, PayloadPart
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.intake import ranking as module
 from surveilnav.services.fusion.intake.ranking import ViewRanking
@@ -21,7 +21,7 @@ LENS = Pinhole.from_hfov(64, 64, 1.5)
 def header(source: str, view: int, x_m: float, mounting_offset_m: float = 1.8) -> FrameHeader:
     T = pose(0.0, 90.0)
     T[0, 3] = x_m
-    part = Part("jpeg", 0)
+    part = PayloadPart("jpeg", 0)
     return FrameHeader(
         stamp_ns=1,
         source=source,

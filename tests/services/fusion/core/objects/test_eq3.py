@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Pinhole
-from surveilnav.sensing.views import Detected, PosedView
+from surveilnav.sensing.views import DetectedObject, PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig, in_order
 from surveilnav.services.fusion.core.config import AssociationConfig, FalsePositiveConfig
 from surveilnav.services.fusion.core.objects.association import similarity
@@ -122,7 +122,7 @@ def view(i=0, source="robot/r"):
 def sighting(points, embedding, number=0, label="chair", score=0.5):
     box = (0.0, 0.0, float(number + 1), 1.0)  # tells detections apart in histories
     shape = Shape.of_points(np.array(points), FINE, COARSE)
-    return Sighting(Detected(label, score, box, None, np.asarray(embedding, np.float32)), shape, 1.0)
+    return Sighting(DetectedObject(label, score, box, None, np.asarray(embedding, np.float32)), shape, 1.0)
 
 
 def through_the_map(detections, config, floor_z_m=0.0):
