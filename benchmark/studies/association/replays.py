@@ -21,7 +21,7 @@ from surveilnav.services.fusion.core.config import (
     FalsePositiveConfig,
     PointsConfig,
 )
-from surveilnav.services.fusion.core.objects.localization import Sighting, locate_all
+from surveilnav.services.fusion.core.objects.localization import LocatedDetection, locate_all
 from surveilnav.services.fusion.core.objects.object_map import ObjectMap
 
 SEED = 3  # of the furniture: neither that of the table of searches (0, 1) nor of the detectors' thresholds (7, 8)
@@ -65,16 +65,16 @@ class Player:
         config = config.model_copy(update={"max_history": 1_000_000})
         maps: dict[str, ObjectMap] = {}
         cpu_ms = []
-        for seen, sightings in self._located(config.points, config.association.overlap_voxel_m):
+        for seen, located in self._located(config.points, config.association.overlap_voxel_m):
             name, z_m = seen.view.floor, seen.view.floor_z_m
             floor = maps.setdefault(name, ObjectMap(name, z_m, VOXEL_M, config))
             began_s = time.process_time()
-            floor.add_located(seen.view, _detections(seen), sightings)
+            floor.add_located(seen.view, _detections(seen), located)
             cpu_ms.append(1e3 * (time.process_time() - began_s))
         objects = [(o, self._truths_of(o)) for m in maps.values() for o in m.records()]
         return MapResult(objects, cpu_ms, sum(m.shape_bytes for m in maps.values()))
 
-    def _locate(self, points: PointsConfig, overlap_voxel_m: float) -> list[tuple[SeenView, list[Sighting]]]:
+    def _locate(self, points: PointsConfig, overlap_voxel_m: float) -> list[tuple[SeenView, list[LocatedDetection]]]:
         config, began_s = _object_config({"overlap_voxel_m": overlap_voxel_m}, points=points), time.process_time()
         located = [(seen, locate_all(seen.view, _detections(seen), VOXEL_M, config)) for seen in self._views]
         self.locate_ms = 1e3 * (time.process_time() - began_s) / len(self._views)

@@ -100,7 +100,7 @@ def _claims(number: int, z_m: float, of_floor: ObjectMap, owners: _Owners) -> li
     for state in of_floor.state()["objects"]:
         key, evidence = (z_m, state["id"]), state["evidence"]
         for label in sorted({*evidence["robot"], *evidence["surveillance"]} & set(TARGETS)):
-            misfit = bool(of_floor.misfit(state["id"], label))
+            misfit = bool(of_floor.size_mismatch(state["id"], label))
             rows.append((key, Claim(number, label, owners.truth(key), evidence, misfit)))
     return rows
 
@@ -195,7 +195,7 @@ def chances_of(claims: Sequence[Claim], config: PosteriorConfig, misfit_factor: 
     for claim in claims:
         if id(claim.evidence) not in known:
             known[id(claim.evidence)] = rule.confidences(Evidence.from_state(claim.evidence))
-    found = [known[id(c.evidence)].of(c.label) * (misfit_factor if c.misfit else 1.0) for c in claims]
+    found = [known[id(c.evidence)].of_class(c.label) * (misfit_factor if c.misfit else 1.0) for c in claims]
     return np.array(found)
 
 
@@ -255,7 +255,7 @@ def _weight(claims: Sequence[Claim]) -> Floats:
 
 # --- fitting --------------------------------------------------------------------------------------------------------
 
-_START = np.log([0.5, 1.0, 0.67])  # again - 1, 1 / missed - 1, alike / (1 - alike)
+_START = np.log([0.5, 1.0, 0.67])  # repeat_odds - 1, 1 / miss_odds - 1, correlation / (1 - correlation)
 
 
 def fitted(claims: Sequence[Claim], misfit_factor: float) -> PosteriorConfig:
@@ -271,8 +271,10 @@ def fitted(claims: Sequence[Claim], misfit_factor: float) -> PosteriorConfig:
 
 
 def _settings(z: Floats) -> PosteriorConfig:
-    again, missed, alike = np.exp(z).tolist()
-    return PosteriorConfig(again=1.0 + again, missed=1.0 / (1.0 + missed), alike=alike / (1.0 + alike))
+    repeat, miss, alike = np.exp(z).tolist()
+    return PosteriorConfig(
+        repeat_odds=1.0 + repeat, miss_odds=1.0 / (1.0 + miss), correlation=alike / (1.0 + alike)
+    )
 
 
 def left_out(claims: Sequence[Claim], misfit_factor: float) -> Floats:
@@ -296,7 +298,7 @@ def page(
     backend: str = DEFAULT,
 ) -> str:
     """What it says, in Markdown."""
-    rule, factor = config.confirmation.posterior, config.false_positives.misfit_factor
+    rule, factor = config.confirmation.posterior, config.false_positives.size_mismatch_factor
     chance, score = chances_of(claims, rule, factor), scores_of(claims)
     ours = figures(chance, claims)
     lines = [
@@ -313,11 +315,11 @@ def page(
         "| | log loss | AUC | calibration error |",
         "|---|---|---|---|",
         _row("mean score, as the paper's rule has it", figures(score, claims)),
-        _row(f"ours: again {rule.again:g}, missed {rule.missed:g}, alike {rule.alike:g}", ours),
+        _row(f"ours: repeat odds {rule.repeat_odds:g}, miss odds {rule.miss_odds:g}, correlation {rule.correlation:g}", ours),
         _row("ours, settings fitted to the other buildings", figures(others, claims)),
         "",
-        f"Settings fitted to all buildings: again {refitted.again:.2f}, missed {refitted.missed:.2f}, alike "
-        f"{refitted.alike:.2f}.",
+        f"Settings fitted to all buildings: repeat odds {refitted.repeat_odds:.2f}, "
+        f"miss odds {refitted.miss_odds:.2f}, correlation {refitted.correlation:.2f}.",
         "",
         f"| | objects called so | right | AUC | mean chance | precision, recall at {rule.min_chance:g} |",
         "|---|---|---|---|---|---|",
@@ -370,7 +372,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for k, building in enumerate(buildings)
         for claim in claims_of(k, building, fit(rows.where(rows.building != k)), config)
     ]
-    factor = config.false_positives.misfit_factor
+    factor = config.false_positives.size_mismatch_factor
     n_views = sum(len(b.looks) for b in buildings)
     source = f"what {model} found in {n_views} views of {', '.join(b.name for b in buildings)}"
     out = args.out or OUT / ("objects.md" if args.backend == DEFAULT else f"objects_{args.backend}.md")

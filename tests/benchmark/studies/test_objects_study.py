@@ -63,7 +63,7 @@ def test_what_the_map_claims_and_what_it_is(claims):
 
 def test_it_is_judged_as_fusion_judges(claims):
     posterior = CONFIG.confirmation.posterior
-    chance = objects.chances_of(claims, posterior, CONFIG.false_positives.misfit_factor)
+    chance = objects.chances_of(claims, posterior, CONFIG.false_positives.size_mismatch_factor)
     right = np.array([c.right for c in claims])
     assert chance[right].min() > chance[~right].max()
     assert figures(chance, claims).auc == 1.0

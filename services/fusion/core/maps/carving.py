@@ -2,7 +2,7 @@
 
 A view sees through a voxel if all that it shows around the voxel's centre lies behind it, by the noise of depth and a
 margin. That is a relation of one view and one voxel, whatever else the map holds, so it may be asked when the view
-comes or when the voxel does: order doesn't matter as long as the views that came early are still kept (``FreeSpace``).
+comes or when the voxel does: order doesn't matter as long as the views that came early are still kept (``FreeDepthHistory``).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _Camera = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Clearance:
+class FreeDepthImage:
     """How far a view is free, in cells of a few pixels.
 
     Attributes:
@@ -47,7 +47,7 @@ class Clearance:
         return self.order[0]
 
     @classmethod
-    def from_view(cls, view: PosedView, config: MapConfig) -> Clearance:
+    def from_view(cls, view: PosedView, config: MapConfig) -> FreeDepthImage:
         """A view's clearance; a cell that is measured by less than half of its pixels says nothing."""
         pinhole = view.camera
         near_m, far_m = view.depth_range_m
@@ -77,7 +77,7 @@ class Clearance:
         return {"order": list(self.order), "camera": self.camera, "limit_m": self.limit_m}
 
     @classmethod
-    def from_state(cls, state: dict[str, Any]) -> Clearance:
+    def from_state(cls, state: dict[str, Any]) -> FreeDepthImage:
         """What ``state`` describes."""
         stamp_ns, source, view, seq = state["order"]
         limit_m = np.ascontiguousarray(state["limit_m"], np.float32)
@@ -85,22 +85,22 @@ class Clearance:
         return cls((int(stamp_ns), str(source), int(view), int(seq)), camera, limit_m, _coarse(limit_m))
 
 
-class FreeSpace:
+class FreeDepthHistory:
     """The clearances of the newest views of a floor, at most ``capacity``: for voxels that come late."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
-        self._kept: list[Clearance] = []  # oldest first
+        self._kept: list[FreeDepthImage] = []  # oldest first
 
     def __len__(self) -> int:
         return len(self._kept)
 
-    def add(self, clearance: Clearance) -> None:
+    def add(self, clearance: FreeDepthImage) -> None:
         """Keeps a clearance; the oldest one goes."""
         bisect.insort(self._kept, clearance, key=lambda c: c.order)
         del self._kept[: max(0, len(self._kept) - self._capacity)]
 
-    def newer_than(self, stamp_ns: int) -> list[Clearance]:
+    def newer_than(self, stamp_ns: int) -> list[FreeDepthImage]:
         """Clearances of views with a later stamp (the same stamp is not newer)."""
         return self._kept[bisect.bisect_right(self._kept, stamp_ns, key=lambda c: c.stamp_ns) :]
 
@@ -109,11 +109,11 @@ class FreeSpace:
         return {"kept": [c.state() for c in self._kept]}
 
     @classmethod
-    def from_state(cls, state: dict[str, Any], capacity: int) -> FreeSpace:
+    def from_state(cls, state: dict[str, Any], capacity: int) -> FreeDepthHistory:
         """The ring that ``state`` describes."""
         ring = cls(capacity)
         for clearance in state["kept"]:
-            ring.add(Clearance.from_state(clearance))
+            ring.add(FreeDepthImage.from_state(clearance))
         return ring
 
 

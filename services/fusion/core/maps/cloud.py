@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from surveilnav.services.fusion.core.config import MapConfig
 from surveilnav.services.fusion.core.maps import voxels
-from surveilnav.services.fusion.core.maps.carving import Clearance
+from surveilnav.services.fusion.core.maps.carving import FreeDepthImage
 from surveilnav.services.fusion.core.maps.provenance import MAX_SETS, SourceSets
 from surveilnav.services.fusion.core.maps.voxels import BITS, HALF, MASK, NEVER, VOXEL
 
@@ -92,7 +92,7 @@ class VoxelCloud:
         self._note_source(hits, source)
         return np.arange(before, self._n, dtype=np.int32), back[:n_back].copy()
 
-    def carve(self, view: Clearance) -> NDArray[np.int32]:
+    def carve(self, view: FreeDepthImage) -> NDArray[np.int32]:
         """Notes what a view sees through; returns the numbers of the voxels that are gone by it."""
         gone = np.empty(self._n, np.int32)  # pages that nobody writes to cost nothing
         c = self._config
@@ -110,7 +110,7 @@ class VoxelCloud:
         self.n_gone += n
         return gone[:n].copy()
 
-    def recheck(self, new: NDArray[np.int32], newer: Iterable[Clearance]) -> NDArray[np.int32]:
+    def recheck(self, new: NDArray[np.int32], newer: Iterable[FreeDepthImage]) -> NDArray[np.int32]:
         """Asks views that came before these voxels did; returns the numbers of those that are gone at once."""
         c, found = self._config, [np.empty(0, np.int32)]
         for view in newer:
@@ -161,7 +161,7 @@ class VoxelCloud:
         cloud._voxels = np.zeros(max(len(cloud._voxels), cloud._n), VOXEL)
         for name in VOXEL.names or ():
             cloud._voxels[name][: cloud._n] = state["voxels"][name]
-        cloud._sets = SourceSets.of_lists(state["sets"])
+        cloud._sets = SourceSets.from_lists(state["sets"])
         cloud._rebuild_index()
         cloud.n_gone = int(np.count_nonzero(cloud._is_gone()))
         cloud.refused = int(state["refused"])

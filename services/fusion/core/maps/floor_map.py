@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from surveilnav.geometry import Grid
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import MapConfig
-from surveilnav.services.fusion.core.maps.carving import Clearance, FreeSpace, stamp_of
+from surveilnav.services.fusion.core.maps.carving import FreeDepthImage, FreeDepthHistory, stamp_of
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
 from surveilnav.services.fusion.core.maps.frontier import frontiers
 from surveilnav.services.fusion.core.maps.projection import azimuth_bins, camera_position, reach, world_points
@@ -69,7 +69,7 @@ class FloorMap:
         self._drop_views = np.zeros((cells, cells), np.uint32)
         self._frontier: tuple[int, NDArray[np.uint8]] | None = None
         self._occupied: NDArray[np.uint8] | None = None
-        self._free_space = FreeSpace(config.carve_memory)
+        self._free_space = FreeDepthHistory(config.carve_memory)
         self.cloud = VoxelCloud(config)
 
     @property
@@ -91,7 +91,7 @@ class FloorMap:
         self._occupied = None
         # depth -> points in the world (the paper's p_global = R p + t)
         p_world, colours = world_points(view, c.points_per_view, max_range_m, c.depth_edge)
-        window = window_of(p_world, p_camera, c.robot_radius_m, c.resolution_m)
+        window = window_around(p_world, p_camera, c.robot_radius_m, c.resolution_m)
         self._cover(*window)
         new, back = self.cloud.add(p_world, colours, p_camera, view.source, stamp_of(view))
         self._tally(new, 1, 0)
@@ -159,11 +159,11 @@ class FloorMap:
         for name in _LAYERS:
             setattr(floor, name, np.array(layers[name.lstrip("_")]))
         floor.cloud = VoxelCloud.from_state(state["cloud"], config)
-        floor._free_space = FreeSpace.from_state(state["free_space"], config.carve_memory)
+        floor._free_space = FreeDepthHistory.from_state(state["free_space"], config.carve_memory)
         return floor
 
     def _carve(self, view: PosedView, new: NDArray[np.int32]) -> None:
-        clearance = Clearance.from_view(view, self._config)
+        clearance = FreeDepthImage.from_view(view, self._config)
         gone = self.cloud.carve(clearance)
         late = self.cloud.recheck(new, self._free_space.newer_than(clearance.stamp_ns))
         self._free_space.add(clearance)
@@ -264,7 +264,7 @@ class FloorMap:
             setattr(self, name, new)
 
 
-def window_of(
+def window_around(
     p_world: NDArray[np.float32], p_camera: NDArray[np.float64], radius_m: float, resolution_m: float
 ) -> Window:
     """World cells (row0, col0, rows, cols) that hold the points (N, 3) and the camera with ``radius_m`` around it."""

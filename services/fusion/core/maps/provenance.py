@@ -40,7 +40,7 @@ class SourceSets:
         return [list(members) for members in self._sets]
 
     @classmethod
-    def of_lists(cls, lists: Sequence[Sequence[str]]) -> SourceSets:
+    def from_lists(cls, lists: Sequence[Sequence[str]]) -> SourceSets:
         """The sets that ``lists`` tells of."""
         sets = cls()
         sets._sets = [tuple(members) for members in lists]

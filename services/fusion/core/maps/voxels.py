@@ -38,7 +38,7 @@ VOXEL = np.dtype(
 )
 _MAX_WEIGHT = 64  # of one point
 _FULL = 16_800_000  # weight at which a voxel's mean stands: 255 times this fits 32 bits
-FAR_CELLS = 2  # cells across one of the coarse picture (carving.Clearance)
+FAR_CELLS = 2  # cells across one of the coarse picture (carving.FreeDepthImage)
 
 
 class Index(NamedTuple):
@@ -374,7 +374,7 @@ def means(voxels, voxel_m, carve_views, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline="always")
 def sees_through(c, limit_m, x, y, z):  # type: ignore[no-untyped-def]
-    """Does a view with camera ``c`` and limits (``Clearance``) see through a voxel with this centre [m, world]?"""
+    """Does a view with camera ``c`` and limits (``FreeDepthImage``) see through a voxel with this centre [m, world]?"""
     depth = c[8] * x + c[9] * y + c[10] * z + c[11]
     if depth < c[17] or depth >= c[18]:
         return False
