@@ -26,7 +26,7 @@ class MapConfig(_Part):
     release_z_m: float = Field(
         default=0.6,
         gt=0,
-        description="an active camera stays active within this of a robot's floor, so that it doesn't flap while the robot is on a stair",
+        description="an active camera stays so within this of a robot's floor, against flapping while the robot is on a stair",
     )
     stair_step_m: float = Field(
         default=0.6,
@@ -90,7 +90,7 @@ class MapConfig(_Part):
     clear_ratio: float = Field(
         default=6.0,
         gt=0,
-        description="a cell is free again once more than this many times as many views show bare floor as show something that blocks",
+        description="a cell is free again once more than this many times as many views show bare floor as an obstacle",
     )
     explored_range_camera_m: float = Field(
         default=3.0,
@@ -103,7 +103,7 @@ class MapConfig(_Part):
     )
     frontier: Literal["boundary", "literal"] = Field(
         default="boundary",
-        description="`boundary`: free explored cells beside unexplored ones; `literal`: the paper's dilated obstacles minus explored cells",
+        description="`boundary`: free explored cells beside unexplored ones; `literal`: the paper's dilated obstacles minus explored",
     )
     frontier_dilation_m: float = Field(
         default=0.15, ge=0, description="radius by which obstacles are dilated for frontiers"
@@ -191,7 +191,7 @@ class AssociationConfig(_Part):
     w_geometric: float = Field(default=1.0, ge=0, description="w_2 of eq. 3, the weight of S_geo")
     tau: float = Field(
         default=1.3,
-        description="threshold of s, tuned for `overlap`: docs/results/association (ConceptGraphs: 1.2); the paper's 1.35 is for `box_iou`",
+        description="threshold of s, tuned for `overlap` (docs/results/association); the paper's 1.35 is for `box_iou`",
     )
     tau_mutual: float | None = Field(
         default=0.3,

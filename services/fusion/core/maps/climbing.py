@@ -9,7 +9,7 @@ from typing import Any
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import MapConfig
 
-_LEVEL_M = 0.1  # a robot whose altitude changes by less stays on one level
+_LEVEL_M = 0.1  # a robot whose altitude changes by no more than this stays on one level
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
 """The joint object map of a floor.
 
-The paper's section "Joint 3D Object Map and Target Confirmation": detections are located in the world (``localization``), associated
-with objects (``association``, eq. 3), fused into them (``map_object``), and objects are confirmed (``confirmation``).
+The paper's section "Joint 3D Object Map and Target Confirmation": detections are located in the world (``localization``),
+associated with objects (``association``, eq. 3) and fused into them (``map_object``); then objects are confirmed
+(``confirmation``).
 """
 
 from __future__ import annotations
@@ -248,7 +249,7 @@ class ObjectMap:
     # --- duplicates -----------------------------------------------------------------------------------------------
 
     def _merge_duplicates(self, view: PosedView) -> None:
-        """Merges objects that turned out to be one. Only those that changed are checked, so its cost doesn't grow with the map."""
+        """Merges objects that turned out to be one. Only those that changed are checked, whatever the size of the map."""
         for obj in [o for _, o in sorted(self._objects.items()) if o.merge_pending]:
             obj.merge_pending = False
             if obj.id not in self._objects:
