@@ -103,7 +103,7 @@ class MapConfig(_Part):
     )
     frontier: Literal["boundary", "literal"] = Field(
         default="boundary",
-        description="`boundary`: free explored cells beside unexplored ones; `literal`: the paper's dilated obstacles minus explored",
+        description="`boundary`: free explored cells beside unexplored ones; `literal`: dilated obstacles minus explored (paper)",
     )
     frontier_dilation_m: float = Field(
         default=0.15, ge=0, description="radius by which obstacles are dilated for frontiers"

@@ -179,7 +179,7 @@ class JointMap:
             self._floors.pop(maps.geometry.floor, None)
 
     def _record_name(self, view: PosedView, maps: _FloorMaps) -> None:
-        """Records what the source of an integrated view calls its floor, unless it is on a stair, where the name means nothing."""
+        """Records what the source of an integrated view calls its floor, unless it is on a stair, where names mean nothing."""
         name = maps.geometry.floor
         if maps.geometry.revision == 0:
             self._name_of[name] = name  # even if another floor was called so before
@@ -191,9 +191,9 @@ class JointMap:
     ) -> tuple[Grid, NDArray[np.generic]]:
         """A layer of a floor, and its frame.
 
-        Layers (rows, cols) are ``occupancy``, ``explored`` and ``frontier`` (uint8) and ``value`` (float32, for a text embedding).
-        ``cloud`` is (N, 6) float32, positions [m, world] and colours. ``provenance`` is (N, 3) int64, line by line with the cloud:
-        number in ``source_sets``, first and last seen [ns].
+        Layers (rows, cols) are ``occupancy``, ``explored`` and ``frontier`` (uint8), and ``value`` (float32, for the embedding of
+        a text). ``cloud`` is (N, 6) float32, positions [m, world] and colours. ``provenance`` is (N, 3) int64, line by line with
+        the cloud: number in ``source_sets``, first and last seen [ns].
 
         Raises:
             KeyError: no such floor or layer. ValueError: value without a text embedding.
@@ -329,10 +329,10 @@ class JointMap:
             climb = self._climbs.get(view.source)
             self._climbs[view.source] = climb.after(view, floor) if climb else ClimbTracker.from_first_view(view, floor)
 
-    def _new_name(self, said: str) -> str:
-        name, k = said, 2
+    def _new_name(self, source_name: str) -> str:
+        name, k = source_name, 2
         while name in self._floors:  # two altitudes under one name: split levels, or an error
-            name, k = f"{said}-{k}", k + 1
+            name, k = f"{source_name}-{k}", k + 1
         return name
 
     def _open(self, name: str, z_m: float, centre_m: tuple[float, float]) -> None:

@@ -41,7 +41,7 @@ class Workers:
         self._loads = node.table(PERCEPTION_LOAD)
         self._selector, self._lock = WorkerSelector(), threading.Lock()
         self._open_vocabulary, self._embedder = False, ""  # as of when a worker was last there
-        node.alive("perception")  # the first call starts watching
+        node.alive("perception")  # the first call starts to follow presence
 
     @property
     def open_vocabulary(self) -> bool:
