@@ -97,11 +97,11 @@ class JointMap:
             ViewError: the view can't be, by itself or after the previous one of its source. The maps stay as they were.
         """
         check_view(view, perception)
-        verdict = self.validator.validate(view)
-        self.validator.record_arrival(view, verdict)
-        if verdict.fault is not None:
-            raise verdict.fault
-        geometry = self._add_geometry(view) if verdict.is_new else None
+        validation = self.validator.validate(view)
+        self.validator.record_arrival(view, validation)
+        if validation.fault is not None:
+            raise validation.fault
+        geometry = self._add_geometry(view) if validation.is_new else None
         result = self.add_detections(view, perception, geometry)
         if result is not None:
             self.validator.record_integrated(view, perception)

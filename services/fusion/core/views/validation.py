@@ -136,14 +136,14 @@ class LastView:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ValidationResult:
     """The answer of ``ViewValidator.validate``.
 
     Attributes:
-        is_new: False if the maps hold this very picture already.
+        is_new: False if the maps hold exactly this picture already.
         fault: why the view is refused; None if it isn't.
-        n_missed: observations of this robot that never came, between its previous one and this one.
-        is_doubted: whether the fault may be the source's new truth: a next view that agrees with this one is believed.
+        n_missed: number of observations of this robot that are missing between its previous one and this one.
+        is_doubted: whether the view may be right all the same, so that a next view which agrees with it is accepted.
     """
 
     is_new: bool
@@ -155,11 +155,11 @@ class Verdict:
 class ViewValidator:
     """Compares each view with the previous one of its source.
 
-    A view that doesn't fit the previous one is refused, but a next view that agrees with the refused one is believed.
-    So a robot that was relocalised, or whose clock was set, isn't refused for ever.
+    A view that can't follow the previous one is refused, but a next view that agrees with the refused one is accepted. So a robot
+    that was relocalised, or whose clock was set, isn't refused for ever.
 
     Attributes:
-        missed: by robot source, how many observations never arrived.
+        missed: number of observations that never arrived, by robot source.
     """
 
     def __init__(self, config: ValidationConfig) -> None:
@@ -169,36 +169,39 @@ class ViewValidator:
         self._last_seq: dict[str, int] = {}  # robot source -> the newest sequence number that arrived
         self.missed: dict[str, int] = {}
 
-    def validate(self, view: PosedView) -> Verdict:
-        """Judges a view that passed ``check_view``. Changes nothing: ``record_arrival`` and ``record_integrated`` do."""
+    def validate(self, view: PosedView) -> ValidationResult:
+        """Compares a view that passed ``check_view`` with the previous one of its source.
+
+        It changes nothing; ``record_arrival`` and ``record_integrated`` do.
+        """
         key, current = (view.source, view.view), LastView.from_view(view)
         last, doubted = self._last.get(key), self._doubted.get(key)
         if last is not None and _is_repeat(last, current, view.is_robot):
-            return Verdict(is_new=False)
+            return ValidationResult(is_new=False)
         n_missed = self._count_missed(view)
         fault = self._fault(last, current, view.is_robot)
-        believed = (
+        agrees_with_doubted = (
             doubted is not None
             and not _is_repeat(doubted, current, view.is_robot)
             and not self._fault(doubted, current, view.is_robot)
         )
-        if fault is not None and not believed:
-            return Verdict(True, fault, n_missed, is_doubted=True)
+        if fault is not None and not agrees_with_doubted:
+            return ValidationResult(True, fault, n_missed, is_doubted=True)
         if not _has_depth(view.depth_m):
-            return Verdict(True, ViewError("no_depth", "not one pixel has a depth"), n_missed)
-        return Verdict(True, None, n_missed)
+            return ValidationResult(True, ViewError("no_depth", "not one pixel has a depth"), n_missed)
+        return ValidationResult(True, None, n_missed)
 
-    def record_arrival(self, view: PosedView, verdict: Verdict) -> None:
-        """Updates the counts by a view that has arrived, and remembers it if the verdict doubts it."""
-        if not verdict.is_new:
+    def record_arrival(self, view: PosedView, result: ValidationResult) -> None:
+        """Updates the counts by a view that has arrived, and remembers it if it was doubted."""
+        if not result.is_new:
             return
         if view.is_robot:
-            if verdict.n_missed:
-                self.missed[view.source] = min(self.missed.get(view.source, 0) + verdict.n_missed, _MAX_MISSED)
+            if result.n_missed:
+                self.missed[view.source] = min(self.missed.get(view.source, 0) + result.n_missed, _MAX_MISSED)
             if view.source in self._last_seq or len(self._last_seq) < self._config.max_sources:
                 self._last_seq[view.source] = view.seq
         key = (view.source, view.view)
-        if verdict.is_doubted and (key in self._doubted or len(self._doubted) < self._config.max_sources):
+        if result.is_doubted and (key in self._doubted or len(self._doubted) < self._config.max_sources):
             self._doubted[key] = LastView.from_view(view)
 
     def record_integrated(self, view: PosedView, perception: ViewPerception | None) -> None:
@@ -223,7 +226,7 @@ class ViewValidator:
         return frozenset(perception.words) - set(last.words)
 
     def _count_missed(self, view: PosedView) -> int:
-        """How many of a robot's sequence numbers are missing before this one. That is no fault: only the newest travels."""
+        """The number of a robot's observations missing before this one. That isn't a fault, since only the newest one is sent."""
         if not view.is_robot:
             return 0
         return max(0, view.seq - self._last_seq.get(view.source, view.seq) - 1)
