@@ -16,7 +16,7 @@ def main() -> None:
     """Runs the service until it is told to stop."""
     settings = FusionSettings()
     config = settings.core()
-    run_warm_up(lambda: warm_up(config))  # fusion is there when it can work
+    run_warm_up(lambda: warm_up(config))  # before fusion announces itself on the bus
     with Node("fusion", "fusion", BusSettings()) as node:
         service = FusionService(node, settings, PictureSettings().keep_s)
         node.run(service.step)

@@ -29,7 +29,7 @@ from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.core import JointMap, MapConfig
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
-from surveilnav.services.fusion.core.maps.floor_map import _count_points, window_of
+from surveilnav.services.fusion.core.maps.floor_map import _count_points, window_around
 from surveilnav.services.fusion.core.maps.projection import world_points
 from surveilnav.services.fusion.core.objects.clustering import dbscan
 
@@ -159,7 +159,7 @@ class Projection:
         view = Corridor().view(0, 0)
         self.points, _ = world_points(view, c.points_per_view, 5.0, c.depth_edge)
         self.p_camera = view.T_world_camera[:3, 3].copy()
-        self.window = window_of(self.points, self.p_camera, c.robot_radius_m, c.resolution_m)
+        self.window = window_around(self.points, self.p_camera, c.robot_radius_m, c.resolution_m)
         self.counts = [np.zeros(self.window[2:], np.uint32) for _ in range(8)]
         self.drops = [np.zeros(self.window[2:], np.uint32) for _ in range(2)]  # a corridor has none
         self.seen = np.full(self.window[2:], -1, np.int16)

@@ -15,7 +15,7 @@ DType = Literal["uint8", "float32", "int64"]
 
 
 class LayerAnswers:
-    """Called from the threads that serve queries."""
+    """Answers queries for single layers. Thread-safe."""
 
     def __init__(self, node: Node, reader: MapReader) -> None:
         self._node, self._reader, self._maps = node, reader, reader.maps

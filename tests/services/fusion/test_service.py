@@ -666,7 +666,7 @@ def test_a_store_that_lost_events_does_not_shorten_a_history(scene, tmp_path):
 
 
 def test_where_a_robot_stands_is_followed_on_the_last_floor_that_there_is_room_for(scene, monkeypatch):
-    monkeypatch.setattr("surveilnav.services.fusion.intake.robot_places._MAX_FLOORS", 1)
+    monkeypatch.setattr("surveilnav.services.fusion.intake.robot_positions._MAX_FLOORS", 1)
     scene.start()
     for x in (1.0, 1.5):
         scene.robot.observe(x=x)

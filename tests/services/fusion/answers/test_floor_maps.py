@@ -19,7 +19,7 @@ from surveilnav.services.fusion.answers.reader import MapReader
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.fusion.core.snapshot import pack, unpack
-from surveilnav.services.fusion.intake.robot_places import RobotPlaces
+from surveilnav.services.fusion.intake.robot_positions import RobotPositions
 from surveilnav.services.fusion.intake.texts import TextEmbedding
 from surveilnav.services.fusion.perceived import PerceivedView
 from surveilnav.services.planner.floor_maps import FloorMapsClient
@@ -35,9 +35,9 @@ class Fusion:
         )
         self.maps = BuildingMaps(FusionConfig())
         texts = SimpleNamespace(encode=lambda prompt: TextEmbedding(tools.unit(1), ""))
-        places = RobotPlaces()
+        positions = RobotPositions()
         revisions = SimpleNamespace(pending_views=lambda floor: 0)
-        self.answers = FloorMapsAnswers(MapReader(self.maps, texts, places), revisions)
+        self.answers = FloorMapsAnswers(MapReader(self.maps, texts, positions), revisions)
         self.truth: dict[int, tuple] = {}  # revision -> layers and objects, as they were then
         self.seq, self.sent = 0, []
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.services.fusion.core.config import MapConfig
-from surveilnav.services.fusion.core.maps.carving import Clearance, FreeSpace
+from surveilnav.services.fusion.core.maps.carving import FreeDepthHistory, FreeDepthImage
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud, voxel_centres
 from surveilnav.services.fusion.core.maps.floor_map import FloorMap
 from surveilnav.simulator.render.depth_noise import DepthNoise
@@ -162,17 +162,17 @@ def test_gone_voxels_make_room(world):
     cloud.add(p, np.zeros((6000, 3), np.uint8), np.zeros(3), "robot/r", 0)
     assert cloud.size == 4000
     for stamp in (1, 2):
-        cloud.carve(Clearance.from_view(world.view(1.3, 2.0, 0.0, seq=stamp), config))
-    n_gone = cloud.n_gone
-    assert 4000 // 16 < n_gone < 4000 == cloud.size + n_gone
+        cloud.carve(FreeDepthImage.from_view(world.view(1.3, 2.0, 0.0, seq=stamp), config))
+    n_carved = cloud.n_carved
+    assert 4000 // 16 < n_carved < 4000 == cloud.size + n_carved
     there = {tuple(p) for p in cloud.array().tolist()}
-    p = rng.uniform((7.0, 0.0, 0.0), (8.0, 1.0, 1.0), (n_gone, 3)).astype(np.float32)
+    p = rng.uniform((7.0, 0.0, 0.0), (8.0, 1.0, 1.0), (n_carved, 3)).astype(np.float32)
     refused = cloud.refused
-    cloud.add(p, np.zeros((n_gone, 3), np.uint8), np.zeros(3), "robot/r", 3)
-    assert (cloud.n_gone, cloud.refused) == (0, refused)
-    assert cloud.size > 4000 - n_gone // 10
+    cloud.add(p, np.zeros((n_carved, 3), np.uint8), np.zeros(3), "robot/r", 3)
+    assert (cloud.n_carved, cloud.refused) == (0, refused)
+    assert cloud.size > 4000 - n_carved // 10
     assert there < {tuple(p) for p in cloud.array().tolist()}
-    cloud.add(p, np.zeros((n_gone, 3), np.uint8), np.zeros(3), "robot/r", 4)  # they are found where they stand now
+    cloud.add(p, np.zeros((n_carved, 3), np.uint8), np.zeros(3), "robot/r", 4)  # they are found where they stand now
     assert cloud.refused == refused
 
 
@@ -235,10 +235,10 @@ def test_the_walk_finds_what_a_literal_test_of_each_voxel_finds(tools, x, y, yaw
     depth_m = np.where(rng.random(view.depth_m.shape) < holes, 0, view.depth_m).astype(np.float32)
     view = replace(view, depth_m=depth_m)
     keys = cloud.state()["voxels"]["key"]
-    gone = cloud.carve(Clearance.from_view(view, config))
+    gone = cloud.carve(FreeDepthImage.from_view(view, config))
     found = np.zeros(len(keys), np.bool_)
     found[gone] = True
-    assert len(gone) == found.sum() == cloud.n_gone
+    assert len(gone) == found.sum() == cloud.n_carved
     expected = literal(view, voxel_centres(keys, 0.025), config)
     assert (found != expected).sum() <= 1  # a limit kept as float32 may fall on the other side
 
@@ -274,9 +274,9 @@ def test_early_and_late_agree_on_every_voxel(tools, range_m, azimuth, yaw, pitch
         T_world_camera=camera_pose((x, y, z), azimuth + yaw, pitch),
         depth_m=np.ascontiguousarray(depth_m[: camera.height_px, : camera.width_px]),
     )
-    clearance = Clearance.from_view(view, config)
+    clearance = FreeDepthImage.from_view(view, config)
     by_walk = one.carve(clearance)
-    one_by_one = other.recheck(np.arange(other.size, dtype=np.int32), [clearance])
+    one_by_one = other.carve_listed(np.arange(other.size, dtype=np.int32), [clearance])
     np.testing.assert_array_equal(np.sort(by_walk), np.sort(one_by_one))
 
 
@@ -330,10 +330,10 @@ def test_what_is_there_stays(world, source):
 
 
 def test_the_ring_keeps_the_newest(world):
-    ring = FreeSpace(3)
+    ring = FreeDepthHistory(3)
     for stamp in (5, 1, 9, 7, 2, 8):
-        ring.add(Clearance.from_view(world.view(1, 1, 0, seq=stamp), CONFIG))
+        ring.add(FreeDepthImage.from_view(world.view(1, 1, 0, seq=stamp), CONFIG))
     assert [c.stamp_ns for c in ring.newer_than(-1)] == [7, 8, 9]
     assert [c.stamp_ns for c in ring.newer_than(8)] == [9]
-    again = FreeSpace.from_state(ring.state(), 3)
+    again = FreeDepthHistory.from_state(ring.state(), 3)
     assert [c.order for c in again.newer_than(0)] == [c.order for c in ring.newer_than(0)]

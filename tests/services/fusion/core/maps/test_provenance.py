@@ -26,7 +26,7 @@ def test_a_set_has_one_number_whatever_the_way_to_it(one, other):
     a, b = joined(sets, one), joined(sets, other)
     assert (a == b) == (set(one) == set(other))
     assert sets.lists()[a] == sorted(set(one))
-    again = SourceSets.of_lists(sets.lists())
+    again = SourceSets.from_lists(sets.lists())
     assert joined(again, other) == b
     assert again.lists() == sets.lists()
 

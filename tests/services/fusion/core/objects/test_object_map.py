@@ -10,7 +10,7 @@ import pytest
 from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig
 from surveilnav.services.fusion.core.config import AssociationConfig, FalsePositiveConfig
-from surveilnav.services.fusion.core.objects.sizes import misfit
+from surveilnav.services.fusion.core.objects.sizes import size_mismatch
 
 SOFA = ((3.0, 1.2, 0.0), (3.8, 2.8, 0.8))
 STOOL = ((2.0, 0.4, 0.0), (2.4, 0.8, 0.5))
@@ -111,16 +111,16 @@ def test_only_what_has_the_size_of_its_class_is_confirmed(furnished, tools, labe
         ("a dragon", (0.0, 0.0, 0.0), 9.0, ""),
     ],
 )
-def test_misfits(label, size_m, top_m, why):
-    assert misfit(label, size_m, top_m).startswith(why)
-    assert bool(misfit(label, size_m, top_m)) == bool(why)
+def test_size_mismatches(label, size_m, top_m, why):
+    assert size_mismatch(label, size_m, top_m).startswith(why)
+    assert bool(size_mismatch(label, size_m, top_m)) == bool(why)
 
 
 def test_what_has_not_the_size_of_a_class_is_believed_less_to_be_it(furnished, tools):
     """A stool taken for a bed by half the views: as a bed it counts half, as a chair in full."""
     scores = {}
     for factor in (1.0, 0.5):
-        joint = with_sizes(misfit_factor=factor)
+        joint = with_sizes(size_mismatch_factor=factor)
         for i, view in enumerate(around(furnished, STOOL, radius=1.3)):
             label = "bed" if i % 2 else "chair"
             joint.integrate(view, tools.seen(furnished.detect(view, "stool", label, 0.9, tools.unit(0))))
