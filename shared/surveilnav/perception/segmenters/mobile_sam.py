@@ -18,16 +18,11 @@ from surveilnav.errors import PerceptionError
 from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.segmenters import MISSING_PACKAGES
 from surveilnav.perception.segmenters.box_prompts import Masks, crop_to_box, normalized_pixels
 
 _SIDE = 1024  # [pixels] of the published weights
 _CORNERS = np.array([[2, 3]], np.float32)  # SAM's labels of a box's two corners
-
-#: Error message if the packages for a checkpoint are missing; formatted with its name and the error.
-MISSING_PACKAGES = (
-    "{} needs the packages mobile_sam, timm, torch and torchvision ({}): pip install "
-    "'surveilnav[perception-torch,mobile-sam]', or take another segmenter: SURVEILNAV_PERCEPTION__SEGMENTER=sam2.1-tiny"
-)
 
 
 class Network(Protocol):

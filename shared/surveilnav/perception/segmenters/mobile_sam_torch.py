@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.segmenters.mobile_sam import MISSING_PACKAGES
+from surveilnav.perception.segmenters import MISSING_PACKAGES
 from surveilnav.perception.torch_model import TorchModel, find_device, to_numpy
 
 
