@@ -272,9 +272,7 @@ def fitted(claims: Sequence[Claim], misfit_factor: float) -> PosteriorConfig:
 
 def _settings(z: Floats) -> PosteriorConfig:
     repeat, miss, alike = np.exp(z).tolist()
-    return PosteriorConfig(
-        repeat_odds=1.0 + repeat, miss_odds=1.0 / (1.0 + miss), correlation=alike / (1.0 + alike)
-    )
+    return PosteriorConfig(repeat_odds=1.0 + repeat, miss_odds=1.0 / (1.0 + miss), correlation=alike / (1.0 + alike))
 
 
 def left_out(claims: Sequence[Claim], misfit_factor: float) -> Floats:
@@ -315,7 +313,10 @@ def page(
         "| | log loss | AUC | calibration error |",
         "|---|---|---|---|",
         _row("mean score, as the paper's rule has it", figures(score, claims)),
-        _row(f"ours: repeat odds {rule.repeat_odds:g}, miss odds {rule.miss_odds:g}, correlation {rule.correlation:g}", ours),
+        _row(
+            f"ours: repeat odds {rule.repeat_odds:g}, miss odds {rule.miss_odds:g}, correlation {rule.correlation:g}",
+            ours,
+        ),
         _row("ours, settings fitted to the other buildings", figures(others, claims)),
         "",
         f"Settings fitted to all buildings: repeat odds {refitted.repeat_odds:.2f}, "
