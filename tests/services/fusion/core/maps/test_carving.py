@@ -21,7 +21,7 @@ CONFIG = MapConfig()
 PERSON = ((3.0, 1.8, 0.0), (3.3, 2.2, 1.7))
 
 
-def of(views, config=CONFIG):
+def floor_of(views, config=CONFIG):
     floor = FloorMap("0", 0.0, (3.0, 2.0), config)
     for view in views:
         floor.integrate(view)
@@ -72,7 +72,7 @@ def story(world, n=12):
 
 def test_a_person_who_left_is_gone_after_two_views_and_one_who_is_back_is_back(world):
     views = story(world)
-    floor = of(views[:6])
+    floor = floor_of(views[:6])
     stood = inside(floor)
     assert stood > 300
     assert at(floor, floor.occupied(), 3.02, 2.0) == 1
@@ -92,21 +92,21 @@ def test_a_person_who_left_is_gone_after_two_views_and_one_who_is_back_is_back(w
 def test_what_comes_in_the_place_of_what_is_gone_blocks(world):
     views = story(world)[:9]
     world.boxes = {"stool": ((3.0, 1.95, 0.0), (3.05, 2.05, 0.5))}
-    floor = of([*views, world.view(1.5, 2.0, 0.0, -0.3, seq=9)])
+    floor = floor_of([*views, world.view(1.5, 2.0, 0.0, -0.3, seq=9)])
     assert at(floor, floor.occupied(), 3.02, 2.0) == 1
     assert at(floor, floor.occupied(), 3.27, 1.83) == 0
 
 
 def test_nothing_is_gone_where_carving_is_off(world):
     views = story(world)
-    kept = of(views[:9], CONFIG.model_copy(update={"carve_views": 0}))
+    kept = floor_of(views[:9], CONFIG.model_copy(update={"carve_views": 0}))
     assert inside(kept) > 300
 
 
 def test_a_view_of_the_same_time_or_before_says_nothing(world):
     views = story(world)
     for stamps in ([5] * 3, [1, 2, 3]):
-        floor = of([replace(v, stamp_ns=5) for v in views[:6]])
+        floor = floor_of([replace(v, stamp_ns=5) for v in views[:6]])
         stood = inside(floor)
         for view, stamp_ns in zip(views[6:9], stamps, strict=True):
             floor.integrate(replace(view, stamp_ns=stamp_ns))
@@ -116,7 +116,7 @@ def test_a_view_of_the_same_time_or_before_says_nothing(world):
 def test_no_depth_is_no_statement(world):
     views = story(world)
     for bad in (0.0, np.nan, 20.0):
-        floor = of(views[:6])
+        floor = floor_of(views[:6])
         stood = inside(floor)
         for view in views[6:9]:
             floor.integrate(replace(view, depth_m=np.full_like(view.depth_m, bad)))
@@ -131,23 +131,23 @@ def test_any_order_of_views_shows_the_same(tools, seed):
     if seed % 2:
         views = [replace(v, stamp_ns=int(rng.integers(0, 6))) for v in views]  # with ties
     shuffled = [views[i] for i in rng.permutation(len(views))]
-    assert contents(of(views)) == contents(of(shuffled))
+    assert contents(floor_of(views)) == contents(floor_of(shuffled))
 
 
 def test_the_window_is_what_is_kept(world):
     """A view that comes after more newer ones than are kept may bring back what they saw to be gone."""
     views = story(world)[:9]
     late = [*views[:5], *views[6:], views[5]]
-    assert contents(of(views)) == contents(of(late))
+    assert contents(floor_of(views)) == contents(floor_of(late))
     narrow = CONFIG.model_copy(update={"carve_memory": 1})
-    assert inside(of(late, narrow)) > inside(of(views, narrow))
+    assert inside(floor_of(late, narrow)) > inside(floor_of(views, narrow))
 
 
 def test_taken_up_again_it_goes_on_as_if_nothing_had_been(world):
     views = story(world)
-    whole = of(views)
+    whole = floor_of(views)
     for stop in (4, 7):
-        floor = of(views[:stop])
+        floor = floor_of(views[:stop])
         floor = FloorMap.from_state(floor.state(), CONFIG)
         for view in views[stop:]:
             floor.integrate(view)
@@ -306,8 +306,8 @@ def test_what_is_there_stays(world, source):
             height=0.88 if source == "robot/r" else 1.8,
         )
         views.append(replace(view, depth_m=noise.apply(view.depth_m, camera, seq)))
-    kept = of(views, CONFIG.model_copy(update={"carve_views": 0})).cloud.array()[:, :3]
-    carved = of(views).cloud.array()[:, :3]
+    kept = floor_of(views, CONFIG.model_copy(update={"carve_views": 0})).cloud.array()[:, :3]
+    carved = floor_of(views).cloud.array()[:, :3]
     boxes = [np.array(box) for box in world.boxes.values()]
     low, high = np.array(world.room)
 
