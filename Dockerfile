@@ -7,11 +7,11 @@ ENV PATH=/opt/venv/bin:$PATH
 WORKDIR /src
 COPY pyproject.toml constraints.txt README.md ./
 COPY shared/surveilnav/__init__.py shared/surveilnav/
-RUN pip install -q --no-cache-dir -c constraints.txt ".[mesh]" && pip uninstall -q -y surveilnav
+RUN pip install -q --no-cache-dir -c constraints.txt ".[simulator,mesh]" && pip uninstall -q -y surveilnav
 
 # --- the same with torch and its models, gigabytes of them: only for the target gpu ---
 FROM packages AS packages-gpu
-RUN pip install -q --no-cache-dir -c constraints.txt ".[mesh,perception-torch,mobile-sam]" && pip uninstall -q -y surveilnav
+RUN pip install -q --no-cache-dir -c constraints.txt ".[simulator,mesh,perception-torch,mobile-sam]" && pip uninstall -q -y surveilnav
 
 # --- our own code, and the homes and furniture of Sweet Home 3D ---
 FROM packages AS code

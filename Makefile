@@ -9,7 +9,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-homes bench-association bench-calibration docs clean
+.PHONY: help setup check test coverage docs-site canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -28,6 +28,10 @@ check: $(READY) ## format, lint, types, import rules
 
 test: $(READY) ## all tests that need no Docker engine, on real Zenoh; TEST_WORKERS=0 runs them in one process
 	$(BIN)/python -m pytest -q -m "not compose and not page" -n $(TEST_WORKERS) --dist worksteal $(ARGS)
+
+coverage: $(READY) ## `make test`, with the lines that tests run counted, and printed by package (what CI runs)
+	@$(MAKE) --no-print-directory test ARGS="--cov --cov-report= $(ARGS)"
+	@$(BIN)/python tools/coverage_table.py
 
 canary: $(READY) ## sixteen fixed searches, action by action as written in benchmark/canary.json (2 minutes)
 	$(BIN)/python -m surveilnav.benchmark.canary $(ARGS)
@@ -73,24 +77,28 @@ bench-gateway: $(READY) ## what pages and programs cost the gateway, and the sea
 bench-render: $(READY) ## what a view costs, with baked light and without
 	$(BIN)/python tests/bench/bench_render.py $(ARGS)
 
-bench-homes: $(READY) ## nine homes x targets x seeds, with and without cameras; resumable; needs detector weights
-	$(BIN)/python -m surveilnav.benchmark.studies.homes $(ARGS)
-
 bench-calibration: $(READY) ## the simulated detector fitted to the real one; resumable; needs detector weights
 	$(BIN)/python -m surveilnav.benchmark.studies.calibration $(ARGS)
 
-bench-association: $(READY) ## detections to objects on recorded views of six homes; resumable; needs detector weights
-	$(BIN)/python -m surveilnav.benchmark.studies.association $(ARGS)
+bench-chances: $(READY) ## how likely a detection is right, by score, class, size and range, for one backend; ARGS="--backend compact"
+	$(BIN)/python -m surveilnav.benchmark.studies.calibration.chances $(ARGS)
+
+bench-live: $(READY) ## the running system with cameras and without, start by start; resumable; ARGS="--buildings flats_210 office_211"
+	$(BIN)/python -m surveilnav.benchmark.studies.live $(ARGS)
+
+bench-same-actions: $(READY) ## what bench-live played, again in one process, action by action; ARGS="runs/live/oracle.jsonl"
+	$(BIN)/python -m surveilnav.benchmark.studies.same_actions $(ARGS)
 
 docs: $(READY) ## write what is generated: the contract, the settings, the commands, the card of compact, the README's plot
 	$(BIN)/python -m surveilnav.contract > docs/understand/contract.md
-	$(BIN)/python -m surveilnav.cli.settings_page > docs/use/settings.md
+	$(BIN)/python -m surveilnav.cli.settings_page docs/use
 	$(BIN)/python -m surveilnav.cli.command_page > docs/use/command-line.md
 	$(BIN)/python -m training.detector.card > docs/understand/compact.md
-	$(BIN)/python -m surveilnav.cli.client_resources > shared/surveilnav/client/resources.py.new
-	mv shared/surveilnav/client/resources.py.new shared/surveilnav/client/resources.py
 	$(BIN)/python -m surveilnav.benchmark.tables.readme docs/images/results.png
 
+docs-site: $(READY) ## the documentation as a site, in site/; fails where a link leads nowhere
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
+
 clean: ## remove caches; .venv, .venv-torch and runs/ stay
-	rm -rf .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache build dist
+	rm -rf .benchmarks .coverage site .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache build dist
 	find . -path './.venv*' -prune -o -name __pycache__ -type d -exec rm -rf {} +

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 try:
     import fcntl
@@ -16,8 +16,8 @@ except ImportError:  # not a POSIX system: there one process at a time may write
 
 
 @contextmanager
-def held(path: Path) -> Iterator[None]:
-    """Holds a journal against other writers until the end. Not to be nested."""
+def locked(path: Path) -> Iterator[None]:
+    """Locks a journal against other writers while the context lasts. It can't be nested."""
     if fcntl is None:
         yield
         return
@@ -37,7 +37,7 @@ def append(path: Path, line: str) -> None:
     Raises:
         OSError: as the disk does.
     """
-    with held(path), path.open("ab+") as file:
+    with locked(path), path.open("ab+") as file:
         end = file.seek(0, os.SEEK_END)
         file.truncate(end - _torn_bytes(path, end))
         file.write(line.encode() + b"\n")
@@ -51,8 +51,8 @@ def lines(path: Path) -> list[str]:
 
 
 def rewrite(path: Path, new: Iterable[str]) -> None:
-    """Puts other lines in a journal's place, all or none; to be called while it is ``held``. Raises OSError."""
-    with replacing(path) as file:
+    """Puts other lines in a journal's place, all or none; to be called while it is ``locked``. Raises OSError."""
+    with atomic_write(path) as file:
         os.fchmod(file.fileno(), 0o644)
         file.write("".join(f"{line}\n" for line in new).encode())
         file.flush()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from surveilnav.cli.dataset import DEFAULT_ROOT, Root
+from surveilnav.cli.extras import needs
 from surveilnav.cli.options import AsJson, console, results
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ app = typer.Typer(no_args_is_help=True, help="The benchmark: policies on the dat
 
 
 @app.command()
+@needs("bench")
 def run(
     split: Annotated[str, typer.Option(help="val, val_mini, train, or one of your own.")] = "val_mini",
     policy: Annotated[str, typer.Option(help="See `surveilnav bench policies`.")] = "surveilnav",
@@ -132,6 +134,7 @@ def _numbers(finished: Finished, folder: Path, seconds: float) -> dict[str, Any]
 
 
 @app.command()
+@needs("bench")
 def table(
     name: Annotated[list[str] | None, typer.Argument(help="main, range, density, ...; all if none is named.")] = None,
     workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
@@ -211,6 +214,7 @@ def _said(table: Table, made: Made) -> dict[str, Any]:
 
 
 @app.command()
+@needs("bench")
 def policies(as_json: AsJson = False) -> None:
     """List the policies."""
     from surveilnav.benchmark.policies import POLICIES

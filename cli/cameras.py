@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from surveilnav.client import Client
-    from surveilnav.client.resources import Camera
+    from surveilnav.rest import Camera
 
 app = typer.Typer(invoke_without_command=True, help="List cameras; pause, resume or forget one, delete past pictures.")
 
@@ -81,30 +81,30 @@ def delete_pictures(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
         print_json(items(keepers))
     else:
         for keeper in keepers:
-            results.print(f"{keeper['keeper']}: {keeper['message']}", markup=False)
+            results.print(f"{keeper.keeper}: {keeper.message}", markup=False)
 
 
 def _known(asked: Client, typed: str) -> str:
     """The id that was meant: as typed, or the only one that begins so."""
     from surveilnav.cli.completing import meant
 
-    return meant("camera", typed, [camera["id"] for camera in asked.cameras()])
+    return meant("camera", typed, [camera.id for camera in asked.cameras()])
 
 
 def _changed(camera: Camera, as_json: bool) -> None:
     if as_json:
         print_json(camera)
     else:
-        results.print(f"{camera['id']}: {'paused' if camera['paused'] else 'looks again'}", markup=False)
+        results.print(f"{camera.id}: {'paused' if camera.paused else 'looks again'}", markup=False)
 
 
 def state_of(camera: Camera) -> tuple[str, str]:
     """What a camera is doing, and its colour."""
-    if camera["stale"]:
+    if camera.stale:
         return "offline", "red"
-    if camera["paused"]:
+    if camera.paused:
         return "paused", "yellow"
-    return ("invoked", "green") if camera["invoked"] else ("idle", "")
+    return ("invoked", "green") if camera.invoked else ("idle", "")
 
 
 def show_cameras(found: list[Camera], console: Console) -> None:
@@ -126,13 +126,13 @@ def show_cameras(found: list[Camera], console: Console) -> None:
         columns,
         [
             [
-                c["id"],
-                c["floor"],
-                f"{c['position_m'][0]:.1f}, {c['position_m'][1]:.1f}",
+                c.id,
+                c.floor,
+                f"{c.position_m[0]:.1f}, {c.position_m[1]:.1f}",
                 state_of(c),
-                f"{c['views_processed']}/{len(c['views'])}",
-                clock(c["last_seen"]),
-                ", ".join(f"{label} {chance:.2f}" for label, chance in c["labels"].items() if chance is not None),
+                f"{c.views_processed}/{len(c.views)}",
+                clock(c.last_seen),
+                ", ".join(f"{label} {chance:.2f}" for label, chance in c.labels.items() if chance is not None),
             ]
             for c in found
         ],

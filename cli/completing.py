@@ -58,7 +58,7 @@ def _offered(ctx: typer.Context, what: str, incomplete: str) -> list[str]:
 
     try:
         with Client(ctx.params["url"], timeout_s=_PATIENCE_S) as asked:
-            return list(_beginning((row["id"] for row in getattr(asked, what)()), incomplete))
+            return list(_beginning((row.id for row in getattr(asked, what)()), incomplete))
     except GatewayError:
         return []
 

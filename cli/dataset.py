@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from surveilnav.cli.extras import needs
 from surveilnav.cli.options import BUILDING_KINDS, AsJson, console
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ Root = Annotated[Path, typer.Option(help="The dataset's folder.")]
 
 
 @app.command()
+@needs("bench")
 def build(
     split: Annotated[
         list[str] | None, typer.Option(help="val, val_mini, train (all if none is named), or a name for --building.")
@@ -80,6 +82,7 @@ def _notes(root: Path, splits: Sequence[SplitSpec]) -> Iterator[tuple[str, str]]
 
 
 @app.command()
+@needs("bench")
 def check(
     root: Root = DEFAULT_ROOT,
     deep: Annotated[bool, typer.Option(help="Also open every building and compare.")] = True,
@@ -102,6 +105,7 @@ def check(
 
 
 @app.command()
+@needs("bench")
 def show(
     root: Root = DEFAULT_ROOT,
     split: Annotated[str, typer.Option()] = "val",

@@ -19,11 +19,11 @@ from rich.markup import escape
 from surveilnav.bus import Node, Refused, clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.cli.evidence import actions, deciding_views, layers, objects, trajectory
+from surveilnav.cli.expired_runs import remove_expired_runs
 from surveilnav.cli.map_watch import MapWatch
-from surveilnav.cli.old_runs import drop_old_runs
 from surveilnav.cli.progress import bar
 from surveilnav.cli.recorder import Recorder
-from surveilnav.cli.report import Moment, RunRecord, run_json, traffic_lines, write_report
+from surveilnav.cli.report import RunRecord, run_json, traffic_lines, write_report
 from surveilnav.cli.report import outcome as in_words
 from surveilnav.cli.stack import Stack, environment
 from surveilnav.cli.words import human_bytes
@@ -67,7 +67,7 @@ def run_demo(options: DemoOptions, console: Console) -> dict[str, Any]:
         SurveilNavError: a user's mistake, or a service that ended; its text says what to do.
     """
     began_s, started = time.monotonic(), datetime.now(UTC)
-    if removed := drop_old_runs(options.runs, PictureSettings().keep_s):
+    if removed := remove_expired_runs(options.runs, PictureSettings().keep_s):
         console.print(f"removed {removed} old runs from {options.runs} (SURVEILNAV_PICTURES__KEEP_H)", markup=False)
     prepared = _prepare(options, console)
     run_dir = options.runs / f"{started:%Y%m%d-%H%M%S}-{uuid.uuid4().hex[:4]}"
@@ -276,7 +276,6 @@ def _record(
         objects=known,
         deciding_views=deciding_views(node, recorder, known, status),
         traffic=traffic_lines(recorder.traffic()),
-        timeline=[Moment(*entry) for entry in recorder.timeline],
         notes=[*building.notes, *start.notes],
     )
 

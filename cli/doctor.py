@@ -56,7 +56,9 @@ def _packages() -> list[Finding]:
             version = getattr(importlib.import_module(name), "__version__", "present")
             findings.append(Finding(name, "ok", str(version)))
         except Exception as error:
-            findings.append(Finding(name, "missing", str(error), remedies.get(name, "make setup")))
+            findings.append(
+                Finding(name, "missing", str(error), remedies.get(name, "pip install 'surveilnav[simulator]'"))
+            )
     return findings
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from surveilnav.bus import Node, clock_ns
 from surveilnav.cli.recorder import Recorder
 from surveilnav.cli.report import DecidingView, Step
-from surveilnav.cli.report.floor_map import Layers
+from surveilnav.cli.report.record import Layers
 from surveilnav.contract import CAMERA_REQUEST, MAP_LAYER, OBJECTS
 from surveilnav.errors import BusError, WireError
 from surveilnav.geometry import yaw_of
@@ -97,7 +97,7 @@ def _deciding_view(node: Node, recorder: Recorder, event: ObjectEvent) -> Decidi
     x0, y0, x1, y1 = (v * scale for v in event.box_px)
     from_camera = event.source.startswith("camera/")
     caption = f"{event.source}, view {event.view}" if from_camera else f"robot, step {event.seq}"
-    return DecidingView(caption, jpeg, [(x0, y0, x1, y1, event.label, event.score)], event.source, event.view)
+    return DecidingView(caption, jpeg, [(x0, y0, x1, y1, event.label, event.score)])
 
 
 def _picture(node: Node, recorder: Recorder, event: ObjectEvent) -> tuple[bytes, float] | None:

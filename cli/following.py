@@ -10,9 +10,8 @@ from rich.markup import escape
 from surveilnav.cli.mission_words import said_of, state_of, steps_of
 from surveilnav.cli.words import duration, metres
 from surveilnav.client import Client
-from surveilnav.client.resources import Mission
 from surveilnav.errors import GatewayError
-from surveilnav.messages import FINISHED_STATES
+from surveilnav.rest import Mission
 from surveilnav.words import canonical
 
 #: Planner or gateway may be away for so long: whoever keeps them running starts them again.
@@ -26,11 +25,11 @@ def follow_mission(
     """Submits a mission and shows its progress to the end; the mission's last state. ``queue``: it waits for a robot."""
     mission = gateway.submit(target, robot or None, max_steps, queue=queue)
     try:
-        if canonical(target) != canonical(mission["target"]):
-            console.print(f"{target}: perception calls it {mission['target']}", markup=False)
-        mission = _followed(gateway, mission["id"], console)
+        if canonical(target) != canonical(mission.target):
+            console.print(f"{target}: perception calls it {mission.target}", markup=False)
+        mission = _followed(gateway, mission.id, console)
     except KeyboardInterrupt:
-        gateway.cancel(mission["id"])
+        gateway.cancel(mission.id)
         console.print("cancelled: the robot stops")
         raise
     state, style = state_of(mission)
@@ -48,9 +47,9 @@ def _followed(gateway: Client, id: str, console: Console) -> Mission:
             if line != shown:
                 shown = line
                 console.print(line, markup=False, soft_wrap=not console.is_terminal)
-            if mission["state"] in FINISHED_STATES:
+            if mission.has_ended:
                 return mission
-            heard_s = heard_s if mission["stale"] else time.monotonic()
+            heard_s = heard_s if mission.stale else time.monotonic()
             if time.monotonic() - heard_s > _LOST_S:
                 raise GatewayError(
                     "stale",
@@ -71,6 +70,6 @@ def _asked(gateway: Client, id: str, heard_s: float) -> Mission | None:
 
 
 def _line(mission: Mission) -> str:
-    left = duration(mission["time_remaining_s"])
-    way = "".join(f", {part}" for part in (metres(mission["path_m"]), left and f"{left} to the waypoint") if part)
-    return f"{mission['phase'] or mission['state']}  step {steps_of(mission)}{way}  {mission['message']}".rstrip()
+    left = duration(mission.time_remaining_s)
+    way = "".join(f", {part}" for part in (metres(mission.path_m), left and f"{left} to the waypoint") if part)
+    return f"{mission.phase or mission.state}  step {steps_of(mission)}{way}  {mission.message}".rstrip()

@@ -1,4 +1,4 @@
-"""``surveilnav homes``: a line for every building in a folder."""
+"""``surveilnav homes``: surveys every building in a folder, a row of the table each."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from surveilnav.simulator.world.reach import Survey, survey
 
 
 @dataclass(frozen=True)
-class Line:
-    """A file, and what was found in it or why it can't be read."""
+class SurveyedFile:
+    """A file with its survey, or the error why it can't be read."""
 
     file: str
     survey: Survey | None
@@ -35,7 +35,9 @@ class Line:
     sha256: str = ""
 
 
-def look_at(folder: Path, on_file: Callable[[int, int, str], None] = lambda done, of, which: None) -> list[Line]:
+def survey_folder(
+    folder: Path, on_file: Callable[[int, int, str], None] = lambda done, of, which: None
+) -> list[SurveyedFile]:
     """Opens every building in a folder; whatever a file holds, the next one has its turn.
 
     Args:
@@ -84,11 +86,11 @@ def _is_home(path: Path) -> bool:
     return path.suffix.lower() == ".sh3d" or path.name.lower() == "home.xml" or is_mesh(path)
 
 
-def _line(path: Path, name: str) -> Line:
+def _line(path: Path, name: str) -> SurveyedFile:
     began_s, sha256 = time.monotonic(), _sha256(path)
 
-    def line(found: Survey | None, error: str = "") -> Line:
-        return Line(name, found, error, time.monotonic() - began_s, sha256)
+    def line(found: Survey | None, error: str = "") -> SurveyedFile:
+        return SurveyedFile(name, found, error, time.monotonic() - began_s, sha256)
 
     try:
         scene = open_building(str(path))
@@ -109,7 +111,7 @@ def _sha256(path: Path) -> str:
         return ""
 
 
-def as_dict(line: Line) -> dict[str, Any]:
+def as_dict(line: SurveyedFile) -> dict[str, Any]:
     """As ``--json`` says it: areas in m², ``targets`` as [those that robots can get to, all] by class."""
     if line.survey is None:
         return {"file": line.file, "sha256": line.sha256, "error": line.error, "seconds": round(line.seconds, 1)}
@@ -138,7 +140,7 @@ def _rounded(values: dict[str, Any]) -> dict[str, Any]:
     return {name: round(value, 2) if isinstance(value, float) else value for name, value in values.items()}
 
 
-def show(lines: list[Line], console: Console) -> None:
+def show(lines: list[SurveyedFile], console: Console) -> None:
     """A table of what can be searched, then what there is to say of each file."""
     table = Table(box=None, pad_edge=False)
     table.add_column("file", overflow="fold", ratio=1)
@@ -155,7 +157,7 @@ def show(lines: list[Line], console: Console) -> None:
     console.print(f"{read} of {len(lines)} files could be read")
 
 
-def _cells(line: Line) -> list[str]:
+def _cells(line: SurveyedFile) -> list[str]:
     if line.survey is None:
         return ["", "", "", "", "", "[red]error[/]"]
     reach, targets = line.survey.reach, line.survey.targets.values()

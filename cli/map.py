@@ -12,7 +12,7 @@ from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, console, gateway, p
 if TYPE_CHECKING:
     from surveilnav.cli.map_drawing import Drawing
     from surveilnav.client import Client
-    from surveilnav.client.resources import Layer
+    from surveilnav.rest import Layer
 
 #: What a file may be.
 _ENDINGS = (".png", ".npy")
@@ -46,7 +46,7 @@ def map_(
         if as_json:
             print_json(place)
         elif out is not None:
-            console.print(f"{out}: {place['layer']} of floor {floor}, revision {place['revision']}", markup=False)
+            console.print(f"{out}: {place.layer} of floor {floor}, revision {place.revision}", markup=False)
         else:
             show_map(drawn(asked, place), place)
 
@@ -62,26 +62,17 @@ def _first_mapped(asked: Client) -> str:
     from surveilnav.errors import GatewayError
 
     for floor in asked.floors():
-        if floor["revision"] is not None:
-            return floor["id"]
+        if floor.revision is not None:
+            return floor.id
     raise GatewayError("unknown_floor", "no floor is mapped yet: `surveilnav find TARGET` sends a robot, which maps it")
 
 
 def _write(out: Path, asked: Client, place: Layer) -> None:
-    import io
+    from surveilnav.storage import atomic_write
 
-    import numpy as np
-
-    from surveilnav.stored import replacing
-
-    floor, layer, target = place["floor"], place["layer"], place["target"]
-    if out.suffix == ".png":
-        data = asked.layer_picture(floor, layer, target)
-    else:
-        file = io.BytesIO()
-        np.save(file, asked.layer_array(floor, layer, target))
-        data = file.getvalue()
-    with replacing(out) as written:
+    read = asked.layer_picture if out.suffix == ".png" else asked.layer_npy
+    data = read(place.floor, place.layer, place.target)
+    with atomic_write(out) as written:
         written.write(data)
 
 
@@ -89,13 +80,13 @@ def drawn(asked: Client, place: Layer, width: int | None = None) -> Drawing:
     """The map as characters, as wide as the terminal."""
     from surveilnav.cli.map_drawing import draw
 
-    floor = place["floor"]
-    layers = {name: asked.layer_array(floor, name) for name in ("occupancy", "explored", "frontier")}
-    if place["layer"] == "value":
-        layers["value"] = asked.layer_array(floor, "value", place["target"])
-    robots = [r for r in asked.robots() if r["floor"] == floor]
-    cameras = [c for c in asked.cameras() if c["floor"] == floor]
-    things = [o for o in asked.objects(floor=floor, status="confirmed") if None not in o["center_m"]]
+    floor = place.floor
+    layers = {name: asked.layer_rows(floor, name) for name in ("occupancy", "explored", "frontier")}
+    if place.layer == "value":
+        layers["value"] = asked.layer_rows(floor, "value", place.target)
+    robots = [r for r in asked.robots() if r.floor == floor]
+    cameras = [c for c in asked.cameras() if c.floor == floor]
+    things = [o for o in asked.objects(floor=floor, status="confirmed") if None not in o.center_m]
     return draw(layers, place, robots, cameras, things, width or results.width)
 
 
@@ -104,7 +95,7 @@ def show_map(drawing: Drawing, place: Layer) -> None:
     for line in drawing.lines:
         results.print(line)
     results.print(
-        f"floor {place['floor']}, revision {place['revision']}; north is up; a character is {drawing.column_m:.2g} m wide and "
+        f"floor {place.floor}, revision {place.revision}; north is up; a character is {drawing.column_m:.2g} m wide and "
         f"{drawing.line_m:.2g} m high",
         markup=False,
     )

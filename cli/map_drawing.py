@@ -1,18 +1,19 @@
-"""A floor's map drawn with characters: pure, from arrays to lines."""
+"""A floor's map drawn with characters: pure, from rows of numbers to lines. It does without numpy, which clients may lack."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.text import Text
 
-from surveilnav.client.resources import Camera, Layer, Object, Robot
+from surveilnav.rest import Camera, Layer, Object, Robot
+
+#: The cells of a layer: rows of numbers, row 0 the southernmost; NaN where nothing is known.
+Cells = Sequence[Sequence[float]]
 
 #: A character is about twice as high as wide.
 _ASPECT = 2
@@ -40,7 +41,7 @@ class Drawing:
 
 
 def draw(
-    layers: Mapping[str, NDArray],
+    layers: Mapping[str, Cells],
     place: Layer,
     robots: Sequence[Robot],
     cameras: Sequence[Camera],
@@ -50,54 +51,67 @@ def draw(
     """A map at most ``width`` characters wide.
 
     Args:
-        layers: (rows, cols) each, row 0 the southernmost: occupancy, explored, frontier; ``value`` is drawn instead of the
-            latter two where it is there.
+        layers: occupancy, explored and frontier, all of one shape. Where ``value`` is given, it is drawn instead of explored
+            and frontier.
         place: where the cells lie in the world.
         objects: with all three coordinates of their centre.
     """
-    top, left, shape = _extent(layers)
-    n = max(1, math.ceil(shape[1] / width))
-    cut = {name: _blocks(cells[top : top + shape[0], left : left + shape[1]], n) for name, cells in layers.items()}
-    rows, cols = next(iter(cut.values())).shape
-    board = _Board(rows, cols)
+    top, left, rows, cols = _extent(layers)
+    n = max(1, math.ceil(cols / width))
+    cut = {
+        name: _blocks([row[left : left + cols] for row in cells[top : top + rows]], n) for name, cells in layers.items()
+    }
+    board = _Board(math.ceil(rows / (_ASPECT * n)), math.ceil(cols / n))
     if "value" in cut:
         board.shade(cut.pop("value"))
         del cut["explored"], cut["frontier"]
     for name in ("explored", "frontier", "occupancy"):
         if name in cut:
-            board.mark(cut[name] > 0, *_MARKS[name][:2])
+            board.mark(cut[name], *_MARKS[name][:2])
     cells = _Cells(place, top, left, n)
     for camera in cameras:
-        board.put(cells.of(*camera["position_m"][:2]), *_MARKS["camera"][:2])
+        board.put(cells.of(*camera.position_m[:2]), *_MARKS["camera"][:2])
     for thing in objects:
-        board.put(cells.of(thing["center_m"][0] or 0.0, thing["center_m"][1] or 0.0), *_MARKS["object"][:2])
+        board.put(cells.of(thing.center_m[0] or 0.0, thing.center_m[1] or 0.0), *_MARKS["object"][:2])
     for robot in robots:
-        arrow = _ARROWS[round(robot["yaw_rad"] / (math.pi / 2)) % 4]
-        board.put(cells.of(*robot["position_m"][:2]), arrow, _MARKS["robot"][1])
-    resolution_m = place["resolution_m"] * n
+        arrow = _ARROWS[round(robot.yaw_rad / (math.pi / 2)) % 4]
+        board.put(cells.of(*robot.position_m[:2]), arrow, _MARKS["robot"][1])
+    resolution_m = place.resolution_m * n
     return Drawing(board.lines(), _legend("value" in layers), resolution_m, resolution_m * _ASPECT)
 
 
-def _extent(layers: Mapping[str, NDArray]) -> tuple[int, int, tuple[int, int]]:
-    """(first row, first column, (rows, cols)) of what any layer knows; all of it if none knows anything."""
-    known: NDArray[np.bool_] = np.zeros(next(iter(layers.values())).shape, np.bool_)
+def _extent(layers: Mapping[str, Cells]) -> tuple[int, int, int, int]:
+    """(first row, first column, rows, columns) of what any layer knows; of the whole map if none knows anything."""
+    known_rows: list[int] = []
+    known_cols: list[int] = []
     for cells in layers.values():
-        known |= np.isfinite(cells) & (cells != 0) if cells.dtype.kind == "f" else cells != 0
-    if not known.any():
-        return 0, 0, (known.shape[0], known.shape[1])
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    return int(rows[0]), int(cols[0]), (int(rows[-1] - rows[0]) + 1, int(cols[-1] - cols[0]) + 1)
+        for number, row in enumerate(cells):
+            first = next((col for col, value in enumerate(row) if value and math.isfinite(value)), None)
+            if first is not None:
+                last = next(c for c in reversed(range(len(row))) if row[c] and math.isfinite(row[c]))
+                known_rows.append(number)
+                known_cols += (first, last)
+    if not known_rows:
+        whole = next(iter(layers.values()))
+        return 0, 0, len(whole), len(whole[0])
+    top, left = min(known_rows), min(known_cols)
+    return top, left, max(known_rows) - top + 1, max(known_cols) - left + 1
 
 
-def _blocks(cells: NDArray, n: int) -> NDArray[np.float64]:
-    """The largest of each block of 2 n x n cells; NaN where nothing is known."""
+def _blocks(cells: Cells, n: int) -> list[list[float]]:
+    """The largest value of each block of 2 n x n cells, which one character shows; NaN where nothing is known."""
     height = _ASPECT * n
-    padded = np.pad(
-        cells.astype(np.float64), ((0, -cells.shape[0] % height), (0, -cells.shape[1] % n)), constant_values=np.nan
-    )
-    rows, cols = padded.shape[0] // height, padded.shape[1] // n
-    largest: NDArray[np.float64] = np.fmax.reduce(np.fmax.reduce(padded.reshape(rows, height, cols, n), axis=3), axis=1)
-    return largest
+    return [
+        [
+            _largest(value for row in cells[top : top + height] for value in row[left : left + n])
+            for left in range(0, len(cells[0]), n)
+        ]
+        for top in range(0, len(cells), height)
+    ]
+
+
+def _largest(values: Iterable[float]) -> float:
+    return max((value for value in values if not math.isnan(value)), default=math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +125,9 @@ class _Cells:
 
     def of(self, x_m: float, y_m: float) -> tuple[int, int]:
         """(row from the south, column) on the board; it may lie beyond it."""
-        T_world_cell = np.asarray(self.place["T_world_cell"])
-        col, row, _ = np.linalg.solve(T_world_cell, np.array([x_m, y_m, 1.0]))
+        (a, b, x0_m), (c, d, y0_m), _ = self.place.T_world_cell  # world = [[a, b], [c, d]] @ (col, row) + (x0, y0)
+        x_m, y_m, determinant = x_m - x0_m, y_m - y0_m, a * d - b * c
+        col, row = (d * x_m - b * y_m) / determinant, (a * y_m - c * x_m) / determinant
         return (round(row) - self.top) // (_ASPECT * self.n), (round(col) - self.left) // self.n
 
 
@@ -120,38 +135,44 @@ class _Board:
     """Characters with styles, row 0 the southernmost."""
 
     def __init__(self, rows: int, cols: int) -> None:
-        self._characters = np.full((rows, cols), " ", dtype="<U1")
-        self._styles = np.full((rows, cols), "", dtype=object)
+        self._characters = [[" "] * cols for _ in range(rows)]
+        self._styles = [[""] * cols for _ in range(rows)]
 
-    def shade(self, values: NDArray[np.float64]) -> None:
+    def shade(self, values: Cells) -> None:
         """Darker to lighter from the lowest to the highest value."""
-        known = np.isfinite(values)
-        if not known.any():
+        known = [value for row in values for value in row if math.isfinite(value)]
+        if not known:
             return
-        low, high = float(values[known].min()), float(values[known].max())
-        share = (np.where(known, values, low) - low) / max(high - low, 1e-9)
-        steps = 1 + np.minimum((share * (len(_SHADES) - 1)).astype(int), len(_SHADES) - 2)
-        self._characters[known] = np.array(list(_SHADES))[steps[known]]
+        low, high = min(known), max(known)
+        for characters, row in zip(self._characters, values, strict=True):
+            for col, value in enumerate(row):
+                if math.isfinite(value):
+                    share = (value - low) / max(high - low, 1e-9)
+                    characters[col] = _SHADES[1 + min(int(share * (len(_SHADES) - 1)), len(_SHADES) - 2)]
 
-    def mark(self, where: NDArray[np.bool_], character: str, style: str) -> None:
-        """Puts a character wherever ``where`` is true."""
-        self._characters[where] = character
-        self._styles[where] = style
+    def mark(self, values: Cells, character: str, style: str) -> None:
+        """Puts a character wherever the value is above 0."""
+        for row, numbers in enumerate(values):
+            for col, value in enumerate(numbers):
+                if value > 0:
+                    self.put((row, col), character, style)
 
     def put(self, cell: tuple[int, int], character: str, style: str) -> None:
         """One character; nothing where the cell lies beyond the map."""
         row, col = cell
-        if 0 <= row < self._characters.shape[0] and 0 <= col < self._characters.shape[1]:
-            self._characters[row, col], self._styles[row, col] = character, style
+        if 0 <= row < len(self._characters) and 0 <= col < len(self._characters[0]):
+            self._characters[row][col], self._styles[row][col] = character, style
 
     def lines(self) -> list[Text]:
         """From north to south."""
-        return [_line(row, styles) for row, styles in zip(self._characters[::-1], self._styles[::-1], strict=True)]
+        return [
+            _line(row, styles) for row, styles in zip(reversed(self._characters), reversed(self._styles), strict=True)
+        ]
 
 
-def _line(characters: NDArray, styles: NDArray) -> Text:
+def _line(characters: Sequence[str], styles: Sequence[str]) -> Text:
     """One line; neighbours of one style are one piece."""
-    pieces = groupby(zip(map(str, characters), map(str, styles), strict=True), key=itemgetter(1))
+    pieces = groupby(zip(characters, styles, strict=True), key=itemgetter(1))
     return Text.assemble(*(("".join(c for c, _ in piece), style) for style, piece in pieces))
 
 

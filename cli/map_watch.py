@@ -9,7 +9,6 @@ from typing import Self
 
 from surveilnav.bus import Node
 from surveilnav.cli.report import MapMoment
-from surveilnav.cli.report.cell_changes import states_of
 from surveilnav.contract import MAP_LAYER
 from surveilnav.errors import BusError, WireError
 from surveilnav.sensing.layers import unpack_layer
@@ -58,7 +57,7 @@ class MapWatch:
             return  # fusion is busy or away: the film lacks a moment
         grids = {a.message.grid for a in answers.values()}
         if len(grids) == 1:
-            packed = MapMoment.pack(states_of(cells["explored"], cells["occupancy"]))
+            packed = MapMoment.pack(cells["explored"], cells["occupancy"])
             self.moments.append(MapMoment(seq, floor, grids.pop(), packed))
 
     def _run(self) -> None:

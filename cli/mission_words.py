@@ -8,7 +8,7 @@ from rich.console import Console
 
 from surveilnav.cli.listing import Cell, Column, facts, listing
 from surveilnav.cli.words import clock, duration, metres
-from surveilnav.client.resources import Mission, MissionPlan, Place
+from surveilnav.rest import Mission, MissionPlan, Place
 
 _COLUMNS = (
     Column("id", "id"),
@@ -24,31 +24,29 @@ _COLOURS = {"active": "cyan", "confirming": "cyan", "paused": "yellow", "queued"
 
 def state_of(mission: Mission) -> tuple[str, str]:
     """A mission's state and its colour; a mission whose planner is gone says so."""
-    if mission["stale"]:
-        return f"{mission['state']}?", "yellow"
-    if mission["state"] == "done":
-        return "done", "green" if mission["found"] else "red"
-    return mission["state"], _COLOURS.get(mission["state"], "")
+    if mission.stale:
+        return f"{mission.state}?", "yellow"
+    if mission.state == "done":
+        return "done", "green" if mission.found else "red"
+    return mission.state, _COLOURS.get(mission.state, "")
 
 
 def _judged(mission: Mission) -> Cell:
     """What the simulator says of the robot's stop, if the building is simulated."""
-    if mission["judged"] is None:
+    if mission.judged is None:
         return ""
-    return (
-        ("agrees: it stopped where it should", "green") if mission["judged"] else ("disagrees: that isn't one", "red")
-    )
+    return ("agrees: it stopped where it should", "green") if mission.judged else ("disagrees: that isn't one", "red")
 
 
 def steps_of(mission: Mission) -> str:
     """ "61/500"."""
-    most = mission["max_steps"]
-    return f"{mission['step']}/{most}" if most else str(mission["step"])
+    most = mission.max_steps
+    return f"{mission.step}/{most}" if most else str(mission.step)
 
 
 def said_of(mission: Mission) -> str:
     """What there is to say of it: the failure's name, and its message."""
-    return ": ".join(text for text in (mission["error"], mission["message"]) if text)
+    return ": ".join(text for text in (mission.error, mission.message) if text)
 
 
 def show_missions(missions: Sequence[Mission], console: Console) -> None:
@@ -57,36 +55,35 @@ def show_missions(missions: Sequence[Mission], console: Console) -> None:
         console.print("no mission yet; `surveilnav find TARGET` sends a robot")
         return
     rows: list[list[Cell]] = [
-        [m["id"], state_of(m), m["target"], m["robot"] or "-", steps_of(m), metres(m["path_m"]), said_of(m)]
-        for m in missions
+        [m.id, state_of(m), m.target, m.robot or "-", steps_of(m), metres(m.path_m), said_of(m)] for m in missions
     ]
     listing(console, _COLUMNS, rows)
 
 
 def show_mission(mission: Mission, plan: MissionPlan | None, console: Console) -> None:
     """All that is known of one, and its plan."""
-    asked = f" (asked for: {mission['asked']})" if mission["asked"] else ""
-    left = duration(mission["time_remaining_s"])
+    asked = f" (asked for: {mission.asked})" if mission.asked else ""
+    left = duration(mission.time_remaining_s)
     facts(
         console,
         [
-            ("mission", mission["id"]),
-            ("target", mission["target"] + asked),
+            ("mission", mission.id),
+            ("target", mission.target + asked),
             ("state", state_of(mission)),
-            ("found", "yes" if mission["found"] else ""),
+            ("found", "yes" if mission.found else ""),
             ("the simulator", _judged(mission)),
             ("why", said_of(mission)),
-            ("robot", mission["robot"] or "none yet"),
-            ("floor", mission["floor"] or ""),
-            ("phase", mission["phase"]),
+            ("robot", mission.robot or "none yet"),
+            ("floor", mission.floor or ""),
+            ("phase", mission.phase),
             ("step", steps_of(mission)),
-            ("way so far", metres(mission["path_m"])),
-            ("to waypoint", metres(mission["distance_remaining_m"])),
+            ("way so far", metres(mission.path_m)),
+            ("to waypoint", metres(mission.distance_remaining_m)),
             ("time left", f"{left} to the waypoint" if left else ""),
-            ("took", duration(mission["elapsed_s"])),
-            ("started", clock(mission["started"])),
-            ("finished", clock(mission["finished"])),
-            ("last heard of", clock(mission["last_seen"]) + (", its planner is gone" if mission["stale"] else "")),
+            ("took", duration(mission.elapsed_s)),
+            ("started", clock(mission.started)),
+            ("finished", clock(mission.finished)),
+            ("last heard of", clock(mission.last_seen) + (", its planner is gone" if mission.stale else "")),
         ],
     )
     if plan:
@@ -96,16 +93,16 @@ def show_mission(mission: Mission, plan: MissionPlan | None, console: Console) -
 
 def show_plan(plan: MissionPlan, console: Console) -> None:
     """Why the robot does what it does, and what else was weighed."""
-    console.print(f"step {plan['step']}, floor {plan['floor']}: {plan['action']}, {plan['why']}", markup=False)
-    if not plan["candidates"]:
+    console.print(f"step {plan.step}, floor {plan.floor}: {plan.action}, {plan.why}", markup=False)
+    if not plan.candidates:
         return
     columns = (Column("weighed"), Column("at", "number"), Column("score", "number"), Column("note", "note"))
-    listing(console, columns, [_weighed(place) for place in plan["candidates"]])
+    listing(console, columns, [_weighed(place) for place in plan.candidates])
 
 
 def _weighed(place: Place) -> list[Cell]:
-    style = "green" if place["chosen"] else ""
-    name = place["kind"] if place["object_id"] is None else f"{place['kind']} {place['object_id']}"
-    at = ", ".join("?" if v is None else f"{v:.1f}" for v in (place["x_m"], place["y_m"]))
-    score = "" if place["score"] is None else f"{place['score']:.3g}"
-    return [(name, style), at, score, (("chosen: " if place["chosen"] else "") + place["note"], style)]
+    style = "green" if place.chosen else ""
+    name = place.kind if place.object_id is None else f"{place.kind} {place.object_id}"
+    at = ", ".join("?" if v is None else f"{v:.1f}" for v in (place.x_m, place.y_m))
+    score = "" if place.score is None else f"{place.score:.3g}"
+    return [(name, style), at, score, (("chosen: " if place.chosen else "") + place.note, style)]

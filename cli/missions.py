@@ -21,7 +21,7 @@ from surveilnav.cli.options import (
 
 if TYPE_CHECKING:
     from surveilnav.client import Client
-    from surveilnav.client.resources import Mission, MissionPlan
+    from surveilnav.rest import Mission, MissionPlan
 
 app = typer.Typer(invoke_without_command=True, help="List missions; show, cancel, pause or resume one.")
 
@@ -55,7 +55,7 @@ def find(
         mission = follow_mission(asked, target, robot, max_steps, console, queue=queue)
     if as_json:
         print_json(mission)
-    raise typer.Exit(0 if mission.get("found") else 1)
+    raise typer.Exit(0 if mission.found else 1)
 
 
 @app.callback()
@@ -125,24 +125,23 @@ def _changed(mission: Mission, as_json: bool) -> None:
     if as_json:
         print_json(mission)
     else:
-        results.print(f"{mission['id']}: {mission['state']}", markup=False, soft_wrap=True)
+        results.print(f"{mission.id}: {mission.state}", markup=False, soft_wrap=True)
 
 
 def _known(asked: Client, typed: str) -> str:
     """The id that was meant: as typed, or the only one that begins so."""
     from surveilnav.cli.completing import meant
 
-    return meant("mission", typed, [mission["id"] for mission in asked.missions()])
+    return meant("mission", typed, [mission.id for mission in asked.missions()])
 
 
 def _plan_of(asked: Client, mission: Mission) -> MissionPlan | None:
     """What its robot is up to; None if there is no plan, or no longer."""
     from surveilnav.errors import GatewayError
-    from surveilnav.messages import FINISHED_STATES
 
-    if mission["state"] in FINISHED_STATES:
+    if mission.has_ended:
         return None
     try:
-        return asked.plan(mission["id"])
+        return asked.plan(mission.id)
     except GatewayError:
         return None

@@ -5,19 +5,15 @@ from __future__ import annotations
 import errno
 from typing import Any
 
-from pydantic import ValidationError
-from pydantic_settings import SettingsError
-
-from surveilnav.bus.main import explain
-from surveilnav.errors import SurveilNavError
+from surveilnav.errors import SurveilNavError, explain_settings_error
 
 
 def in_words(error: Exception) -> str | None:
     """A line for each thing that is wrong; None: a bug, which wants its traceback."""
-    if isinstance(error, ValidationError):
-        return explain(error)
-    if isinstance(error, SettingsError | SurveilNavError):
+    if isinstance(error, SurveilNavError):
         return f"error: {error}"
+    if (words := _of_settings(error)) is not None:
+        return words
     if not isinstance(error, OSError):
         return None
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
@@ -25,6 +21,18 @@ def in_words(error: Exception) -> str | None:
         return None
     where = f"{error.filename}: " if error.filename else ""
     return f"error: {where}{error.strerror}{'; make room and run again' if full else ''}"
+
+
+def _of_settings(error: Exception) -> str | None:
+    """What is wrong with the settings in the environment; None: it is another error, or nothing here reads settings."""
+    try:
+        from pydantic import ValidationError
+        from pydantic_settings import SettingsError
+    except ModuleNotFoundError:  # a base installation
+        return None
+    if isinstance(error, ValidationError):
+        return explain_settings_error(error)
+    return f"error: {error}" if isinstance(error, SettingsError) else None
 
 
 def usage_of(error: Exception) -> str | None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
+from surveilnav.cli.extras import needs
 from surveilnav.cli.options import AsJson, console, items, print_json, results
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ Names = Annotated[list[str], typer.Argument(help="Models, as `surveilnav models 
 
 
 @app.command("list")
+@needs("services")
 def list_models(as_json: AsJson = False) -> None:
     """Say which models there are, how large, under which licence, and where they lie on this machine."""
     from surveilnav.cli.listing import Column, listing
@@ -78,7 +80,7 @@ def _row(model: models.Model) -> dict[str, Any]:
     }
 
 
-def _size_bytes(model: models.Model, seen: models.Seen) -> int:
+def _size_bytes(model: models.Model, seen: models.LocalModel) -> int:
     """What the catalogue says; of what is built in, what lies there."""
     return seen.path.stat().st_size if model.built_in and seen.path and seen.path.is_file() else model.size_bytes
 
@@ -93,6 +95,7 @@ def _hash_known(model: models.Model) -> str:
 
 
 @app.command()
+@needs("services")
 def pull(
     names: Names,
     to: Annotated[Path | None, typer.Option(help="A folder of models to pull into; the cache if not said.")] = None,
@@ -113,6 +116,7 @@ def pull(
 
 
 @app.command()
+@needs("services")
 def check(
     names: Annotated[
         list[str] | None,
@@ -124,7 +128,7 @@ def check(
     from surveilnav.cli.progress import counting
     from surveilnav.perception import models
 
-    asked, seen = list(names or models.CATALOGUE), dict[str, models.Seen]()
+    asked, seen = list(names or models.CATALOGUE), dict[str, models.LocalModel]()
     with counting(console, "models") as progress:  # gigabytes are hashed
         for name in asked:
             progress(len(seen), len(asked), name)

@@ -12,7 +12,7 @@ from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, pri
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from surveilnav.client.resources import Object
+    from surveilnav.rest import Object
 
 
 def objects(
@@ -59,13 +59,13 @@ def show_objects(found: list[Object], console: Console) -> None:
         columns,
         [
             [
-                f"{o['label']} {o['id']}",
-                o["floor"],
-                ", ".join("?" if v is None else f"{v:.1f}" for v in o["center_m"]),
-                o["status"],
-                _share(o["confidence"]),
-                _share(o["relevance"]),
-                ", ".join(o["sources"]),
+                f"{o.label} {o.id}",
+                o.floor,
+                ", ".join("?" if v is None else f"{v:.1f}" for v in o.center_m),
+                o.status,
+                _share(o.confidence),
+                _share(o.relevance),
+                ", ".join(o.sources),
             ]
             for o in found
         ],

@@ -77,8 +77,8 @@ def gateway(url: str) -> Client:
 
 
 def print_json(value: Any) -> None:
-    """What a program reads: one line on standard output."""
-    print(json.dumps(value))
+    """What a program reads: one line on standard output. Resources of the gateway are printed as the gateway sends them."""
+    print(json.dumps(value, default=lambda resource: resource.model_dump(mode="json")))
 
 
 def items(rows: list[Any]) -> dict[str, Any]:

@@ -39,12 +39,11 @@ class Recorder:
     observations: dict[int, tuple[Observation, bytes]] = field(default_factory=dict)
     arrived_s: dict[int, float] = field(default_factory=dict)
     plans: dict[int, Plan] = field(default_factory=dict)
-    timeline: list[tuple[float, str, str]] = field(default_factory=list)
     cameras_used: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._began_s = time.monotonic()
-        self._observation = self.node.slot(ROBOT_OBSERVATION, robot=self.robot)
+        self._observation = self.node.latest(ROBOT_OBSERVATION, robot=self.robot)
         self._plan = self.node.table(MISSION_PLAN, mission=self.mission)
         self._status = self.node.table(MISSION_STATUS, mission=self.mission)
         self._revisions = self.node.table(MAP_REVISION)
@@ -67,12 +66,7 @@ class Recorder:
             for use in row.message.cameras:
                 self.cameras_used[use.camera] = max(use.views_processed, self.cameras_used.get(use.camera, 0))
         rows = self._status.rows()
-        status: MissionStatus | None = rows[0].message if rows else None
-        if status is not None:
-            entry = (status.phase, status.message)
-            if not self.timeline or self.timeline[-1][1:] != entry:
-                self.timeline.append((time.monotonic() - self._began_s, *entry))
-        return status
+        return rows[0].message if rows else None
 
     def watch(self, on_change: Callable[[MissionStatus], None], check: Callable[[], None]) -> MissionStatus:
         """Follows the mission to its end. ``check`` is called often and may raise."""

@@ -9,7 +9,7 @@ import typer
 from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
 
 if TYPE_CHECKING:
-    from surveilnav.client.resources import RobotHalt
+    from surveilnav.rest import RobotHalt
 
 
 def stop(
@@ -33,4 +33,4 @@ def _tell(robots: list[RobotHalt], what: str, as_json: bool) -> None:
         print_json(items(robots))
         return
     for robot in robots:
-        results.print(f"{robot['robot']}  {'not there' if robot['stale'] else what}", markup=False)
+        results.print(f"{robot.robot}  {'not there' if robot.stale else what}", markup=False)

@@ -1,15 +1,18 @@
-"""docs/use/settings.md: every setting that the environment can make, from the classes that read it.
+"""The two pages of settings, from the classes that read them: docs/use/settings.md has those that people need, and
+docs/use/settings-expert.md all others.
 
-python -m surveilnav.cli.settings_page > docs/use/settings.md    # make docs
+python -m surveilnav.cli.settings_page docs/use    # make docs: writes both into that folder
 """
 
 from __future__ import annotations
 
 import math
 import re
+import sys
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
@@ -37,15 +40,16 @@ Every setting is an environment variable. Lists and tables are JSON; yes and no 
 the process with one line that says what was expected.
 
 ```
-SURVEILNAV_PLANNER__CORE__STRATEGY=greedy surveilnav up       # one number of the planner's core
+SURVEILNAV_GATEWAY__PORT=8090 SURVEILNAV_BUS__LOG_LEVEL=debug surveilnav up
 SURVEILNAV_FUSION__PRESET=paper surveilnav demo               # joint maps to the letter of the paper
-SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is null in JSON
 ```
 
-- `surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options,
-  whatever the environment says, but for the folder of recordings. `--help` lists the options.
-- A name that doesn't exist is an error below a part (`FUSION__MAP__...`, `PLANNER__CORE__...`), and ignored elsewhere.
-- A description that begins with `...` goes on from the row above.
+`surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options,
+whatever the environment says, but for the folder of recordings. `--help` lists the options.
+
+These are the settings that people need.
+[Experts' settings](settings-expert.md) has all others: numbers of the maps and the planner,
+time-outs, limits.
 
 ## Folders and addresses
 
@@ -60,10 +64,42 @@ SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is nu
 | `SURVEILNAV_URL` | `http://127.0.0.1:8080` | the gateway that `surveilnav find` and `surveilnav status` ask |
 """
 
+_EXPERT_BEGINNING = """\
+# Experts' settings
+
+Generated from the settings classes by `make docs`; don't edit.
+
+All settings that aren't on [the page of settings](settings.md). Their defaults are what the results were measured with:
+change one if you know why, and measure again. They are read in the same way.
+
+```
+SURVEILNAV_PLANNER__CORE__STRATEGY=greedy surveilnav up       # one number of the planner's core
+SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is null in JSON
+```
+
+- A name that doesn't exist is an error below a part (`FUSION__MAP__...`, `PLANNER__CORE__...`), and ignored elsewhere.
+- A description that begins with `...` goes on from the row above.
+"""
+
+#: What people need, by the part of the variable after ``SURVEILNAV_``. Whatever isn't here is an expert's.
+_COMMON = {
+    "BUS": ("ROUTER", "LOG_FORMAT", "LOG_LEVEL"),
+    "PICTURES": ("KEEP_H",),
+    "SIM": ("BUILDING", "SEED", "CAMERAS"),
+    "CAMERA": ("ID", "MASKS", "PERCEPTION"),
+    "ROBOT": ("ID", "START"),
+    "PERCEPTION": ("BACKEND", "DEVICE", "DOWNLOAD"),
+    "FUSION": ("SURVEILLANCE", "PRESET", "STORE", "PROMPTS"),
+    "PLANNER": ("STORE",),
+    "GATEWAY": ("HOST", "PORT", "ALLOWED_HOSTS", "ROOT_PATH", "ACCESS_LOG"),
+    "RECORDER": ("FOLDER", "MAX_MB", "MAX_DAYS"),
+}
+COMMON = frozenset(f"SURVEILNAV_{part}__{name}" for part, names in _COMMON.items() for name in names)
+
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading of the page and the classes below it. ``config``: what the settings class takes as free tables."""
+    """A heading of the pages and the classes below it. ``config``: what the settings class takes as free tables."""
 
     title: str
     module: str
@@ -87,12 +123,17 @@ SECTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A row of the page: the variable, its default as it would be written, and what it decides."""
+    """A row of a page: the variable, its default as it would be written, and what it decides."""
 
     variable: str
     default: str
     choices: tuple[str, ...]
     description: str
+
+    @property
+    def common(self) -> bool:
+        """Whether people need it; else it is an expert's."""
+        return self.variable in COMMON
 
 
 def settings_of(section: Section) -> Iterator[tuple[str, list[Setting]]]:
@@ -164,16 +205,23 @@ def _written(value: Any) -> str:
             return str(value)
 
 
-def markdown() -> str:
-    """docs/use/settings.md."""
-    text = [_BEGINNING]
+def pages() -> dict[str, str]:
+    """The text of the pages by their names."""
+    return {
+        "settings.md": "\n".join([_BEGINNING, *_sections(common=True)]),
+        "settings-expert.md": "\n".join([_EXPERT_BEGINNING, *_sections(common=False)]),
+    }
+
+
+def _sections(*, common: bool) -> Iterator[str]:
     for section in SECTIONS:
         for title, settings in settings_of(section):
-            text += [f"## {title}", ""]
+            if not (rows := [_row(setting) for setting in settings if setting.common == common]):
+                continue
+            yield from (f"## {title}", "")
             if title == section.title:
-                text += [f"[`{section.module}`](../../{section.module})", ""]
-            text += ["| variable | default | what |", "|---|---|---|", *map(_row, settings), ""]
-    return "\n".join(text)
+                yield from (f"[`{section.module}`](../../{section.module})", "")
+            yield from ("| variable | default | what |", "|---|---|---|", *rows, "")
 
 
 def _row(setting: Setting) -> str:
@@ -186,4 +234,5 @@ def _row(setting: Setting) -> str:
 
 
 if __name__ == "__main__":
-    print(markdown(), end="")
+    for name, text in pages().items():
+        (Path(sys.argv[1]) / name).write_text(text, encoding="utf-8")

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from surveilnav.cli.extras import needs
 from surveilnav.cli.options import (
     BUILDING_KINDS,
     Area,
@@ -28,6 +29,7 @@ from surveilnav.cli.options import (
 from surveilnav.perception.names import BackendName
 
 
+@needs("simulator")
 def demo(
     building: Building = "3_bedroom",
     seed: Seed = 0,
@@ -64,6 +66,7 @@ def demo(
     raise typer.Exit(0 if outcome["success"] else 1)
 
 
+@needs("simulator")
 def up(
     building: Building = "2_bedroom",
     seed: Seed = 0,
@@ -94,6 +97,7 @@ def up(
     )
 
 
+@needs("simulator")
 def prepare(
     building: Annotated[
         str | None,

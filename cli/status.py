@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from surveilnav.client import Client
+    from surveilnav.rest import Service
 
 
 def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
@@ -71,15 +72,15 @@ def _services(rows: list[Any], console: Console) -> None:
     listing(
         console,
         columns,
-        [[s["id"], service_state(s), str(s["restarts"]), clock(s["restarted"]), s["why"] or ""] for s in rows],
+        [[s.id, service_state(s), str(s.restarts), clock(s.restarted), s.why or ""] for s in rows],
     )
 
 
-def service_state(service: Any) -> tuple[str, str]:
+def service_state(service: Service) -> tuple[str, str]:
     """What became of a process that is kept running, and its colour."""
-    if service["given_up"]:
+    if service.given_up:
         return "given up", "red"
-    return ("runs", "") if service["running"] else ("ended", "red")
+    return ("runs", "") if service.running else ("ended", "red")
 
 
 def _robots(rows: list[Any], console: Console) -> None:
@@ -96,18 +97,18 @@ def _robots(rows: list[Any], console: Console) -> None:
         columns,
         [
             [
-                r["id"],
-                r["floor"],
-                f"{r['position_m'][0]:.1f}, {r['position_m'][1]:.1f}",
-                ("silent", "red") if r["stale"] else r["state"],
-                r["mission"] or "-",
-                r["message"],
+                r.id,
+                r.floor,
+                f"{r.position_m[0]:.1f}, {r.position_m[1]:.1f}",
+                ("silent", "red") if r.stale else r.state,
+                r.mission or "-",
+                r.message,
             ]
             for r in rows
         ],
     )
     for row in rows:
-        for note in row["notes"]:
+        for note in row.notes:
             console.print(Padding(Text(plain(f"note: {note}")), (0, 0, 0, 2)))
 
 
@@ -125,11 +126,11 @@ def _workers(rows: list[Any], console: Console) -> None:
         columns,
         [
             [
-                w["id"],
-                w["backend"],
-                ("silent", "red") if w["stale"] else "ready" if w["ready"] else ("not ready", "yellow"),
-                f"{w['queued']}/{w['capacity']}",
-                why_perceived(w["why"], w["calibrated"]),
+                w.id,
+                w.backend,
+                ("silent", "red") if w.stale else "ready" if w.ready else ("not ready", "yellow"),
+                f"{w.queued}/{w.capacity}",
+                why_perceived(w.why, w.calibrated),
             ]
             for w in rows
         ],

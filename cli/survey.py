@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from surveilnav.cli.extras import needs
 from surveilnav.cli.listing import Column, listing
 from surveilnav.cli.options import AsJson, console, items, print_json, results
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+@needs("simulator")
 def buildings(as_json: AsJson = False) -> None:
     """List the buildings that can be simulated: floors, rooms and their area."""
     rows = _buildings()
@@ -68,6 +70,7 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.0f}"
 
 
+@needs("simulator")
 def homes(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder, or one file.")], as_json: AsJson = False
 ) -> None:
@@ -75,11 +78,11 @@ def homes(
 
     It takes .sh3d files, Home.xml, .glb, .gltf, .obj and folders of HM3D, however deep they lie.
     """
-    from surveilnav.cli.homes import as_dict, look_at, show
+    from surveilnav.cli.homes import as_dict, show, survey_folder
     from surveilnav.cli.progress import counting
 
     with counting(console, "files") as progress:
-        lines = look_at(folder, progress)
+        lines = survey_folder(folder, progress)
     if as_json:
         print_json({"folder": str(folder), "homes": [as_dict(line) for line in lines]})
     else:
@@ -87,6 +90,7 @@ def homes(
     raise typer.Exit(0 if any(line.survey for line in lines) else 1)
 
 
+@needs("simulator")
 def doctor(
     building: Annotated[
         str, typer.Option(metavar="NAME", help="Also say how much of this building robots can reach.")

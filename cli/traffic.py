@@ -13,7 +13,7 @@ from surveilnav.cli.words import human_bytes
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from surveilnav.client.resources import MissionTraffic, SourceTraffic, Traffic
+    from surveilnav.rest import MissionTraffic, SourceTraffic, Traffic
 
 
 def traffic(
@@ -38,7 +38,7 @@ def _of_mission(id: str, url: str, as_json: bool) -> None:
     from surveilnav.cli.completing import meant
 
     with gateway(url) as asked:
-        cost = asked.mission_traffic(meant("mission", id, [m["id"] for m in asked.missions()]))
+        cost = asked.mission_traffic(meant("mission", id, [m.id for m in asked.missions()]))
     if as_json:
         print_json(cost)
     else:
@@ -47,18 +47,18 @@ def _of_mission(id: str, url: str, as_json: bool) -> None:
 
 def show_cost(cost: MissionTraffic, console: Console) -> None:
     """What cameras and robots sent while a mission ran."""
-    most, step = cost["at_most_bytes"], cost["per_step_bytes"]
+    most, step = cost.at_most_bytes, cost.per_step_bytes
     facts(
         console,
         [
-            ("mission", cost["mission"]),
-            ("offered", human_bytes(cost["offered_bytes"])),
-            ("delivered", human_bytes(cost["delivered_bytes"])),
-            ("wire", human_bytes(cost["wire_sent_bytes"])),
+            ("mission", cost.mission),
+            ("offered", human_bytes(cost.offered_bytes)),
+            ("delivered", human_bytes(cost.delivered_bytes)),
+            ("wire", human_bytes(cost.wire_sent_bytes)),
             ("a step", "" if step is None else human_bytes(round(step))),
             ("at most", "" if most is None else f"{human_bytes(round(most))}, if it uses all its steps"),
-            ("note", "" if cost["alone"] else "other missions ran meanwhile: nobody can tell what was for which"),
-            ("note", "" if cost["whole"] else "the gateway came later than the mission: what was before isn't counted"),
+            ("note", "" if cost.alone else "other missions ran meanwhile: nobody can tell what was for which"),
+            ("note", "" if cost.whole else "the gateway came later than the mission: what was before isn't counted"),
         ],
     )
 
@@ -67,10 +67,8 @@ def show_traffic(found: Traffic, console: Console, *, nodes: bool = False) -> No
     """A line for each camera and robot, then the sum; ``nodes``: processes, too."""
     titles = ("offered", "delivered", "wire", "pictures", "for viewers")
     columns = (Column("source", "id"), *(Column(title, "number") for title in titles))
-    rows: list[list[Cell]] = [_source("camera", c) for c in found["cameras"]] + [
-        _source("robot", r) for r in found["robots"]
-    ]
-    total = [found["offered_bytes"], found["delivered_bytes"], found["wire_sent_bytes"]]
+    rows: list[list[Cell]] = [_source("camera", c) for c in found.cameras] + [_source("robot", r) for r in found.robots]
+    total = [found.offered_bytes, found.delivered_bytes, found.wire_sent_bytes]
     listing(console, columns, [*rows, [("all processes", "bold"), *(human_bytes(n) for n in total), "", ""]])
     if nodes:
         console.print()
@@ -79,9 +77,9 @@ def show_traffic(found: Traffic, console: Console, *, nodes: bool = False) -> No
 
 def _source(kind: str, source: SourceTraffic) -> list[Cell]:
 
-    counts = [source["offered_bytes"], source["delivered_bytes"], source["wire_sent_bytes"], source["frame_bytes"]]
-    name = f"{kind}/{source['id']}"
-    return [(name, "yellow" if source["stale"] else ""), *map(human_bytes, [*counts, source["viewer_bytes"]])]
+    counts = [source.offered_bytes, source.delivered_bytes, source.wire_sent_bytes, source.frame_bytes]
+    name = f"{kind}/{source.id}"
+    return [(name, "yellow" if source.stale else ""), *map(human_bytes, [*counts, source.viewer_bytes])]
 
 
 def _show_nodes(found: Traffic, console: Console) -> None:
@@ -94,13 +92,13 @@ def _show_nodes(found: Traffic, console: Console) -> None:
         columns,
         [
             [
-                f"{n['kind']}/{n['id']}",
-                human_bytes(n["offered_bytes"]),
-                human_bytes(n["delivered_bytes"]),
-                human_bytes(n["wire_sent_bytes"]),
-                human_bytes(n["wire_received_bytes"]),
-                str(sum(n["rejected"].values())),
+                f"{n.kind}/{n.id}",
+                human_bytes(n.offered_bytes),
+                human_bytes(n.delivered_bytes),
+                human_bytes(n.wire_sent_bytes),
+                human_bytes(n.wire_received_bytes),
+                str(sum(n.rejected.values())),
             ]
-            for n in found["nodes"]
+            for n in found.nodes
         ],
     )

@@ -14,7 +14,8 @@ from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, results
 
 if TYPE_CHECKING:
     from surveilnav.cli.watching.feed import Feed
-    from surveilnav.client.events import Told
+    from surveilnav.client import ServerEvent
+    from surveilnav.rest import Event
 
 #: The gateway is asked often; one that hangs must not hold the screen up.
 _TIMEOUT_S = 5.0
@@ -52,12 +53,14 @@ def _print_events(feed: Feed, as_json: bool, stopping: threading.Event) -> None:
     from surveilnav.cli.watching.lines import line_of
 
     while not stopping.is_set():
-        told = _next(feed, 0.5)
-        if told is not None:
-            what = (
-                json.dumps({"id": told.id, "event": told.kind, "data": told.data}) if as_json else plain(line_of(told))
-            )
-            print(what, flush=True)
+        event = _next(feed, 0.5)
+        if event is None:
+            continue
+        if as_json:
+            data = event.data.model_dump(mode="json", exclude_unset=True)
+            print(json.dumps({"id": event.id, "event": event.kind, "data": data}), flush=True)
+        else:
+            print(plain(line_of(event)), flush=True)
 
 
 def _show_live(feed: Feed, url: str, stopping: threading.Event) -> None:
@@ -72,8 +75,8 @@ def _show_live(feed: Feed, url: str, stopping: threading.Event) -> None:
     events, alerts = deque[str](maxlen=_EVENTS), Alerts()
     with Live(console=results, screen=True, auto_refresh=False) as shown:
         while not stopping.wait(_DRAW_S):
-            while (told := _next(feed, 0.0)) is not None:
-                events.append(line_of(told))
+            while (event := _next(feed, 0.0)) is not None:
+                events.append(line_of(event))
             now, size, known = datetime.now(UTC), results.size, feed.known
             lines = screen(
                 known, alerts.of(known, now), list(events), url=url, now=now, width=size.width, height=size.height
@@ -81,12 +84,12 @@ def _show_live(feed: Feed, url: str, stopping: threading.Event) -> None:
             shown.update(Group(*lines), refresh=True)
 
 
-def _next(feed: Feed, wait_s: float) -> Told | None:
+def _next(feed: Feed, wait_s: float) -> ServerEvent[Event] | None:
     """The next event, if one comes in time. GatewayError: it never began."""
     try:
-        told = feed.events.get(timeout=wait_s) if wait_s else feed.events.get_nowait()
+        event = feed.events.get(timeout=wait_s) if wait_s else feed.events.get_nowait()
     except queue.Empty:
         return None
-    if isinstance(told, Exception):
-        raise told
-    return told
+    if isinstance(event, Exception):
+        raise event
+    return event

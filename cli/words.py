@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 
 
 def human_bytes(n: int | None) -> str:
@@ -39,22 +39,6 @@ def why_perceived(why: str, calibrated: bool) -> str:
     return why if calibrated else f"{why}; uncalibrated: scores stand in for chances"
 
 
-def clock(stamp: str | None) -> str:
+def clock(when: datetime | None) -> str:
     """A time of the gateway by this machine's clock: "14:03:22"; nothing if there is none."""
-    when = parsed(stamp)
     return f"{when.astimezone():%H:%M:%S}" if when else ""
-
-
-def age_s(stamp: str | None, now: datetime | None = None) -> float | None:
-    """How long ago a time of the gateway is."""
-    when = parsed(stamp)
-    return max(0.0, ((now or datetime.now(UTC)) - when).total_seconds()) if when else None
-
-
-def parsed(stamp: str | None) -> datetime | None:
-    """A time of the gateway; None where there is none, or something else."""
-    try:
-        when = datetime.fromisoformat(stamp or "")
-    except ValueError:
-        return None
-    return when if when.tzinfo else when.replace(tzinfo=UTC)

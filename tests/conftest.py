@@ -19,6 +19,21 @@ import pytest
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.router import free_port, open_router
 
+#: Coverage is measured while these folders' tests run: those of the library, the services and the command line. The others play
+#: searches and draw buildings, in which Python's tracer would cost a fifth of the time. They run all the same.
+MEASURED = ("cli", "contract", "services", "shared")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """With ``--cov``, has pytest-cov pause for tests whose lines aren't counted."""
+    if not config.pluginmanager.hasplugin("_cov"):
+        return
+    for item in items:
+        folder = item.path.relative_to(Path(__file__).parent).parts[0]
+        if folder not in MEASURED or item.get_closest_marker("slow"):
+            item.add_marker("no_cover")
+
+
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("fixed")
 

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import cv2
 import numpy as np
 
-from surveilnav.cli.report import DecidingView, MapMoment, Moment, RunRecord, Step, TrafficLine
+from surveilnav.cli.report import DecidingView, MapMoment, RunRecord, Step, TrafficLine
 from surveilnav.geometry import Grid, Pinhole, Pose, camera_pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, Candidate, MissionStatus, ObjectEvent, ObjectRecord, Plan
 
@@ -57,8 +57,8 @@ def _moments(n: int) -> list[MapMoment]:
     moments = []
     for seq in range(0, n, 3):
         known = x < 11.1 * (seq + 3) / n
-        cells = np.where(layers["occupancy"][1], 2, explored) * known
-        moments.append(MapMoment(seq, "0", grid, MapMoment.pack(cells)))
+        packed = MapMoment.pack(explored * known, layers["occupancy"][1] * known)
+        moments.append(MapMoment(seq, "0", grid, packed))
     return moments
 
 
@@ -193,15 +193,11 @@ def made_up_run() -> RunRecord:
                 "camera c2, view 1: first saw it",
                 _picture(0),
                 [(300, 180, 390, 400, "potted plant", 0.72), (60, 250, 230, 430, "couch", 0.66)],
-                "camera/c2",
-                1,
             ),
             DecidingView(
                 "robot r1, step 41: confirmed it",
                 _picture(2),
                 [(300, 180, 390, 400, "potted plant", 0.82)],
-                "robot/r1",
-                0,
             ),
         ],
         traffic=[
@@ -212,14 +208,6 @@ def made_up_run() -> RunRecord:
             TrafficLine("r1", "robot", 9_800_000, 9_800_000, 9_810_000),
             TrafficLine("fusion", "service", 20_100_000, 23_000_000, 20_150_000),
             TrafficLine("perception w1", "service", 900_000, 19_000_000, None),
-        ],
-        timeline=[
-            Moment(0, "starting", "router and services"),
-            Moment(6.5, "scanning", "turning once"),
-            Moment(12.0, "exploring", "frontier"),
-            Moment(30.0, "approaching", "potted plant #4"),
-            Moment(45.0, "confirming", "0.82"),
-            Moment(47.5, "stopped", "done"),
         ],
         notes=["Run on 2 CPU cores."],
     )

@@ -76,8 +76,7 @@ def is_real_home(scene: str) -> bool:
     return not is_generated(scene.rpartition("-s")[0])
 
 
-#: 30 of the first candidates that give the paper's counts with the val homes, in v1 and in v2:
-#: ``python -m surveilnav.benchmark.dataset.choose``.
+#: The first 30 candidates by their seeds that give the paper's counts together with the val homes, in v1 and in v2.
 VAL_GENERATED = (
     "office_0",
     "flats_0",

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Protocol
 
-from surveilnav.benchmark.play.sight import Sight, Sighted
+from surveilnav.benchmark.play.sight import SeenView, Sight
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap, active_cameras
-from surveilnav.services.fusion.core.view_order import FloorWedge, most_worth_first
+from surveilnav.services.fusion.core.views.order import ViewFootprint, highest_first
 
 
 class Cameras(Protocol):
@@ -25,7 +25,7 @@ class Cameras(Protocol):
     def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
         """Invokes the cameras of the robot's floor at step ``now``; the names of those whose views have come since."""
 
-    def in_turn(self, joint: JointMap, seen: Sighted, arrived: tuple[str, ...]) -> Iterator[Sighted]:
+    def in_turn(self, joint: JointMap, seen: SeenView, arrived: tuple[str, ...]) -> Iterator[SeenView]:
         """This step's views in the order in which the maps take them, the robot's (``seen``) among them. ``arrived``: what
         ``invoke`` said. Each is taken before the next is asked for."""
 
@@ -38,7 +38,7 @@ class InvokedCameras:
         self._delay_steps, self._views_per_step = delay_steps, views_per_step
         self.offered_bytes: dict[str, int] = {}
         self._due: list[tuple[int, tuple[str, ...]]] = []
-        self._waiting: dict[tuple[str, int], tuple[FloorWedge, Sighted]] = {}  # by source and view
+        self._waiting: dict[tuple[str, int], tuple[ViewFootprint, SeenView]] = {}  # by source and view
         self._here: tuple[str, ...] = ()  # the cameras of the robot's floor
 
     def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
@@ -57,7 +57,7 @@ class InvokedCameras:
         due = {name for _, names in self._due for name in names}
         return len(self._waiting_here()) + sum(len(self._sight.camera(name)) for name in self._here if name in due)
 
-    def in_turn(self, joint: JointMap, seen: Sighted, arrived: tuple[str, ...]) -> Iterator[Sighted]:
+    def in_turn(self, joint: JointMap, seen: SeenView, arrived: tuple[str, ...]) -> Iterator[SeenView]:
         """What perception has time for of the cameras' views, those that may show most first; then the robot's."""
         self._wait(arrived)
         x_m, y_m, _ = seen.view.T_world_camera[:3, 3].tolist()
@@ -69,12 +69,12 @@ class InvokedCameras:
             for seen in self._sight.camera(name):
                 self._waiting[seen.view.source, seen.view.view] = self._wedge(seen.view), seen
 
-    def _looked_at(self, joint: JointMap, robot_m: tuple[float, float, float]) -> list[Sighted]:
+    def _looked_at(self, joint: JointMap, robot_m: tuple[float, float, float]) -> list[SeenView]:
         """The views that perception has time for until the robot's next, those that may show most first."""
         keys = self._waiting_here()
         n = self._views_per_step or len(keys)
         if n < len(keys):
-            order = most_worth_first(joint, [self._waiting[key][0] for key in keys], [robot_m])
+            order = highest_first(joint.view_utilities([self._waiting[key][0] for key in keys], [robot_m]))
             keys = [keys[k] for k in order]
         return [self._waiting.pop(key)[1] for key in keys[:n]]
 
@@ -83,5 +83,5 @@ class InvokedCameras:
         here = {f"camera/{name}" for name in self._here}
         return [key for key in self._waiting if key[0] in here]
 
-    def _wedge(self, view: PosedView) -> FloorWedge:
-        return FloorWedge.of(view.T_world_camera, view.camera, view.floor_z_m, self._range_m)
+    def _wedge(self, view: PosedView) -> ViewFootprint:
+        return ViewFootprint.from_view(view.T_world_camera, view.camera, view.floor_z_m, self._range_m)

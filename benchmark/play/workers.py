@@ -28,7 +28,7 @@ J = TypeVar("J")
 R = TypeVar("R")
 
 
-class Done(NamedTuple, Generic[J, R]):
+class JobResult(NamedTuple, Generic[J, R]):
     """A job that ended: what it returned, or ``error``: what a user is to be told, the traceback, or how its process died."""
 
     job: J
@@ -43,7 +43,7 @@ class Done(NamedTuple, Generic[J, R]):
 
 def in_workers(
     work: Callable[[J], R], jobs: Sequence[J], workers: int, poll_s: float | None = None
-) -> Iterator[Done[J, R] | None]:
+) -> Iterator[JobResult[J, R] | None]:
     """``work(job)`` for all jobs, at most ``workers`` at a time, as they end; None whenever ``poll_s`` went by without one.
 
     A job that raises, or whose process is killed, doesn't touch the others. Workers leave Ctrl-C to their parent; when the
@@ -75,7 +75,7 @@ def in_workers(
                     result, error = None, f"its process died ({_how(process.exitcode)})"
                 del running[receiving]
                 receiving.close()
-                yield Done(job, result, error)
+                yield JobResult(job, result, error)
     finally:
         for process, _ in running.values():
             process.terminate()

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.benchmark.policies.mission import Mission
+from surveilnav.benchmark.policies.mission import MissionPolicy
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
@@ -85,6 +85,6 @@ def _ways(context: StepContext, frontiers: Sequence[Frontier]) -> NDArray[np.flo
 APEXNAV = Policy(
     "apexnav",
     "values when they differ enough, else the nearest frontier, ApexNav (https://arxiv.org/abs/2504.14478)",
-    lambda task: Mission(task, CONFIG, choose),
+    lambda task: MissionPolicy(task, CONFIG, choose),
     FusionConfig(),
 )

@@ -6,7 +6,7 @@ alone. The paper explores and looks for nothing; what is done about a target in 
 
 from __future__ import annotations
 
-from surveilnav.benchmark.policies.mission import Mission
+from surveilnav.benchmark.policies.mission import MissionPolicy
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
@@ -14,6 +14,6 @@ from surveilnav.services.planner.core import PlannerConfig
 FRONTIER = Policy(
     "frontier",
     "the nearest frontier, Yamauchi 1997 (https://doi.org/10.1109/CIRA.1997.613851)",
-    lambda task: Mission(task, PlannerConfig(strategy="greedy")),
+    lambda task: MissionPolicy(task, PlannerConfig(strategy="greedy")),
     FusionConfig(),
 )

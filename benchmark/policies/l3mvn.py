@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from surveilnav.benchmark.policies.cooccurrence import Cooccurrence, of_train
-from surveilnav.benchmark.policies.mission import Mission, first_sight
+from surveilnav.benchmark.policies.mission import MissionPolicy, first_sight
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.messages import ObjectRecord
 from surveilnav.services.fusion.core import FusionConfig
@@ -32,7 +32,7 @@ _EVERY_STEPS = 25
 _NEAR_M, _FAR_M, _COSTLY_M, _BONUS_CELLS, _MOST = 0.5, 5.0, 3.0, 8, 4
 
 
-class Rule:
+class L3mvnRule:
     """The likeliest frontier; remembers when it last chose."""
 
     def __init__(self, known: Cooccurrence) -> None:
@@ -85,13 +85,13 @@ def _within(record: ObjectRecord, frontier: Frontier) -> bool:
 L3MVN = Policy(
     "l3mvn",
     "the frontier whose surroundings suggest the target, L3MVN (https://arxiv.org/abs/2304.05501)",
-    lambda task: Mission(task, CONFIG, Rule(of_train())),
+    lambda task: MissionPolicy(task, CONFIG, L3mvnRule(of_train())),
     first_sight(FusionConfig()),
 )
 #: Its rule alone, as for VLFM.
 L3MVN_VERIFIED = Policy(
     "l3mvn-verified",
     "L3MVN's choice of frontiers (https://arxiv.org/abs/2304.05501) with our verification",
-    lambda task: Mission(task, PlannerConfig(), Rule(of_train())),
+    lambda task: MissionPolicy(task, PlannerConfig(), L3mvnRule(of_train())),
     FusionConfig(),
 )

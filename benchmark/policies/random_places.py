@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from surveilnav.benchmark.policies.mission import Mission
+from surveilnav.benchmark.policies.mission import MissionPolicy
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
@@ -22,7 +22,7 @@ from surveilnav.services.planner.core.goals.frontiers import Frontier
 _WALK_M = 1.0
 
 
-class Rule:
+class RandomPlaceRule:
     """Draws the next place when the last one was reached or given up."""
 
     def __init__(self, seed: int, within_m: float) -> None:
@@ -54,12 +54,12 @@ class Rule:
 RANDOM_WALK = Policy(
     "random-walk",
     "to a random place within a metre, and on",
-    lambda task: Mission(task, PlannerConfig(), Rule(task.seed, _WALK_M)),
+    lambda task: MissionPolicy(task, PlannerConfig(), RandomPlaceRule(task.seed, _WALK_M)),
     FusionConfig(),
 )
 RANDOM_SAMPLES = Policy(
     "random-samples",
     "to a random place anywhere, and on",
-    lambda task: Mission(task, PlannerConfig(), Rule(task.seed, math.inf)),
+    lambda task: MissionPolicy(task, PlannerConfig(), RandomPlaceRule(task.seed, math.inf)),
     FusionConfig(),
 )

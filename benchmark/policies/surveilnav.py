@@ -8,7 +8,7 @@ rejected stays so. Where it is silent its maps are VLN-Game's and its driving is
 
 from __future__ import annotations
 
-from surveilnav.benchmark.policies.mission import Mission
+from surveilnav.benchmark.policies.mission import MissionPolicy
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
@@ -29,12 +29,12 @@ AS_WRITTEN = PlannerConfig(
 OURS = Policy(
     "surveilnav",
     "ours: region values or nearest, what cameras saw first, two-level verification",
-    lambda task: Mission(task, PlannerConfig(), summaries=True),
+    lambda task: MissionPolicy(task, PlannerConfig(), summaries=True),
     FusionConfig(),
 )
 PAPER = Policy(
     "surveilnav-paper",
     "the paper to the letter: averaged values, stops at whatever is confirmed (arXiv 2606.25119)",
-    lambda task: Mission(task, AS_WRITTEN),
+    lambda task: MissionPolicy(task, AS_WRITTEN),
     FusionConfig.preset("paper"),
 )

@@ -16,10 +16,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from surveilnav.benchmark.policies.mission import Mission, first_sight
+from surveilnav.benchmark.policies.mission import MissionPolicy, first_sight
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig, MapConfig, ValueConfig
-from surveilnav.services.planner.core import MapView, PlannerConfig
+from surveilnav.services.planner.core import FloorMaps, PlannerConfig
 from surveilnav.services.planner.core.context import FrontierChoice, StepContext
 from surveilnav.services.planner.core.goals.frontier_choice import current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier, values_near
@@ -31,7 +31,7 @@ _SAME_M = 0.5
 _WORSE = 0.01
 
 
-class Rule:
+class VlfmRule:
     """Chooses the best frontier by value; remembers the value of the last one."""
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class Rule:
         return FrontierChoice(found, chosen, "by value")
 
 
-def valued(frontier: Frontier, maps: MapView, config: PlannerConfig) -> Frontier:
+def valued(frontier: Frontier, maps: FloorMaps, config: PlannerConfig) -> Frontier:
     """With its value; 0 where the map knows none."""
     known = values_near(maps, frontier, config.value_radius_m)
     value = float(np.median(known)) if known.size else 0.0
@@ -64,13 +64,13 @@ def best(frontiers: Sequence[Frontier], current: Frontier | None, last_value: fl
 VLFM = Policy(
     "vlfm",
     "the frontier of the highest value, VLFM (https://arxiv.org/abs/2312.03275)",
-    lambda task: Mission(task, CONFIG, Rule()),
+    lambda task: MissionPolicy(task, CONFIG, VlfmRule()),
     FUSION,
 )
 #: Its rule alone, so that a weak belief in detectors isn't mistaken for a weak rule.
 VLFM_VERIFIED = Policy(
     "vlfm-verified",
     "VLFM's choice of frontiers (https://arxiv.org/abs/2312.03275) with our verification",
-    lambda task: Mission(task, PlannerConfig(value_radius_m=CONFIG.value_radius_m), Rule()),
+    lambda task: MissionPolicy(task, PlannerConfig(value_radius_m=CONFIG.value_radius_m), VlfmRule()),
     FusionConfig(map=FUSION.map, value=FUSION.value),
 )

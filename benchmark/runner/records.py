@@ -50,7 +50,7 @@ class Records:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(f"{folder} can't be made a folder for a run: {error.strerror}") from error
-        with _using(folder), journal.held(self.path):
+        with _using(folder), journal.locked(self.path):
             there = read_facts(folder)
             if not self.path.exists():
                 journal.rewrite(self.path, [HEADER])
@@ -74,10 +74,10 @@ class Records:
         with _using(self.folder):
             journal.append(self.folder / BROKEN_FILE, msgspec.json.encode(broken).decode())
 
-    def mend(self) -> list[tuple[str, str]]:
-        """Forgets searches whose row can't be read, so that they are played anew; which these were."""
+    def forget_damaged(self) -> list[tuple[str, str]]:
+        """Removes rows that can't be read, so that their searches are played again. Returns the keys of these searches."""
         sound, damaged = [], []
-        with _using(self.folder), journal.held(self.path):
+        with _using(self.folder), journal.locked(self.path):
             for row in _rows(self.folder):
                 try:
                     record_of_row(row)
@@ -88,9 +88,9 @@ class Records:
                 journal.rewrite(self.path, [HEADER, *sound])
         return sorted(damaged)
 
-    def settle(self) -> None:
-        """Puts the rows in the dataset's order, each search once, so that the same run makes the same file."""
-        with _using(self.folder), journal.held(self.path):
+    def sort(self) -> None:
+        """Sorts the rows by the dataset's order and removes duplicates, so that the same run always makes the same file."""
+        with _using(self.folder), journal.locked(self.path):
             settled = [row_of(r) for r in read(self.folder)]
             if settled != _rows(self.folder):
                 journal.rewrite(self.path, [HEADER, *settled])
@@ -111,15 +111,15 @@ class Records:
         return _broken(self.folder)
 
 
-class Kept(NamedTuple):
-    """What a folder holds of a run."""
+class StoredRun(NamedTuple):
+    """The searches of a run that its folder holds, and those that the program failed on."""
 
     records: list[EpisodeRecord]
     broken: list[Broken]
 
 
-def kept(folder: Path, settings: RunSettings, basis: Basis) -> Kept | None:
-    """What was played of this very run, without touching the folder; None: nothing, or it is another run's.
+def stored_run(folder: Path, settings: RunSettings, basis: Basis) -> StoredRun | None:
+    """Reads what was played of exactly this run, without changing the folder. None: it holds nothing, or another run.
 
     Raises:
         ConfigError: a file is damaged.
@@ -127,7 +127,7 @@ def kept(folder: Path, settings: RunSettings, basis: Basis) -> Kept | None:
     there = read_facts(folder)
     if there is None or not (folder / SEARCHES_FILE).exists() or not _are(there, settings, basis):
         return None
-    return Kept(read(folder), _broken(folder))
+    return StoredRun(read(folder), _broken(folder))
 
 
 def read(folder: Path) -> list[EpisodeRecord]:
@@ -208,7 +208,7 @@ def _difference(there: dict[str, Any] | None, settings: RunSettings, basis: Basi
     if not isinstance(was, dict):
         return "of which the settings aren't said"
     if unknown := sorted(was.keys() - now.keys()):
-        return f"it has a setting {unknown[0]!r} that there isn't: see surveilnav.benchmark.runner.rename"
+        return f"it has a setting {unknown[0]!r} that there isn't"
     return ", ".join(f"{k} {was[k]!r}, asked {v!r}" for k, v in now.items() if k in was and was[k] != v)
 
 

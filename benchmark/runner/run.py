@@ -69,7 +69,7 @@ def run(
         ids = [e.episode_id for e in data.content.episodes]
         wanted[scene] = ids if per_scene is None else some_of(scene, ids, per_scene)
     records = Records(out, settings, basis)
-    mended = tuple(records.mend())
+    mended = tuple(records.forget_damaged())
     asked = {(scene, e) for scene, ids in wanted.items() for e in ids}
     done = records.done()
     to_play = {s: frozenset(e for e in ids if (s, e) not in done) for s, ids in wanted.items()}
@@ -80,7 +80,7 @@ def run(
         if ended is not None and ended.error:
             unopened[ended.job[4]] = ended.why
         on_progress(Progress(len(asked & records.done()), len(asked)))
-    records.settle()
+    records.sort()
     played = records.all()
     missing = len(asked - {record.key for record in played})
     return Finished(played, records.broken(), dict(sorted(unopened.items())), missing, mended)

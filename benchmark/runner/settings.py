@@ -30,8 +30,8 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         resolution_divisor: of depth, where perception looks at no pixel.
         harder: of ``simulated``: a worse detector than the measured one, in standard deviations of its luck.
         delay_steps: so many actions after its invocation a camera's views arrive.
-        views_per_step: so many cameras' views are looked at from one action to the next, as measured in the running system on
-            two cores (docs/results/clock.md); 0: all of them before the first.
+        views_per_step: how many camera views are looked at between two actions, as measured in the running system on two
+            cores; 0: all of them before the first action.
         camera_error_m, camera_error_deg: how wrong each camera is about where it hangs and looks.
         detectors: the weights of ``onnx-coco``; empty: its own choice.
         fusion, planning: settings of the joint maps and of the planner's core to change, by name.
@@ -88,11 +88,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def run_id(settings: RunSettings) -> str:
-    """A run's name: its split, and a hash of what differs from the defaults. Runs with the same settings share it.
-
-    Of the settings' names and values alone: whoever renames one gives published runs their new names by
-    ``surveilnav.benchmark.runner.rename``.
-    """
+    """A run's name: its split, and a hash of what differs from the defaults. Runs with the same settings share it."""
     default = msgspec.to_builtins(RunSettings())
     said = {k: v for k, v in msgspec.to_builtins(settings).items() if v != default[k] and k != "split"}
     text = msgspec.json.encode(said, order="sorted")

@@ -1,7 +1,7 @@
-"""In which order the running system's maps took views, and on which state of them the planner decided: from a recording.
+"""Reads from a recording in which order the running system integrated views, and which revision each decision was made on.
 
-So a search can be played in one process with the same views in the maps at each decision. What is decided then can differ by
-the program alone, not by timing.
+With that a search can be played again in one process with the same views in the maps at each decision. If the robot then acts
+otherwise, the programs differ, not the timing.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from surveilnav.benchmark.play.sight import Sight, Sighted
+from surveilnav.benchmark.play.sight import SeenView, Sight
 from surveilnav.contract import MISSION_PLAN, VIEW_LOG
 from surveilnav.services.fusion.core import JointMap
 from surveilnav.services.recorder.reading import RecordingError
@@ -19,14 +19,14 @@ from surveilnav.services.recorder.recorded import RecordedMessage, read_recordin
 
 
 class MapsState(NamedTuple):
-    """The revision of the maps, and how many cameras' views were still to come."""
+    """The revision of the maps, and how many camera views were still waiting for integration."""
 
     revision: int
     pending_views: int
 
 
 class Arrivals(NamedTuple):
-    """What came to the maps, and when the planner looked at them.
+    """The views of a search in the order of their integration, and the state of the maps at each decision.
 
     Attributes:
         views: source ("camera/<id>" or "robot/<id>") and index of each, in the order of fusion's log.
@@ -36,19 +36,19 @@ class Arrivals(NamedTuple):
     views: tuple[tuple[str, int], ...]
     decided_on: Mapping[int, MapsState]
 
-    def as_row(self) -> dict[str, Any]:
-        """As JSON holds it."""
+    def to_row(self) -> dict[str, Any]:
+        """As plain JSON values."""
         return {"views": self.views, "decided_on": [[seq, *state] for seq, state in sorted(self.decided_on.items())]}
 
     @classmethod
-    def of_row(cls, row: Mapping[str, Any]) -> Arrivals:
-        """What ``as_row`` made."""
+    def from_row(cls, row: Mapping[str, Any]) -> Arrivals:
+        """Reads what ``to_row`` returned."""
         views = tuple((str(source), int(index)) for source, index in row["views"])
         return cls(views, {seq: MapsState(*state) for seq, *state in row["decided_on"]})
 
 
 def arrivals_of(recording: Path) -> Arrivals:
-    """What the recording of a mission says.
+    """Reads the recording of a mission.
 
     Raises:
         RecordingError: it is no recording of this program, or lacks views.
@@ -83,7 +83,7 @@ class RecordedCameras:
         """Nobody: who was invoked, and when, is in the order of the views."""
         return ()
 
-    def in_turn(self, joint: JointMap, seen: Sighted, arrived: tuple[str, ...]) -> Iterator[Sighted]:
+    def in_turn(self, joint: JointMap, seen: SeenView, arrived: tuple[str, ...]) -> Iterator[SeenView]:
         """This step's views in the order of the log, until the maps are as they were when the planner looked at them."""
         again = seen.view.seq == self._seq  # after a refused stair the robot's observation is the same
         self._seq = seen.view.seq
@@ -101,6 +101,6 @@ class RecordedCameras:
     def _camera_is_next(self) -> bool:
         return bool(self._log) and self._log[0][0].startswith("camera/")
 
-    def _of_camera(self, source: str, index: int) -> Sighted:
+    def _of_camera(self, source: str, index: int) -> SeenView:
         views = self._sight.camera(source.removeprefix("camera/"))
         return next(seen for seen in views if seen.view.view == index)

@@ -1,4 +1,4 @@
-"""What a study has measured so far: a JSON object a line, so that a second start does only what is missing."""
+"""The rows that a study has measured so far, one JSON object a line. A second start measures only what is missing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from surveilnav.benchmark import journal
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class RowsFile:
     """A study's file of rows. Safe for several processes at once; a kill loses no row that was appended.
 
     ``key``: the fields that tell one row from another. Methods raise OSError as the disk does.
@@ -35,9 +35,9 @@ class Rows:
         return rows
 
     def key_of(self, row: Mapping[str, Any]) -> tuple[Any, ...]:
-        """What tells a row from others."""
+        """The fields of a row that tell it from others."""
         return tuple(row[name] for name in self.key)
 
-    def done(self, **stamp: Any) -> frozenset[tuple[Any, ...]]:
-        """The keys of the rows that have these values, too."""
-        return frozenset(self.key_of(row) for row in self.load() if stamp.items() <= row.items())
+    def done(self) -> frozenset[tuple[Any, ...]]:
+        """The keys of all rows."""
+        return frozenset(self.key_of(row) for row in self.load())

@@ -1,11 +1,11 @@
-"""Whether the running system and the benchmark do the same: searches of ``studies.live`` played again in one process.
+"""Compares the running system with the benchmark, action by action: searches of ``studies.live`` are played again in one process.
 
     python -m surveilnav.benchmark.studies.live --buildings parametric_flat --perception oracle ...
     python -m surveilnav.benchmark.studies.same_actions runs/live/oracle.jsonl ...
 
-Both decide by the same cores. What may differ is what comes to them: which view when, and the luck of ``simulated``, which
-depends on names that differ. So ``oracle`` and pixels are compared. Searches with cameras are played once more with views
-that come when they came in the running system: that tells timing from all else.
+Both decide with the same cores, so only their inputs can differ: which view arrives when, and the random errors of
+``simulated``, which depend on names of views. So only ``oracle`` and pixels are compared. Searches with cameras are
+played a third time, with each view integrated at the step of the recording; what differs then isn't due to timing.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from surveilnav.benchmark.runner.search import search
 from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.benchmark.studies.arrivals import Arrivals, RecordedCameras
 from surveilnav.benchmark.studies.live import KEY
-from surveilnav.benchmark.studies.rows import Rows
+from surveilnav.benchmark.studies.rows import RowsFile
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.truth.choose import choose_backend
 from surveilnav.simulator.world.goals import find_goals, sample_start
 
 
 class Played(NamedTuple):
-    """What came of a search in one process."""
+    """The outcome of a search that was played in one process."""
 
     actions: list[str]
     success: bool
@@ -89,12 +89,12 @@ def play_and_compare(row: dict[str, Any], building: SimulatedBuilding) -> Compar
     found = compared(row, played(row, building))
     if row["surveillance"] == "off" or "arrivals" not in row:
         return found
-    again = compared(row, played(row, building, Arrivals.of_row(row["arrivals"])))
+    again = compared(row, played(row, building, Arrivals.from_row(row["arrivals"])))
     return found._replace(with_live_timing=again)
 
 
 def page(found: Sequence[Compared], command: str) -> str:
-    """What it says, in Markdown."""
+    """The page in Markdown."""
     whole = ", ".join(f"{said} {sum(c.whole for c in mine)} of {len(mine)}" for said, mine in _by_cameras(found))
     n = sum(c.live for c in found)
     timed = [c.with_live_timing.whole for c in found if c.with_live_timing is not None]
@@ -177,11 +177,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("rows", type=Path, nargs="+", help="what surveilnav.benchmark.studies.live wrote")
     parser.add_argument("--page", type=Path, default=Path("docs/results/same_actions.md"))
     args = parser.parse_args(argv)
-    rows = [row for path in args.rows for row in Rows(path, KEY).load() if "skipped" not in row]
+    rows = [row for path in args.rows for row in RowsFile(path, KEY).load() if "skipped" not in row]
     found, buildings = [], dict[tuple[str, int, int, str], SimulatedBuilding]()
     command = " ".join([parser.prog, *map(str, args.rows)])
     for number, row in enumerate(rows, start=1):
-        key = row["building"], row["seed"], row["cameras"], row.get("models", "all")
+        key = row["building"], row["seed"], row["cameras"], row["models"]
         if key not in buildings:
             settings = SimulationSettings(building=key[0], seed=key[1], cameras=key[2], models=key[3])
             buildings = {key: SimulatedBuilding(settings)}

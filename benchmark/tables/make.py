@@ -13,13 +13,13 @@ from surveilnav.benchmark.dataset import format as files
 from surveilnav.benchmark.dataset.format import SceneRecord
 from surveilnav.benchmark.dataset.load import scenes_of
 from surveilnav.benchmark.runner.basis import Basis, basis_of
-from surveilnav.benchmark.runner.records import Records, kept
+from surveilnav.benchmark.runner.records import Records, stored_run
 from surveilnav.benchmark.runner.run import Finished, Progress, run
 from surveilnav.benchmark.runner.settings import RunSettings, run_id
 from surveilnav.benchmark.tables.arms import Arm, Table
-from surveilnav.benchmark.tables.page import Line, page, plot
+from surveilnav.benchmark.tables.page import TableRow, page, plot
 from surveilnav.simulator.truth.choose import choose_backend
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 
 class Made(NamedTuple):
@@ -60,7 +60,7 @@ def make(
     found = {
         name: Finished(there.records, there.broken, {}, total - len(there.records))
         for name, settings in runs.items()
-        if (there := kept(_folder(out, name), settings, basis))
+        if (there := stored_run(_folder(out, name), settings, basis))
     }
     faults = _write(table, found, total, models, basis, path)
     for number, (name, arm) in enumerate(playing.items()):
@@ -83,7 +83,7 @@ def _mend(playing: Mapping[str, Arm], runs: Mapping[str, RunSettings], out: Path
         f"{arm.label}: {scene} episode {number}"
         for name, arm in playing.items()
         if _folder(out, name).exists()
-        for scene, number in Records(_folder(out, name), runs[name], basis).mend()
+        for scene, number in Records(_folder(out, name), runs[name], basis).forget_damaged()
     ]
 
 
@@ -132,11 +132,11 @@ def _write(
     path: Path,
 ) -> list[str]:
     """The page and its plot, of what was found by arm; returns what isn't counted."""
-    lines, faults, told = [], [], set[str]()
+    rows, faults, told = [], [], set[str]()
     for arm in table.arms:
         there = {name: found[name] for name in _runs([arm]) if name in found}
         if records := [record for finished in there.values() for record in finished.records]:
-            lines.append(Line.of(arm, records))
+            rows.append(TableRow.from_records(arm, records))
         for finished in (finished for name, finished in there.items() if name not in told):
             faults += [f"{arm.label}: {scene} could not be played: {why}" for scene, why in finished.unopened.items()]
             faults += [
@@ -144,11 +144,11 @@ def _write(
                 for b in finished.broken
             ]
         told |= there.keys()
-    if lines:
+    if rows:
         with _replacing(path.with_suffix(".png")) as file:
-            plot(table, lines, file)
-    if lines or faults:
-        text = page(table, lines, total, models, basis)
+            plot(table, rows, file)
+    if rows or faults:
+        text = page(table, rows, total, models, basis)
         text += "\n## Not counted\n\n" + "\n".join(f"- {f}" for f in faults) + "\n" if faults else ""
         with _replacing(path) as file:
             file.write(text.encode())
@@ -158,7 +158,7 @@ def _write(
 @contextmanager
 def _replacing(path: Path) -> Iterator[IO[bytes]]:
     """A page appears whole, and others may read it."""
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         os.fchmod(file.fileno(), 0o644)
         yield file
 

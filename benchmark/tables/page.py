@@ -27,21 +27,21 @@ FEW_MODELS = ("toilet", "tv")
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
-    """An arm with what was played of it: at least one episode. The first line of a table is that of its first arm."""
+class TableRow:
+    """One arm of a table with its episodes, at least one. The others are compared with the row of the first arm."""
 
     arm: Arm
     records: Sequence[EpisodeRecord]
     summary: Summary
 
     @classmethod
-    def of(cls, arm: Arm, records: Sequence[EpisodeRecord]) -> Line:
+    def from_records(cls, arm: Arm, records: Sequence[EpisodeRecord]) -> TableRow:
         return cls(arm, records, summarise(records))
 
 
 def page(
     table: Table,
-    lines: Sequence[Line],
+    rows: Sequence[TableRow],
     total: int,
     models: Mapping[tuple[str, str], Sequence[str]],
     basis: Basis,
@@ -74,17 +74,17 @@ def page(
         "rule for starts). Where no real detector looks, depth and instance ids have half the resolution: 320x240 of the "
         "robot, 640x640 of a camera.",
         "",
-        *_comparison(table, lines, total),
+        *_comparison(table, rows, total),
     ]
-    if lines:
+    if rows:
         text += ["", f"![]({table.name}.png)"]
         if table.factors:
-            text += ["", "## By factor", "", *_factors(table, lines)]
+            text += ["", "## By factor", "", *_factors(table, rows)]
         if table.explained:
-            text += ["", "## Which searches make the difference", "", *_parts(lines)]
-        text += ["", "## Real homes and generated buildings", "", *_by_origin(lines)]
-        text += ["", "## Why searches failed", "", *_reasons(lines)]
-        text += ["", "## By category", "", "SR / SPL (searches).", "", *_by(lines, lambda r: r.category)]
+            text += ["", "## Which searches make the difference", "", *_parts(rows)]
+        text += ["", "## Real homes and generated buildings", "", *_by_origin(rows)]
+        text += ["", "## Why searches failed", "", *_reasons(rows)]
+        text += ["", "## By category", "", "SR / SPL (searches).", "", *_by(rows, lambda r: r.category)]
         text += [
             "",
             "## By furniture model",
@@ -92,24 +92,24 @@ def page(
             "Of categories that have few: by the models that a scene's goals are made of.",
             "",
         ]
-        text += _by(lines, lambda r: _models(r, models))
+        text += _by(rows, lambda r: _models(r, models))
         if table.name == "main":
-            text += ["", "## By scene", "", *_by(lines[:2], lambda r: r.scene)]
+            text += ["", "## By scene", "", *_by(rows[:2], lambda r: r.scene)]
     return "\n".join(text) + "\n"
 
 
-def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
+def _comparison(table: Table, rows: Sequence[TableRow], total: int) -> list[str]:
     """A row for every arm, played or not."""
-    first = next((line for line in lines if line.arm is table.arms[0]), None)
-    tiers = sorted({tier for line in lines for tier in line.summary.bytes})
+    first = next((row for row in rows if row.arm is table.arms[0]), None)
+    tiers = sorted({tier for row in rows for tier in row.summary.bytes})
     with_paper = any(arm.paper for arm in table.arms)
     columns = ["", "episodes", "SR", "SPL", "SoftSPL", "SR difference", "SPL difference", "first's SPL / its"]
     columns += [f"SR at {m:g} m" for m in WITHIN_M] + ["steps", "path [m]"]
     columns += [f"{tier} [MB]" for tier in tiers] + ["paper: SR / SPL"] * with_paper
     text = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-    for line in lines:
-        arm, s = line.arm, line.summary
-        difference = ("", "", "") if first is None or line is first else _difference(line, first)
+    for row in rows:
+        arm, s = row.arm, row.summary
+        difference = ("", "", "") if first is None or row is first else _difference(row, first)
         cells = [
             arm.label,
             f"{s.episodes}" + (" (unfinished)" if s.episodes < total * arm.seeds else ""),
@@ -125,23 +125,23 @@ def _comparison(table: Table, lines: Sequence[Line], total: int) -> list[str]:
         if with_paper:
             cells.append(f"{arm.paper[0]:.1f} / {arm.paper[1]:.1f}" if arm.paper else "")
         text.append("| " + " | ".join(cells) + " |")
-    missing = [arm for arm in table.arms if all(line.arm is not arm for line in lines)]
+    missing = [arm for arm in table.arms if all(row.arm is not arm for row in rows)]
     return text + ["| " + " | ".join([arm.label, "0", *[""] * (len(columns) - 2)]) + " |" for arm in missing]
 
 
-def _difference(line: Line, first: Line) -> tuple[str, str, str]:
+def _difference(row: TableRow, first: TableRow) -> tuple[str, str, str]:
     """SR and SPL against the first line's, and that one's SPL over this one's; of how many episodes, where these aren't
     all."""
-    if (found := paired(pairs_of(line.records, first.records))) is None:
+    if (found := paired(pairs_of(row.records, first.records))) is None:
         return "", "", ""
-    all_paired = found.pairs == line.summary.episodes == first.summary.episodes * line.arm.seeds
+    all_paired = found.pairs == row.summary.episodes == first.summary.episodes * row.arm.seeds
     of = "" if all_paired else f" (of {found.pairs})"
     r = found.ratio
     ratio = f"{r.mean:.2f} [{r.low:.2f}, {r.high:.2f}]{of}" if r else ""
     return _signed(found.sr) + of, _signed(found.spl) + of, ratio
 
 
-def _factors(table: Table, lines: Sequence[Line]) -> list[str]:
+def _factors(table: Table, rows: Sequence[TableRow]) -> list[str]:
     """A row for every level of every factor, of all lines that have it."""
     text = [
         "All lines with the level; differences are to the lines that have the factor's first level and are the same in all "
@@ -150,7 +150,7 @@ def _factors(table: Table, lines: Sequence[Line]) -> list[str]:
         "| | lines | SR | SPL | SR difference | SPL difference |",
         "|" + "---|" * 6,
     ]
-    of = {line.arm.levels: line.records for line in lines}
+    of = {row.arm.levels: row.records for row in rows}
     for i, factor in enumerate(table.factors):
         first = table.arms[0].levels[i]
         for level in dict.fromkeys(arm.levels[i] for arm in table.arms):
@@ -168,23 +168,23 @@ def _factors(table: Table, lines: Sequence[Line]) -> list[str]:
     return text
 
 
-def _by_origin(lines: Sequence[Line]) -> list[str]:
+def _by_origin(rows: Sequence[TableRow]) -> list[str]:
     """Homes that people drew apart from buildings of our generator: SR, SPL and the difference to the first line."""
     text = ["| | buildings | searches | SR | SPL | SR difference | SPL difference |", "|" + "---|" * 7]
     for real, name in ((True, "real homes"), (False, "generated")):
-        for line in lines:
-            some = [r for r in line.records if is_real_home(r.scene) == real]
+        for row in rows:
+            some = [r for r in row.records if is_real_home(r.scene) == real]
             if not some:
                 continue
             s, difference = summarise(some), ("", "")
-            if line is not lines[0] and (found := paired(pairs_of(some, lines[0].records))) is not None:
+            if row is not rows[0] and (found := paired(pairs_of(some, rows[0].records))) is not None:
                 difference = _signed(found.sr), _signed(found.spl)
-            cells = [line.arm.label, name, str(s.episodes), str(s.sr), str(s.spl), *difference]
+            cells = [row.arm.label, name, str(s.episodes), str(s.sr), str(s.spl), *difference]
             text.append("| " + " | ".join(cells) + " |")
     return text
 
 
-def _parts(lines: Sequence[Line]) -> list[str]:
+def _parts(rows: Sequence[TableRow]) -> list[str]:
     """By which searches a line's SPL differs from the first's: points of all pairs, and how many searches."""
     text = [
         "A line's SPL minus the first line's, in points of all searches that both have; in brackets how many searches they are.",
@@ -193,15 +193,15 @@ def _parts(lines: Sequence[Line]) -> list[str]:
         "|" + "---|" * 6,
     ]
     why = []
-    for line in lines[1:]:
-        if not (pairs := pairs_of(line.records, lines[0].records)):
+    for row in rows[1:]:
+        if not (pairs := pairs_of(row.records, rows[0].records)):
             continue
         found = parts(pairs)
         cells = [f"{part.spl:+.1f} ({part.pairs})" for part in found]
-        text.append("| " + " | ".join([line.arm.label, *cells, f"{sum(p.spl for p in found):+.1f}"]) + " |")
+        text.append("| " + " | ".join([row.arm.label, *cells, f"{sum(p.spl for p in found):+.1f}"]) + " |")
         why += [
-            f"- Why the first fails where only {line.arm.label} succeeds: {_counted(found.line_alone.reasons)}.",
-            f"- Why {line.arm.label} fails where only the first succeeds: {_counted(found.first_alone.reasons)}.",
+            f"- Why the first fails where only {row.arm.label} succeeds: {_counted(found.line_alone.reasons)}.",
+            f"- Why {row.arm.label} fails where only the first succeeds: {_counted(found.first_alone.reasons)}.",
         ]
     return [*text, "", *why]
 
@@ -221,25 +221,25 @@ def _models(record: EpisodeRecord, models: Mapping[tuple[str, str], Sequence[str
     return f"{record.category}: {', '.join(models[record.scene, record.category])}"
 
 
-def _reasons(lines: Sequence[Line]) -> list[str]:
+def _reasons(rows: Sequence[TableRow]) -> list[str]:
     names = list(REASONS)
     text = ["| | " + " | ".join(names) + " |", "|" + "---|" * (len(names) + 1)]
-    for line in lines:
-        s = line.summary
+    for row in rows:
+        s = row.summary
         counts = (f"{s.reasons[n]} ({s.seen.get(n, 0)})" if n in s.reasons else "0" for n in names)
-        text.append(f"| {line.arm.label} | " + " | ".join(counts) + " |")
+        text.append(f"| {row.arm.label} | " + " | ".join(counts) + " |")
     text += ["", "In brackets: of these, where an object that some view called the target lay in the maps at a goal."]
     return text + [""] + [f"- `{n}`: {REASONS[n]}" for n in names]
 
 
-def _by(lines: Sequence[Line], group: Callable[[EpisodeRecord], str | None]) -> list[str]:
+def _by(rows: Sequence[TableRow], group: Callable[[EpisodeRecord], str | None]) -> list[str]:
     """SR / SPL by group; records without one are left out."""
-    names = sorted({name for line in lines for r in line.records if (name := group(r)) is not None})
-    text = ["| | " + " | ".join(line.arm.label for line in lines) + " |", "|" + "---|" * (len(lines) + 1)]
+    names = sorted({name for row in rows for r in row.records if (name := group(r)) is not None})
+    text = ["| | " + " | ".join(row.arm.label for row in rows) + " |", "|" + "---|" * (len(rows) + 1)]
     for name in names:
         cells = []
-        for line in lines:
-            some = [r for r in line.records if group(r) == name]
+        for row in rows:
+            some = [r for r in row.records if group(r) == name]
             n = len(some)
             cells.append(
                 f"{100 * sum(r.success for r in some) / n:.0f} / {100 * sum(r.spl for r in some) / n:.0f} ({n})"
@@ -250,29 +250,29 @@ def _by(lines: Sequence[Line], group: Callable[[EpisodeRecord], str | None]) -> 
     return text
 
 
-def plot(table: Table, lines: Sequence[Line], file: IO[bytes]) -> None:
+def plot(table: Table, rows: Sequence[TableRow], file: IO[bytes]) -> None:
     """SR and SPL of every arm with their intervals, as bars, and SPL over the cameras' bytes if the table asks; PNG."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    size = (10, 1.2 + 0.38 * len(lines))
+    size = (10, 1.2 + 0.38 * len(rows))
     if table.over_bytes:
         figure = plt.figure(figsize=(size[0], size[1] + 3.2), layout="constrained")
         above, below = figure.subfigures(2, 1, height_ratios=(size[1], 3.2))
-        _over_bytes(lines, below.subplots())
+        _over_bytes(rows, below.subplots())
     else:
         figure = plt.figure(figsize=size, layout="constrained")
         above = figure
     for axis, name in zip(above.subplots(1, 2, sharey=True), ("sr", "spl"), strict=True):
-        values: list[Interval] = [getattr(line.summary, name) for line in lines]
-        at = range(len(lines), 0, -1)
+        values: list[Interval] = [getattr(row.summary, name) for row in rows]
+        at = range(len(rows), 0, -1)
         means = [v.mean for v in values]
         errors = [[v.mean - v.low for v in values], [v.high - v.mean for v in values]]
-        colors = ["#2a6f97" if i == 0 else "#a9c6d8" for i in range(len(lines))]
+        colors = ["#2a6f97" if i == 0 else "#a9c6d8" for i in range(len(rows))]
         axis.barh(list(at), means, xerr=errors, color=colors, error_kw={"elinewidth": 1, "capsize": 2})
-        axis.set_yticks(list(at), [line.arm.label for line in lines])
+        axis.set_yticks(list(at), [row.arm.label for row in rows])
         axis.set_xlabel("SR [%]" if name == "sr" else "SPL [%]")
         axis.set_xlim(0, 100)
         axis.spines[["top", "right"]].set_visible(False)
@@ -281,13 +281,13 @@ def plot(table: Table, lines: Sequence[Line], file: IO[bytes]) -> None:
     plt.close(figure)
 
 
-def _over_bytes(lines: Sequence[Line], axis: Any) -> None:
+def _over_bytes(rows: Sequence[TableRow], axis: Any) -> None:
     """SPL over the bytes of all tiers, a point for every arm."""
-    for i, line in enumerate(lines):
-        spl, sent_mb = line.summary.spl, sum(line.summary.bytes.values()) / 1e6
+    for i, row in enumerate(rows):
+        spl, sent_mb = row.summary.spl, sum(row.summary.bytes.values()) / 1e6
         error = [[spl.mean - spl.low], [spl.high - spl.mean]]
         axis.errorbar(sent_mb, spl.mean, yerr=error, fmt="o", capsize=2, color="#2a6f97" if i == 0 else "#6a9ab5")
-        axis.annotate(line.arm.label, (sent_mb, spl.mean), xytext=(6, 4), textcoords="offset points", fontsize=8)
+        axis.annotate(row.arm.label, (sent_mb, spl.mean), xytext=(6, 4), textcoords="offset points", fontsize=8)
     axis.set_xlabel("sent by cameras in an episode [MB]")
     axis.set_ylabel("SPL [%]")
     axis.margins(x=0.25)

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import IO
 
 from surveilnav.benchmark.runner.basis import Basis
-from surveilnav.benchmark.runner.records import kept, read_facts
+from surveilnav.benchmark.runner.records import read_facts, stored_run
 from surveilnav.benchmark.runner.settings import run_id
 from surveilnav.benchmark.tables.arms import TABLES, Arm
-from surveilnav.benchmark.tables.page import Line
+from surveilnav.benchmark.tables.page import TableRow
 from surveilnav.errors import ConfigError
 
 PUBLISHED = Path("docs/results/bench/v1/records")
@@ -37,7 +37,7 @@ _MEANINGS = {
 }
 
 
-def published(folder: Path = PUBLISHED) -> Iterator[Line]:
+def published(folder: Path = PUBLISHED) -> Iterator[TableRow]:
     """The arms of ``BARS`` with their published searches, in the order of the bars.
 
     Raises:
@@ -48,13 +48,13 @@ def published(folder: Path = PUBLISHED) -> Iterator[Line]:
         arm = arms[label]
         run = folder / run_id(arm.settings)
         facts = read_facts(run)
-        found = facts and kept(run, arm.settings, Basis(facts["dataset"], facts["program"]))
+        found = facts and stored_run(run, arm.settings, Basis(facts["dataset"], facts["program"]))
         if not found:
             raise ConfigError(f"expected the published run of {label!r} in {run}, found none")
-        yield Line.of(arm, found.records)
+        yield TableRow.from_records(arm, found.records)
 
 
-def plot(lines: Sequence[Line], file: IO[bytes]) -> None:
+def plot(rows: Sequence[TableRow], file: IO[bytes]) -> None:
     """Success and SPL of the bars, with their 95 % intervals; PNG."""
     import matplotlib
 
@@ -62,11 +62,11 @@ def plot(lines: Sequence[Line], file: IO[bytes]) -> None:
     import matplotlib.pyplot as plt
     from matplotlib.patches import Patch
 
-    names, colours = zip(*(BARS[line.arm.label] for line in lines), strict=True)
-    at = range(len(lines), 0, -1)
+    names, colours = zip(*(BARS[row.arm.label] for row in rows), strict=True)
+    at = range(len(rows), 0, -1)
     figure = plt.figure(figsize=(9.5, 3.6), layout="constrained")
     for axis, name in zip(figure.subplots(1, 2, sharey=True), ("sr", "spl"), strict=True):
-        values = [getattr(line.summary, name) for line in lines]
+        values = [getattr(row.summary, name) for row in rows]
         errors = [[v.mean - v.low for v in values], [v.high - v.mean for v in values]]
         axis.barh(
             list(at), [v.mean for v in values], xerr=errors, color=colours, error_kw={"elinewidth": 1, "capsize": 2}

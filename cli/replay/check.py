@@ -14,10 +14,10 @@ from surveilnav.contract import VIEW_LOG
 from surveilnav.errors import WireError
 from surveilnav.messages import LoggedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap
-from surveilnav.services.fusion.core.guard import ViewError
 from surveilnav.services.fusion.core.snapshot import SnapshotError, digest, freeze, thaw, unpack
-from surveilnav.services.fusion.journal import perceived_of
-from surveilnav.services.fusion.store import Entry
+from surveilnav.services.fusion.core.views.validation import ViewError
+from surveilnav.services.fusion.map_log.recovery import perceived_from_entry
+from surveilnav.services.fusion.map_log.store import Entry
 from surveilnav.services.recorder.reading import RecordingError
 from surveilnav.services.recorder.recorded import RecordedEnd, RecordedMaps, RecordedMessage, read_recording
 
@@ -106,7 +106,7 @@ def entry_of(view: LoggedView, payload: bytes) -> Entry:
 def _take(joint: JointMap, view: LoggedView, payload: bytes) -> bool:
     """Has the maps take a view as fusion did; False: they refuse it, as they did then."""
     try:
-        perceived = perceived_of(entry_of(view, payload))
+        perceived = perceived_from_entry(entry_of(view, payload))
         return perceived.view is not None and joint.accept(perceived.view, perceived.perception) is not None
     except ViewError:
         return False

@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
+from surveilnav.cli.extras import needs
 from surveilnav.cli.options import AsJson, console, print_json, results
 
 
+@needs("services")
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording (.mcap), also one that was cut off.")],
     speed: Annotated[  # the limits of surveilnav.messages, which help shan't wait for

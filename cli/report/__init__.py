@@ -9,7 +9,6 @@ from surveilnav.cli.report.page import write_report
 from surveilnav.cli.report.record import (
     DecidingView,
     MapMoment,
-    Moment,
     RunRecord,
     Step,
     TrafficLine,
@@ -21,7 +20,6 @@ from surveilnav.cli.report.words import outcome
 __all__ = [
     "DecidingView",
     "MapMoment",
-    "Moment",
     "RunRecord",
     "Step",
     "TrafficLine",

@@ -13,10 +13,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.cli.report.floor_map import Layers
 from surveilnav.geometry import Grid
 from surveilnav.messages import CameraInfo, MissionStatus, ObjectRecord, Plan, TrafficReport
 from surveilnav.services.gateway.core.traffic import sum_traffic
+from surveilnav.words import canonical
+
+#: By name: its grid and its cells (rows, cols).
+Layers = dict[str, tuple[Grid, NDArray]]
 
 
 class Step(NamedTuple):
@@ -48,9 +51,10 @@ class MapMoment(NamedTuple):
     packed: bytes
 
     @staticmethod
-    def pack(cells: NDArray[np.uint8]) -> bytes:
-        """Cells (rows, cols) of 0 (unknown), 1 (explored) or 2 (obstacle), compressed."""
-        return zlib.compress(np.ascontiguousarray(cells, np.uint8).tobytes(), 1)
+    def pack(explored: NDArray[np.uint8], occupancy: NDArray[np.uint8]) -> bytes:
+        """Both layers (rows, cols) as one of 0 (unknown), 1 (explored) or 2 (obstacle), compressed."""
+        cells = np.where(occupancy != 0, 2, explored != 0).astype(np.uint8)
+        return zlib.compress(cells.tobytes(), 1)
 
     @property
     def cells(self) -> NDArray[np.uint8]:
@@ -59,17 +63,11 @@ class MapMoment(NamedTuple):
 
 
 class DecidingView(NamedTuple):
-    """A view that decided: its JPEG and detections (x0, y0, x1, y1 [px], label, score).
-
-    ``source`` ("camera/c1", "robot/r1") and ``view`` let the map highlight the camera; without them it looks at
-    the history of the object that was found.
-    """
+    """A view that decided: its JPEG and detections (x0, y0, x1, y1 [px], label, score)."""
 
     caption: str
     jpeg: bytes
     boxes: Sequence[tuple[float, float, float, float, str, float]]
-    source: str = ""
-    view: int | None = None
 
 
 class TrafficLine(NamedTuple):
@@ -84,12 +82,6 @@ class TrafficLine(NamedTuple):
     offered: int
     delivered: int
     wire: int | None
-
-
-class Moment(NamedTuple):
-    t_s: float
-    phase: str
-    message: str
 
 
 @dataclass
@@ -127,7 +119,6 @@ class RunRecord:
     objects: Sequence[ObjectRecord] = ()
     deciding_views: Sequence[DecidingView] = ()
     traffic: Sequence[TrafficLine] = ()
-    timeline: Sequence[Moment] = ()
     notes: Sequence[str] = ()
     map_moments: Sequence[MapMoment] = ()
     room: str = ""
@@ -184,6 +175,29 @@ class RunRecord:
         }
 
 
+def candidates_of(record: RunRecord) -> list[ObjectRecord]:
+    """Objects that anybody ever took for the target: what is called so now first, then confirmed, then by confidence."""
+    target = canonical(record.target)
+
+    def taken_for_it(o: ObjectRecord) -> bool:
+        """Whether any source or detection ever called it so."""
+        names = {o.label, o.label_robot, o.label_surveillance, *o.label_scores, *(e.label for e in o.history)}
+        return target in {canonical(n) for n in names if n}
+
+    order = {"confirmed": 0, "candidate": 1, "rejected": 2}
+    chosen = record.status.object_id if record.status else None
+    return sorted(
+        (o for o in record.objects if taken_for_it(o)),
+        key=lambda o: (
+            o.id != chosen,
+            canonical(o.label) != target,
+            order[o.status],
+            -o.confidence if math.isfinite(o.confidence) else 0.0,
+            o.id,
+        ),
+    )
+
+
 def first_seen_by(record: ObjectRecord) -> str:
     """The source that saw an object first ("camera/c3"); empty if its history doesn't say."""
     return next((e.source for e in record.history if e.what != "not_seen"), "")
@@ -196,8 +210,8 @@ def traffic_lines(reports: Iterable[TrafficReport]) -> list[TrafficLine]:
     lines += [TrafficLine(s.id, "robot", s.offered_bytes, s.delivered_bytes, s.wire_sent_bytes) for s in sums.robots]
     sources = {s.node for s in (*sums.cameras, *sums.robots)}
     for n in sums.nodes:
-        if f"{n.kind}/{n.node}" not in sources:
-            name = n.node if n.node.startswith(n.kind) else f"{n.kind} {n.node}"
+        if f"{n.kind}/{n.id}" not in sources:
+            name = n.id if n.id.startswith(n.kind) else f"{n.kind} {n.id}"
             lines.append(TrafficLine(name, "service", n.offered_bytes, n.delivered_bytes, n.wire_sent_bytes))
     return lines
 

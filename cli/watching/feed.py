@@ -8,10 +8,10 @@ import time
 from dataclasses import replace
 from datetime import UTC, datetime
 
-from surveilnav.cli.watching.known import Known, read_moving, read_rest
-from surveilnav.client import Client
-from surveilnav.client.events import Told
+from surveilnav.cli.watching.system_state import SystemState, read_moving, read_rest
+from surveilnav.client import Client, ServerEvent
 from surveilnav.errors import GatewayError
+from surveilnav.rest import Event
 
 #: So often what moves is read anew, and all else where no event calls for it.
 _MOVING_S, _REST_S = 1.0, 3.0
@@ -25,8 +25,8 @@ class Feed:
     """
 
     def __init__(self, gateway: Client, *, reads: bool = True) -> None:
-        self.events: queue.Queue[Told | GatewayError] = queue.Queue()
-        self.known = Known()
+        self.events: queue.Queue[ServerEvent[Event] | GatewayError] = queue.Queue()
+        self.known = SystemState()
         self._gateway, self._ended, self._news = gateway, threading.Event(), threading.Event()
         threads = [self._follow, *([self._read] if reads else [])]
         for run in threads:
@@ -41,9 +41,9 @@ class Feed:
         last_id, began = "", False
         while not self._ended.is_set():
             try:
-                for told in self._gateway.events(last_id):
-                    last_id, began = told.id, True
-                    self.events.put(told)
+                for event in self._gateway.events(last_id):
+                    last_id, began = event.id, True
+                    self.events.put(event)
                     self._news.set()
             except GatewayError as error:  # a proxy says so while the gateway starts, or it has too many streams
                 if not began:
@@ -71,5 +71,5 @@ class Feed:
             self._news.wait(_MOVING_S)
 
 
-def _lost(known: Known) -> Known:
+def _lost(known: SystemState) -> SystemState:
     return known if known.lost else replace(known, lost=datetime.now(UTC))

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 from surveilnav.cli.words import clock, metres
-from surveilnav.client.events import Told
+from surveilnav.client import ServerEvent
+from surveilnav.rest import Event
 
 
-def line_of(told: Told) -> str:
+def line_of(event: ServerEvent[Event]) -> str:
     """ "14:03:22  mission m-0123456789ab active  tv: exploring, step 61, to a frontier"."""
-    data = told.data
-    if told.kind == "reset":
-        return f"{'':8}  what came before isn't known: {data.get('why', 'the gateway told nothing before')}"
-    about = ", ".join(part for part in _about(told) if part)
-    return f"{clock(data.get('time'))}  {told.kind} {data['id']} {data['what']}{'  ' if about else ''}{about}"
+    data = event.data
+    if event.kind == "reset":
+        return f"{'':8}  what came before isn't known: {data.why or 'the gateway told nothing before'}"
+    about = ", ".join(part for part in _about(event.kind, data) if part)
+    return f"{clock(data.time)}  {event.kind} {data.id} {data.what}{'  ' if about else ''}{about}"
 
 
-def _about(told: Told) -> list[str]:
-    data = told.data
-    message = data.get("message") or ""
-    if told.kind == "mission":
-        return [
-            f"{data.get('target')}: {data.get('phase') or data.get('state')}",
-            f"step {data.get('step', 0)}",
-            message,
-        ]
-    if told.kind == "object":
-        at = data.get("center_m") or []
-        where = " at " + ", ".join(metres(v) for v in at) if at else ""
-        return [f"{data.get('label')} on floor {data.get('floor')}{where}", message]
-    if told.kind == "service":
-        restarts = data.get("restarts")
-        return [f"{restarts} restarts" if restarts else "", message]
-    return [f"floor {data['floor']}" if data.get("floor") else "", message]
+def _about(kind: str, data: Event) -> list[str]:
+    message = data.message or ""
+    if kind == "mission":
+        return [f"{data.target}: {data.phase or data.state}", f"step {data.step or 0}", message]
+    if kind == "object":
+        where = " at " + ", ".join(metres(v) for v in data.center_m) if data.center_m else ""
+        return [f"{data.label} on floor {data.floor}{where}", message]
+    if kind == "service":
+        return [f"{data.restarts} restarts" if data.restarts else "", message]
+    return [f"floor {data.floor}" if data.floor else "", message]

@@ -10,9 +10,9 @@ from rich.text import Text
 from surveilnav.cli.cameras import state_of as camera_state
 from surveilnav.cli.mission_words import said_of, state_of, steps_of
 from surveilnav.cli.terminal import plain
-from surveilnav.cli.watching.known import Known
+from surveilnav.cli.watching.system_state import SystemState
 from surveilnav.cli.words import duration, human_bytes, metres
-from surveilnav.client.resources import Mission, SourceTraffic
+from surveilnav.rest import Mission, SourceTraffic
 
 _BAR = 8
 _LIGHTS = {"invoked": ("●", "bold green"), "idle": ("○", ""), "paused": ("◌", "yellow"), "offline": ("✕", "bold red")}
@@ -23,7 +23,14 @@ Alert = tuple[str, datetime]
 
 
 def screen(
-    known: Known, alerts: Sequence[Alert], events: Sequence[str], *, url: str, now: datetime, width: int, height: int
+    known: SystemState,
+    alerts: Sequence[Alert],
+    events: Sequence[str],
+    *,
+    url: str,
+    now: datetime,
+    width: int,
+    height: int,
 ) -> list[Text]:
     """At most ``height`` lines, none wider than ``width``. Alerts and missions come first; the newest events have what is left.
 
@@ -46,8 +53,8 @@ def _title(name: str) -> Text:
     return Text(name, style="bold underline")
 
 
-def _header(known: Known, url: str, now: datetime) -> Text:
-    names = ", ".join(building["id"] for building in known.buildings) or "…"
+def _header(known: SystemState, url: str, now: datetime) -> Text:
+    names = ", ".join(building.id for building in known.buildings) or "…"
     return Text.assemble(
         ("surveilnav", "bold"), f"  {plain(names)}  {url}  {now.astimezone():%H:%M:%S}  ", ("Ctrl-C ends", "dim")
     )
@@ -60,7 +67,7 @@ def _alerts(alerts: Sequence[Alert]) -> Iterator[Text]:
         yield Text(f"! and {len(alerts) - _ALERTS} more", style="bold red")
 
 
-def _missions(known: Known) -> Iterator[Text]:
+def _missions(known: SystemState) -> Iterator[Text]:
     yield _title("missions")
     under_way = known.under_way
     if not under_way:
@@ -77,11 +84,11 @@ def _missions(known: Known) -> Iterator[Text]:
 
 def _under_way(mission: Mission) -> Text:
     state, style = state_of(mission)
-    left = duration(mission["time_remaining_s"])
-    facts = [steps_of(mission), metres(mission["path_m"]), f"waypoint in {left}" if left else ""]
+    left = duration(mission.time_remaining_s)
+    facts = [steps_of(mission), metres(mission.path_m), f"waypoint in {left}" if left else ""]
     return Text.assemble(
-        f"{plain(mission['id'])}  ",
-        (plain(mission["target"]), "bold"),
+        f"{plain(mission.id)}  ",
+        (plain(mission.target), "bold"),
         "  ",
         (state, style),
         f" {_bar(mission)} ",
@@ -91,43 +98,43 @@ def _under_way(mission: Mission) -> Text:
 
 def _bar(mission: Mission) -> str:
     """How many of its steps are used up."""
-    full = round(_BAR * min(1.0, mission["step"] / (mission["max_steps"] or mission["step"] or 1)))
+    full = round(_BAR * min(1.0, mission.step / (mission.max_steps or mission.step or 1)))
     return "━" * full + "┈" * (_BAR - full)
 
 
-def _why(known: Known, mission: Mission) -> str:
+def _why(known: SystemState, mission: Mission) -> str:
     """Why the waypoint was chosen, else what the mission says of itself."""
-    plan = known.plans.get(mission["id"])
+    plan = known.plans.get(mission.id)
     if plan is None:
-        return said_of(mission) or mission["phase"]
-    chosen = next((place["note"] for place in plan["candidates"] if place["chosen"]), "")
-    others = len(plan["candidates"]) - 1
+        return said_of(mission) or mission.phase
+    chosen = next((place.note for place in plan.candidates if place.chosen), "")
+    others = len(plan.candidates) - 1
     weighed = f", {others} other{'s' if others > 1 else ''} weighed" if others > 0 else ""
-    return plan["why"] + (f" ({chosen})" if chosen else "") + weighed
+    return plan.why + (f" ({chosen})" if chosen else "") + weighed
 
 
 def _ended(mission: Mission) -> Text:
     state, style = state_of(mission)
-    said = f"{steps_of(mission)}  {metres(mission['path_m'])}  {said_of(mission)}"
+    said = f"{steps_of(mission)}  {metres(mission.path_m)}  {said_of(mission)}"
     return Text.assemble(
-        f"{plain(mission['id'])}  ", (plain(mission["target"]), "bold"), "  ", (state, style), f"  {plain(said)}"
+        f"{plain(mission.id)}  ", (plain(mission.target), "bold"), "  ", (state, style), f"  {plain(said)}"
     )
 
 
-def _robots(known: Known) -> Iterator[Text]:
+def _robots(known: SystemState) -> Iterator[Text]:
     yield _title("robots")
     for robot in known.robots[:_MISSIONS]:
-        state = ("silent", "red") if robot["stale"] else (robot["state"], "")
-        x_m, y_m, _ = robot["position_m"]
-        what = f"{robot['mission'] or 'free'}  {robot['message']}"
+        state = ("silent", "red") if robot.stale else (robot.state, "")
+        x_m, y_m, _ = robot.position_m
+        what = f"{robot.mission or 'free'}  {robot.message}"
         yield Text.assemble(
-            f"{plain(robot['id'])}  ", state, f"  floor {robot['floor']} at {x_m:.1f}, {y_m:.1f}  {plain(what)}"
+            f"{plain(robot.id)}  ", state, f"  floor {robot.floor} at {x_m:.1f}, {y_m:.1f}  {plain(what)}"
         )
     if len(known.robots) > _MISSIONS:
         yield Text(f"and {len(known.robots) - _MISSIONS} more", style="dim")
 
 
-def _cameras(known: Known, width: int) -> Iterator[Text]:
+def _cameras(known: SystemState, width: int) -> Iterator[Text]:
     """Lights, as many in a line as fit."""
     states = [camera_state(camera)[0] for camera in known.cameras]
     counts = ", ".join(f"{states.count(state)} {state}" for state in _LIGHTS if state in states)
@@ -135,7 +142,7 @@ def _cameras(known: Known, width: int) -> Iterator[Text]:
     line = Text()
     for camera, state in zip(known.cameras, states, strict=True):
         light, style = _LIGHTS[state]
-        lamp = Text.assemble((light, style), f" {plain(camera['id'])}  ")
+        lamp = Text.assemble((light, style), f" {plain(camera.id)}  ")
         if line.cell_len + lamp.cell_len > width and line:
             yield line
             line = Text()
@@ -144,23 +151,23 @@ def _cameras(known: Known, width: int) -> Iterator[Text]:
         yield line
 
 
-def _traffic(known: Known) -> Iterator[Text]:
+def _traffic(known: SystemState) -> Iterator[Text]:
     """The three numbers of the busiest sources, and of all."""
     if known.traffic is None:
         return
     yield Text.assemble(_title("traffic"), ("    offered  delivered       wire      now", "dim"))
-    sources = [(f"camera/{s['id']}", s) for s in known.traffic["cameras"]] + [
-        (f"robot/{s['id']}", s) for s in known.traffic["robots"]
+    sources = [(f"camera/{s.id}", s) for s in known.traffic.cameras] + [
+        (f"robot/{s.id}", s) for s in known.traffic.robots
     ]
-    sources.sort(key=lambda named: (-known.rates.get(named[0], 0.0), -named[1]["offered_bytes"]))
+    sources.sort(key=lambda named: (-known.rates.get(named[0], 0.0), -named[1].offered_bytes))
     for name, source in sources[:_SOURCES]:
         yield Text(f"{_counts(source)}  {human_bytes(round(known.rates.get(name, 0.0))):>7}/s  {plain(name)}")
-    total = (known.traffic["offered_bytes"], known.traffic["delivered_bytes"], known.traffic["wire_sent_bytes"])
+    total = (known.traffic.offered_bytes, known.traffic.delivered_bytes, known.traffic.wire_sent_bytes)
     yield Text(f"{_columns(*total)}  {'':9}  all processes")
 
 
 def _counts(source: SourceTraffic) -> str:
-    return _columns(source["offered_bytes"], source["delivered_bytes"], source["wire_sent_bytes"])
+    return _columns(source.offered_bytes, source.delivered_bytes, source.wire_sent_bytes)
 
 
 def _columns(*counts: int | None) -> str:

@@ -1,114 +1,74 @@
-"""The fusion service: views in, joint maps out."""
+"""The fusion service: integrates perceived views into the joint maps, and announces and serves these."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable
-
-from surveilnav.bus import Answer, Node, Received, Request, clock_ns
-from surveilnav.contract import FORGET_PICTURES, MAP_LAYER, MAP_REVISION, MAP_SNAPSHOT, OBJECTS, VIEW_LOG, VIEW_PICTURE
-from surveilnav.messages import FrameHeader, PicturesForgotten
+from surveilnav.bus import Answer, Node, Request, clock_ns
+from surveilnav.contract import (
+    FLOOR_MAPS,
+    FORGET_PICTURES,
+    MAP_LAYER,
+    MAP_REVISION,
+    MAP_SNAPSHOT,
+    OBJECTS,
+    VIEW_LOG,
+    VIEW_PICTURE,
+)
+from surveilnav.messages import PicturesForgotten
+from surveilnav.services.fusion.answers.floor_maps import FloorMapsAnswers
+from surveilnav.services.fusion.answers.layers import LayerAnswers
+from surveilnav.services.fusion.answers.log import LogAnswers
+from surveilnav.services.fusion.answers.objects import ObjectAnswers
+from surveilnav.services.fusion.answers.reader import MapReader
+from surveilnav.services.fusion.answers.revisions import Revisions
+from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
-from surveilnav.services.fusion.durable_map import DurableMap
-from surveilnav.services.fusion.history import History
-from surveilnav.services.fusion.kept_pictures import KeptPictures
-from surveilnav.services.fusion.perception_client import PerceptionClient
-from surveilnav.services.fusion.records import PerceivedView
-from surveilnav.services.fusion.replies import Replies
-from surveilnav.services.fusion.revisions import Revisions
-from surveilnav.services.fusion.robot_places import RobotPlaces
-from surveilnav.services.fusion.sources import Sources
-from surveilnav.services.fusion.view_choice import ViewChoice
-from surveilnav.services.fusion.words import Words
-
-_WORDS_S = 0.2  # between two looks at what missions search for
+from surveilnav.services.fusion.intake.intake import ViewIntake
+from surveilnav.services.fusion.map_log.log import MapLog
 
 
 class FusionService:
     """Follows robots, invokes cameras, has perception look at every new view, and keeps the joint maps."""
 
     def __init__(self, node: Node, settings: FusionSettings, keep_pictures_s: float | None = None) -> None:
-        config = settings.core()
-        self._views_per_step = settings.camera_views_per_step
-        self._node, self._maps = node, DurableMap(node, settings, keep_pictures_s)
-        words = Words(node, settings.prompts)
-        self._sources = Sources(
-            node,
-            settings,
-            config.map,
-            self._maps.contents.robots,
-            lambda camera: self._maps.contents.views_of(camera),
-            words.idle,
-        )
-        self._places = RobotPlaces()
-        choice = ViewChoice(self._maps, self._places, config)
-        self._perception = PerceptionClient(node, settings, self._maps.holds, words.now, choice.next_of)
-        self._pictures = KeptPictures(settings.kept_pictures_mb << 20)
-        self._looked_for, self._embedder, self._asked_s = frozenset[str](), "", 0.0
-        self._revisions = Revisions(node, config.map, self._maps, self._perception, self._places, self._sources.cameras)
-        replies = Replies(node, config, self._maps, self._perception, self._places)
-        # a value layer may wait for perception: the others must not wait with it
-        node.serve(MAP_LAYER, replies.layer, workers=3)
-        node.serve(OBJECTS, replies.objects)
-        node.serve(VIEW_PICTURE, replies.picture)
-        node.serve(MAP_REVISION, self._revisions.answer)
-        node.serve(FORGET_PICTURES, self._on_forget, keeper=node.id)
-        history = History(config, self._maps)
-        node.serve(VIEW_LOG, history.view)
-        node.serve(MAP_SNAPSHOT, history.snapshot)
+        """``keep_pictures_s``: how long pictures may stay in the log; None: as long as the log needs them."""
+        self._node = node
+        self._maps = BuildingMaps(settings.core())
+        self._log = MapLog(node, settings, self._maps, keep_pictures_s)
+        self._intake = ViewIntake(node, settings, self._maps)
+        self._revisions = Revisions(node, self._maps, self._intake, self._log)
+        self._serve()
+
+    def _serve(self) -> None:
+        """Starts to answer queries, on threads of the node."""
+        reader = MapReader(self._maps, self._intake.texts, self._intake.positions)
+        objects, log = ObjectAnswers(reader, self._log), LogAnswers(self._maps, self._log)
+        # a query for a value layer may wait for perception; others mustn't wait for it
+        self._node.serve(FLOOR_MAPS, FloorMapsAnswers(reader, self._revisions).floor_maps, workers=3)
+        self._node.serve(MAP_LAYER, LayerAnswers(self._node, reader).layer, workers=3)
+        self._node.serve(OBJECTS, objects.objects)
+        self._node.serve(VIEW_PICTURE, objects.picture)
+        self._node.serve(MAP_REVISION, self._revisions.answer)
+        self._node.serve(FORGET_PICTURES, self._on_forget, keeper=self._node.id)
+        self._node.serve(VIEW_LOG, log.view)
+        self._node.serve(MAP_SNAPSHOT, log.snapshot)
 
     def step(self) -> bool:
-        """One turn of the loop; True if there was something to do."""
-        # active camera invocation (eq. 1), and the newest frame of everybody
-        frames, dropped = self._sources.poll()
-        for source in dropped:
-            self._perception.withdraw(source)
-            self._pictures.drop(source)
-        self._look_again()
-        # perception looks at what is new
-        finished = [*self._submit(frames), *self._perceived()]
-        # joint maps: logged, then taken, then told of
-        self._maps.take(finished)
+        """One turn of the main loop; True if there was something to do."""
+        # invoke cameras (eq. 1), receive the newest frame of everybody, ask perception about each
+        arrived = self._intake.poll()
+        # log what perception has finished, and integrate it; while views wait for the disk, no others are taken
+        perceived = [] if self._log.is_blocked else self._intake.pop_perceived()
+        self._log.integrate(perceived)
+        # announce what the maps now hold
         self._revisions.publish()
-        return bool(frames or finished)
+        return bool(arrived or perceived)
 
     def close(self) -> None:
-        """Ends what is being written."""
-        self._maps.close()
+        """Finishes what is being written."""
+        self._log.close()
 
     def _on_forget(self, request: Request) -> Answer:
-        stored = self._maps.forget_pictures()
+        has_file = self._log.forget_pictures()
         self._node.log.warning("forgets pictures", reason=request.message.reason)
-        said = "pictures go from the store within seconds" if stored else "no store, so there are no past pictures"
-        return Answer(PicturesForgotten(stamp_ns=clock_ns(), keeper=self._node.id, message=said))
-
-    def _submit(self, frames: Iterable[Received[FrameHeader]]) -> list[PerceivedView]:
-        """Has perception look at frames; returns those that nobody needs to look at, since they can't be."""
-        faulty = []
-        for frame in frames:
-            header = frame.message
-            if fault := self._sources.wrong_intrinsics(header):
-                faulty.append(PerceivedView((header.source, header.view), header, fault=fault))
-                continue
-            self._places.note(header)
-            self._pictures.put(frame)
-            self._perception.submit(frame)
-        return faulty
-
-    def _look_again(self) -> None:
-        """Has perception look at the cameras' pictures again when a mission brings a word that it didn't look for, or when
-        another model embeds them."""
-        now_s = time.monotonic()
-        if now_s - self._asked_s < _WORDS_S:
-            return
-        self._asked_s = now_s
-        words, embedder = frozenset(self._perception.words()), self._perception.embedder
-        if words - self._looked_for or embedder != self._embedder:
-            self._perception.look_again(self._pictures.all())
-        self._looked_for, self._embedder = words, embedder
-
-    def _perceived(self) -> list[PerceivedView]:
-        """Robots' views first; cameras' in slices, so that a robot never waits for many."""
-        if self._maps.store_blocked:  # they wait where there is room for few
-            return []
-        return self._perception.robots() or self._perception.cameras(self._views_per_step)
+        message = "pictures go from the store within seconds" if has_file else "no store, so there are no past pictures"
+        return Answer(PicturesForgotten(stamp_ns=clock_ns(), keeper=self._node.id, message=message))

@@ -16,10 +16,9 @@ from surveilnav.errors import BusError
 from surveilnav.services.gateway.access_log import AccessLog
 from surveilnav.services.gateway.app import create_app
 from surveilnav.services.gateway.config import GatewaySettings
-from surveilnav.services.gateway.looks import Looks
 from surveilnav.services.gateway.service import Gateway
 
-#: What was sent to a client that doesn't read waits so long, then its connection ends.
+#: Bytes that a client doesn't acknowledge wait for so long, then the kernel ends its connection.
 _UNREAD_MS = 30_000
 
 
@@ -38,7 +37,7 @@ def listen(host: str, port: int) -> socket.socket:
             f"(`ss -ltnp 'sport = :{port}'` shows it) or choose another with SURVEILNAV_GATEWAY__PORT "
             "and SURVEILNAV_GATEWAY__HOST."
         ) from error
-    if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux; connections inherit it, and who doesn't take its bytes is dropped
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux; connections inherit it
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
     return sock
 
@@ -46,7 +45,7 @@ def listen(host: str, port: int) -> socket.socket:
 def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = "") -> uvicorn.Server:
     """The server around ``gateway``, which answers under those names (None: under any); its streams end with it.
 
-    What uvicorn does depends on no ``X-Forwarded-*``; whom the log of looks believes is in the settings.
+    uvicorn ignores ``X-Forwarded-*``; only the access log uses them, from proxies that the settings name.
     """
     config = uvicorn.Config(
         create_app(gateway, names),
@@ -57,22 +56,25 @@ def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = 
         root_path=root_path,
     )
     server = uvicorn.Server(config)
-    for feed in (gateway.events, gateway.live, gateway.tiles):
-        feed.ended = lambda: server.should_exit
+    for source in (gateway.events, gateway.live, gateway.tiles):
+        source.ended = lambda: server.should_exit
     return server
 
 
-def _looks(settings: GatewaySettings) -> Looks:
-    keep = timedelta(days=settings.access_log_days)
-    folder = Path(settings.access_log) if settings.access_log else None
-    return Looks(AccessLog(folder, keep=keep, max_bytes=settings.access_log_mb << 20), settings.proxies)
+def _access_log(settings: GatewaySettings) -> AccessLog:
+    return AccessLog(
+        Path(settings.access_log) if settings.access_log else None,
+        keep=timedelta(days=settings.access_log_days),
+        max_bytes=settings.access_log_mb << 20,
+        trusted_proxies=settings.proxies,
+    )
 
 
 def serve(settings: GatewaySettings, bus: BusSettings) -> None:
     """Serves until SIGTERM or SIGINT."""
     with listen(settings.host, settings.port) as sock, Node("gateway", settings.node_id, bus) as node:
         host, port = sock.getsockname()[:2]
-        gateway = Gateway(node, settings.root_path, _looks(settings))
+        gateway = Gateway(node, settings.root_path, _access_log(settings))
         server = web_server(gateway, settings.names, settings.root_path)
         # uvicorn raises the signal again after it has shut down; the session must still be closed then.
         for number in (signal.SIGTERM, signal.SIGINT):

@@ -1,9 +1,9 @@
-"""Who looked at which camera, and when: appended to files, a line a look, and never a picture.
+"""Who was shown which camera, and when: appended to files, one line per access, and never a picture.
 
     {"time":"2026-01-31T10:00:41Z","client":"10.0.0.12","camera":"c0-1","view":3,"what":"latest"}
 
-Who goes on looking is noted once a minute. Files are begun daily and when one is full; the oldest go when they are too
-old or too many. The newest lines are kept in memory, too: without a folder there alone.
+A client that keeps watching is recorded once a minute. A new file is begun every day and when one is full; the oldest files
+are removed when they are too old or too many. The newest lines are kept in memory, too; without a folder only there.
 """
 
 from __future__ import annotations
@@ -15,64 +15,92 @@ from collections import OrderedDict, deque
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 import structlog
+from starlette.requests import HTTPConnection
 
-from surveilnav.services.gateway.core.looks import Look
+from surveilnav.rest import AccessRecord
+from surveilnav.services.gateway.core.hosts import Networks, client_address
 
-_AGAIN_S = 60.0
-_MOST_LINES, _MOST_WATCHERS = 10_000, 10_000
+#: The view of an access to all of a camera's views.
+ALL_VIEWS = -1
+_REPEAT_S = 60.0
+_MAX_LINES, _MAX_CLIENTS = 10_000, 10_000
 _FILE_BYTES = 1 << 20
 _NAME = "looks-%Y%m%dT%H%M%S.%fZ.jsonl"
 
 
+class LogLine(msgspec.Struct, frozen=True):
+    """One line of a file. ``what`` was shown: "thumbnail", "latest", "tile", "history" or "recording"; ``client``: an address."""
+
+    time: Annotated[datetime, msgspec.Meta(tz=True)]
+    client: str
+    camera: str
+    view: int
+    what: str
+
+
 class AccessLog:
-    """Looks at cameras. Safe to use from any thread.
+    """Records who is shown cameras' pictures. Whatever shows one calls ``record``, each time. Thread-safe.
 
     Args:
         folder: where the files go; None: nowhere.
-        keep: how long a line is kept, about a day more in files.
-        max_bytes: of all files.
+        keep: how long a line is kept; in files about a day longer.
+        max_bytes: the most that all files have.
+        trusted_proxies: they are believed whom they ask for.
     """
 
     def __init__(
-        self, folder: Path | None = None, *, keep: timedelta = timedelta(days=90), max_bytes: int = 10 << 20
+        self,
+        folder: Path | None = None,
+        *,
+        keep: timedelta = timedelta(days=90),
+        max_bytes: int = 10 << 20,
+        trusted_proxies: Networks = (),
     ) -> None:
         self._folder, self._keep, self._max_bytes = folder, keep, max_bytes
-        self._lines: deque[Look] = deque(maxlen=_MOST_LINES)
-        self._watched_s: OrderedDict[tuple[object, ...], float] = OrderedDict()
+        self._trusted_proxies = trusted_proxies
+        self._lines: deque[LogLine] = deque(maxlen=_MAX_LINES)
+        self._recorded_s: OrderedDict[tuple[object, ...], float] = OrderedDict()
         self._file: Path | None = None
         self._lock, self._disk = threading.Lock(), threading.Lock()
         self._log = structlog.get_logger()
-        self._unwritten: queue.Queue[Look] = queue.Queue(_MOST_LINES)
+        self._unwritten: queue.Queue[LogLine] = queue.Queue(_MAX_LINES)
         if folder is not None:
             self._lines.extend(_read(_files(folder)))
             threading.Thread(target=self._write_all, args=(folder,), name="access log", daemon=True).start()
 
-    def note(self, client: str, camera: str, view: int, what: str, now: datetime | None = None) -> None:
-        """Notes that ``client`` was shown a view of a camera; the same again within a minute is one look. The disk is another
-        thread's: whoever shows pictures never waits for it."""
+    def record(self, request: HTTPConnection, camera: str, view: int, what: str) -> None:
+        """Records that the sender of ``request`` is shown a view now. ``what``: as in ``LogLine``."""
+        peer = request.client.host if request.client else ""
+        forwarded = request.headers.getlist("x-forwarded-for")
+        self.add(client_address(peer, forwarded, self._trusted_proxies), camera, view, what)
+
+    def add(self, client: str, camera: str, view: int, what: str, now: datetime | None = None) -> None:
+        """Records an access, unless the same was recorded within a minute. Never waits for the disk: another thread writes."""
         now = now or datetime.now(UTC)
         with self._lock:
             if not self._is_new((client, camera, view, what)):
                 return
-            look = Look(now, client, camera, view, what)
-            self._lines.append(look)
+            line = LogLine(now, client, camera, view, what)
+            self._lines.append(line)
         if self._folder is not None:
             try:
-                self._unwritten.put_nowait(look)
+                self._unwritten.put_nowait(line)
             except queue.Full:
-                self._log.error("a look at a camera can't be written down: the disk is too slow", camera=camera)
+                self._log.error("an access to a camera can't be written down: the disk is too slow", camera=camera)
 
-    def of(self, camera: str, now: datetime | None = None) -> list[Look]:
-        """The newest looks at a camera, newest first."""
+    def records_of(self, camera: str, now: datetime | None = None) -> list[AccessRecord]:
+        """The newest accesses to a camera, newest first; empty for a camera that nobody knows."""
         oldest = (now or datetime.now(UTC)) - self._keep
         with self._lock:
-            return [look for look in reversed(self._lines) if look.camera == camera and look.time >= oldest]
+            lines = [line for line in reversed(self._lines) if line.camera == camera and line.time >= oldest]
+        return [AccessRecord(time=line.time, client=line.client, view=line.view, what=line.what) for line in lines]
 
-    def tidy(self, now: datetime | None = None) -> None:
-        """Removes files of lines that are too old, also where nobody looks any more."""
+    def remove_old_files(self, now: datetime | None = None) -> None:
+        """Removes files whose lines are too old. To be called now and then: there may be no access for months."""
         now = now or datetime.now(UTC)
         if self._folder is None:
             return
@@ -80,49 +108,51 @@ class AccessLog:
             try:
                 self._drop_old(self._folder, now)
             except OSError as error:
-                self._log.error("old looks can't be removed", folder=str(self._folder), error=str(error))
+                self._log.error(
+                    "old files of the access log can't be removed", folder=str(self._folder), error=str(error)
+                )
 
-    def _is_new(self, watcher: tuple[object, ...]) -> bool:
+    def _is_new(self, access: tuple[object, ...]) -> bool:
         now_s = time.monotonic()
-        if now_s - self._watched_s.get(watcher, -_AGAIN_S) < _AGAIN_S:
+        if now_s - self._recorded_s.get(access, -_REPEAT_S) < _REPEAT_S:
             return False
-        self._watched_s[watcher] = now_s
-        self._watched_s.move_to_end(watcher)
-        while len(self._watched_s) > _MOST_WATCHERS:
-            self._watched_s.popitem(last=False)
+        self._recorded_s[access] = now_s
+        self._recorded_s.move_to_end(access)
+        while len(self._recorded_s) > _MAX_CLIENTS:
+            self._recorded_s.popitem(last=False)
         return True
 
     # --- files ----------------------------------------------------------------------------------------------------
 
-    def settle(self) -> None:
-        """Waits until all that was noted is in files."""
+    def flush(self) -> None:
+        """Waits until all that was recorded is in files."""
         self._unwritten.join()
 
     def _write_all(self, folder: Path) -> None:
         while True:
-            look = self._unwritten.get()
+            line = self._unwritten.get()
             with self._disk:
-                self._write(folder, look)
+                self._write(folder, line)
             self._unwritten.task_done()
 
-    def _write(self, folder: Path, look: Look) -> None:
-        """Appends a line. A disk that can't be written costs the lines on it, and is said: people may have to see."""
+    def _write(self, folder: Path, line: LogLine) -> None:
+        """Appends a line. A disk that can't be written costs the lines on it and is logged: people may have to see pictures."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            if self._file is None or self._is_full(self._file, look.time):
-                self._file = folder / look.time.strftime(_NAME)
-                self._drop_old(folder, look.time)
+            if self._file is None or self._is_full(self._file, line.time):
+                self._file = folder / line.time.strftime(_NAME)
+                self._drop_old(folder, line.time)
             with self._file.open("ab") as file:
-                file.write(msgspec.json.encode(look) + b"\n")
+                file.write(msgspec.json.encode(line) + b"\n")
         except OSError as error:
-            self._log.error("a look at a camera can't be written down", folder=str(folder), error=str(error))
+            self._log.error("an access to a camera can't be written down", folder=str(folder), error=str(error))
 
     @staticmethod
     def _is_full(file: Path, now: datetime) -> bool:
         return _began(file).date() != now.date() or not file.exists() or file.stat().st_size >= _FILE_BYTES
 
     def _drop_old(self, folder: Path, now: datetime) -> None:
-        """Removes files that ended before what is kept, and the oldest while all are too large."""
+        """Removes files that ended before what is kept, and the oldest while all together are too large."""
         files = _files(folder)
         sizes = {file: file.stat().st_size for file in files}
         for file, following in zip(files, [*files[1:], None], strict=False):
@@ -148,8 +178,8 @@ def _files(folder: Path) -> list[Path]:
     return sorted(found)
 
 
-def _read(files: Iterable[Path]) -> Iterable[Look]:
-    """Their lines; what a crash or a hand left broken is left out."""
+def _read(files: Iterable[Path]) -> Iterable[LogLine]:
+    """The lines of files. Lines that a crash or a person left broken are skipped."""
     for file in files:
         try:
             lines = file.read_bytes().splitlines()
@@ -157,6 +187,6 @@ def _read(files: Iterable[Path]) -> Iterable[Look]:
             continue
         for line in lines:
             try:
-                yield msgspec.json.decode(line, type=Look)
+                yield msgspec.json.decode(line, type=LogLine)
             except msgspec.DecodeError:
                 continue

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from surveilnav.services.gateway.core.hosts import allowed_names, listen_address, names_of_address
-from surveilnav.services.gateway.core.proxies import Networks, networks
+from surveilnav.services.gateway.core.hosts import Networks, allowed_names, listen_address, names_of_address, networks
 
 
 class GatewaySettings(BaseSettings):
-    """Where it listens, and what it is called on the bus."""
+    """Where the gateway listens, whom it answers, what it records, and its name on the bus."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_GATEWAY__", extra="ignore")
 
@@ -20,23 +19,25 @@ class GatewaySettings(BaseSettings):
     port: int = Field(default=8080, ge=0, le=65535, description="the TCP port; 0: any free one")
     allowed_hosts: str = Field(
         default="localhost,127.0.0.1,[::1]",
-        description="names that requests may be for (their Host), without ports, with commas between, beside the host; * for any",
+        description="names in Host headers that are answered, beside the host: without ports, with commas between; * for any",
     )
     root_path: str = Field(
         default="",
         pattern=r"^(/[A-Za-z0-9_.~-]+)*$",
-        description="where a proxy has the gateway, such as /surveilnav; the proxy takes it off",
+        description="the path below which a proxy has the gateway, such as /surveilnav; the proxy removes it from requests",
     )
     trusted_proxies: str = Field(
         default="",
-        description="proxies whose X-Forwarded-For the log of looks believes: addresses or networks with commas between",
+        description="proxies whose X-Forwarded-For the access log believes: addresses or networks with commas between",
     )
     access_log: str = Field(
         default="",
-        description="the folder where it is written down who looked at which camera; empty: kept in memory alone",
+        description="the folder for the access log, which says who was shown which camera; empty: it is only in memory",
     )
-    access_log_days: int = Field(default=90, ge=1, le=3650, description="how long such a line is kept")
-    access_log_mb: int = Field(default=10, ge=2, le=1000, description="of such files in all; the oldest go first")
+    access_log_days: int = Field(default=90, ge=1, le=3650, description="how long a line of the access log is kept")
+    access_log_mb: int = Field(
+        default=10, ge=2, le=1000, description="the size of all files of the access log; the oldest are removed first"
+    )
     node_id: str = Field(default="gateway", description="its name on the bus")
 
     @field_validator("host")
@@ -58,11 +59,11 @@ class GatewaySettings(BaseSettings):
 
     @property
     def proxies(self) -> Networks:
-        """The proxies that are believed."""
+        """The trusted proxies."""
         return networks(self.trusted_proxies)
 
     @property
     def names(self) -> frozenset[str] | None:
-        """The names that it answers under; None: any."""
+        """The names that the gateway answers under; None: any."""
         allowed = allowed_names(self.allowed_hosts)
         return None if allowed is None else allowed | names_of_address(self.host)

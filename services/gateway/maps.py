@@ -1,33 +1,50 @@
-"""The joint map: floors, and pictures of layers."""
+"""The joint map: floors, layers as pictures and arrays, the cloud; and ``/floors``."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Literal, NamedTuple
+from dataclasses import astuple, replace
+from typing import Annotated, Literal, NamedTuple
+
+from fastapi import APIRouter, Path, Query, Response
 
 from surveilnav import contract
 from surveilnav.errors import WireError
+from surveilnav.rest import ROOT, Floor, Items, Layer
 from surveilnav.sensing.layers import unpack_cloud, unpack_layer
-from surveilnav.services.gateway.asking import ask_known
+from surveilnav.services.gateway.answer_cache import AnswerCache
+from surveilnav.services.gateway.bus_requests import request_existing
 from surveilnav.services.gateway.cameras import Cameras
 from surveilnav.services.gateway.core import layers
-from surveilnav.services.gateway.core.clouds import thinned
-from surveilnav.services.gateway.core.layers import Drawn
+from surveilnav.services.gateway.core.layers import RenderedLayer
 from surveilnav.services.gateway.core.problems import Problem
-from surveilnav.services.gateway.core.resources import Floor, Layer
+from surveilnav.services.gateway.core.resources import floor_from_revision, layer_from_array
 from surveilnav.services.gateway.missions import Missions
-from surveilnav.services.gateway.single_flight import SingleFlight
-from surveilnav.services.gateway.sources import Sources
+from surveilnav.services.gateway.responses import (
+    NOT_CHANGED,
+    Id,
+    IfNoneMatch,
+    Limit,
+    Offset,
+    Responses,
+    etag_response,
+    page_of,
+)
+from surveilnav.services.gateway.robots import Robots
 from surveilnav.services.gateway.state import BuildingState
 
-#: So long one picture of a layer serves all who look: its maps change with every step of a robot.
-_LAYER_S = 0.5
-_MOST_LAYERS = 64
-_CLOUD_S = 10.0
+#: A picture of a layer serves everybody for this time; its maps change with every step of a robot.
+_LAYER_AGE_S = 0.5
+_MAX_LAYERS = 64
+_CLOUD_AGE_S = 10.0
+_MAX_CLOUDS = 4
 Form = Literal["png", "npy"]
+_PNG: Responses = {200: {"content": {"image/png": {}}, "description": "the picture"}, **NOT_CHANGED}
+_NPY: Responses = {200: {"content": {"application/octet-stream": {}}, "description": "the array"}, **NOT_CHANGED}
+_LayerName = Annotated[str, Path(max_length=64)]
+_Target = Annotated[str, Query(max_length=200)]
 
 
-class _Key(NamedTuple):
+class _LayerKey(NamedTuple):
     """What a picture or array shows."""
 
     floor: str
@@ -39,11 +56,11 @@ class _Key(NamedTuple):
 class Maps:
     """What fusion holds of the building, floor by floor."""
 
-    def __init__(self, state: BuildingState, cameras: Cameras, sources: Sources, missions: Missions) -> None:
+    def __init__(self, state: BuildingState, cameras: Cameras, robots: Robots, missions: Missions) -> None:
         self._state, self._node = state, state.node
-        self._cameras, self._sources, self._missions = cameras, sources, missions
-        self._layers: SingleFlight[tuple[Drawn, int]] = SingleFlight(_LAYER_S, _MOST_LAYERS)
-        self._clouds: SingleFlight[bytes] = SingleFlight(_CLOUD_S, most=4)
+        self._cameras, self._robots, self._missions = cameras, robots, missions
+        self._layers: AnswerCache[tuple[RenderedLayer, int]] = AnswerCache(_LAYER_AGE_S, _MAX_LAYERS)
+        self._clouds: AnswerCache[bytes] = AnswerCache(_CLOUD_AGE_S, _MAX_CLOUDS)
 
     def clear(self) -> None:
         """Begins anew: a replay was taken to another moment."""
@@ -53,10 +70,10 @@ class Maps:
     def floors(self) -> list[Floor]:
         """Every floor that has a map, a camera or a robot."""
         revisions = self._state.revisions.newest("floor")
-        cameras, robots = self._cameras.all(), self._sources.robots()
+        cameras, robots = self._cameras.all(), self._robots.all()
         names = set(revisions) | {c.floor for c in cameras} | {r.floor for r in robots}
         return [
-            Floor.from_revision(
+            floor_from_revision(
                 name,
                 revisions[name].message if name in revisions else None,
                 [r.id for r in robots if r.floor == name],
@@ -70,44 +87,100 @@ class Maps:
 
     def place(self, floor: str, layer: str, target: str) -> Layer:
         """Where a layer lies in the world."""
-        return Layer.of(floor, layer, target, *self.layer(floor, layer, target, "npy"), self._state.root)
+        return layer_from_array(floor, layer, target, *self.layer(floor, layer, target, "npy"), self._state.root)
 
-    def layer(self, floor: str, layer: str, target: str, form: Form = "png") -> tuple[Drawn, int]:
+    def layer(self, floor: str, layer: str, target: str, form: Form = "png") -> tuple[RenderedLayer, int]:
         """A layer as a picture or an array, at most half a second old, and the revision that it shows."""
         if layer not in layers.COLOURS:
             raise Problem(404, "unknown_layer", f"no picture of {layer!r}; layers: {', '.join(layers.COLOURS)}")
-        target = (target or self._searched(floor)) if layer == "value" else ""
-        key = _Key(floor, layer, form, target)
-        return self._layers.get(key, lambda: self._drawn(key))
+        target = (target or self._searched_target(floor)) if layer == "value" else ""
+        key = _LayerKey(floor, layer, form, target)
+        return self._layers.get(key, lambda: self._rendered(key))
 
-    def cloud(self, floor: str, most: int) -> bytes:
-        """The joint cloud as numpy's .npy, float32 (N, 6), at most so many points, at most ten seconds old: fusion sends all
-        that it has, which is much, once for all who ask."""
-        return self._clouds.get((floor, most), lambda: self._thinned(floor, most))
+    def cloud(self, floor: str, max_points: int) -> bytes:
+        """The joint cloud as numpy's .npy: float32 (N, 6), at most ``max_points`` points, at most ten seconds old.
 
-    def _thinned(self, floor: str, most: int) -> bytes:
-        row = ask_known(self._node, "floor", floor, "fusion", contract.MAP_LAYER, floor=floor, layer="cloud")
+        Fusion always sends all of its points, which is much; so one answer serves everybody.
+        """
+        return self._clouds.get((floor, max_points), lambda: self._thinned_cloud(floor, max_points))
+
+    def _thinned_cloud(self, floor: str, max_points: int) -> bytes:
+        row = request_existing(self._node, "floor", floor, "fusion", contract.MAP_LAYER, floor=floor, layer="cloud")
         try:
-            return layers.npy(thinned(unpack_cloud(row.message, row.payload), most))
+            return layers.npy(layers.thinned_cloud(unpack_cloud(row.message, row.payload), max_points))
         except WireError as error:
             raise Problem(502, "bad_layer", f"fusion sent a cloud that can't be read: {error}") from error
 
-    def _searched(self, floor: str) -> str:
-        """The target of the newest mission, preferably one on this floor: whose values a person wants to see."""
-        missions = sorted(self._missions.all(), key=lambda m: m.floor != floor)
+    def _searched_target(self, floor: str) -> str:
+        """The target of the newest mission, preferably on this floor: whose values a person most likely wants to see."""
+        missions = sorted(self._missions.all(), key=lambda mission: mission.floor != floor)
         if not missions:
             raise Problem(422, "no_target", "the value layer belongs to a target: add ?target=..., or submit a mission")
         return missions[0].target
 
-    def _drawn(self, key: _Key) -> tuple[Drawn, int]:
+    def _rendered(self, key: _LayerKey) -> tuple[RenderedLayer, int]:
         floor, layer, form, target = key
         parameters = {"target": target} if target else None
-        row = ask_known(
+        row = request_existing(
             self._node, "floor", floor, "fusion", contract.MAP_LAYER, parameters=parameters, floor=floor, layer=layer
         )
         try:
             cells = unpack_layer(layer, row.message, row.payload)
         except WireError as error:
             raise Problem(502, "bad_layer", f"fusion sent a {layer} layer that can't be read: {error}") from error
-        drawn = (layers.render if form == "png" else layers.as_array)(layer, row.message.grid, cells)
-        return replace(drawn, views_left_out=row.message.views_left_out), row.message.revision
+        rendered = (layers.render if form == "png" else layers.as_array)(layer, row.message.grid, cells)
+        return replace(rendered, views_left_out=row.message.views_left_out), row.message.revision
+
+
+def router(maps: Maps) -> APIRouter:
+    """The addresses of floors and their layers."""
+    router = APIRouter(prefix=ROOT, tags=["building"])
+
+    @router.get("/floors", name="floors")
+    def list_floors(limit: Limit = 100, offset: Offset = 0) -> Items[Floor]:
+        return page_of(maps.floors(), limit, offset)
+
+    @router.get("/floors/{id}/layers/{layer}.png", response_class=Response, responses=_PNG)
+    def picture(id: Id, layer: _LayerName, target: _Target = "", if_none_match: IfNoneMatch = "") -> Response:
+        """A map layer, at most half a second old, north up, one pixel per cell: occupancy (slate), explored (pale blue),
+        frontier (orange), or value (viridis from the lowest to the highest value, for ``target``; default: the newest
+        mission's). All else is transparent. ``X-Surveilnav-Grid`` holds the world position of the lower left corner, the
+        cell size [m], rows and columns; ``X-Surveilnav-Range`` the ends of the value scale;
+        ``X-Surveilnav-Views-Left-Out`` how many views it leaves out because another model looked at them, if any.
+        """
+        rendered, revision = maps.layer(id, layer, target.strip())
+        return etag_response(rendered.data, "image/png", _headers(rendered, revision), if_none_match)
+
+    @router.get("/floors/{id}/layers/{layer}.npy", response_class=Response, responses=_NPY)
+    def array(id: Id, layer: _LayerName, target: _Target = "", if_none_match: IfNoneMatch = "") -> Response:
+        """A map layer as numpy's .npy, with the headers of its picture. Row 0 is the southernmost. uint8 0 or 1; for
+        value float32, NaN where unknown."""
+        rendered, revision = maps.layer(id, layer, target.strip(), "npy")
+        return etag_response(rendered.data, "application/octet-stream", _headers(rendered, revision), if_none_match)
+
+    @router.get("/floors/{id}/layers/{layer}")
+    def layer(id: Id, layer: Annotated[str, Path(pattern="^[a-z]{1,64}$")], target: _Target = "") -> Layer:
+        """Where a map layer lies in the world, and where its picture and its array are."""
+        return maps.place(id, layer, target.strip())
+
+    @router.get("/floors/{id}/cloud.npy", response_class=Response, responses=_NPY)
+    def cloud(
+        id: Id, points: Annotated[int, Query(ge=1, le=200_000)] = 50_000, if_none_match: IfNoneMatch = ""
+    ) -> Response:
+        """The joint cloud, as numpy's .npy: float32 (N, 6), x, y, z [m, world] and red, green, blue [0-1]. At most ``points``
+        of its points, spread evenly, at most ten seconds old."""
+        return etag_response(maps.cloud(id, points), "application/octet-stream", {}, if_none_match)
+
+    return router
+
+
+def _headers(rendered: RenderedLayer, revision: int) -> dict[str, str]:
+    headers = {
+        "X-Surveilnav-Revision": str(revision),
+        "X-Surveilnav-Grid": " ".join(f"{v:g}" for v in astuple(rendered.grid)),
+    }
+    if rendered.views_left_out:
+        headers["X-Surveilnav-Views-Left-Out"] = str(rendered.views_left_out)
+    if rendered.low is not None and rendered.high is not None:
+        headers["X-Surveilnav-Range"] = f"{rendered.low:.6g} {rendered.high:.6g}"
+    return headers

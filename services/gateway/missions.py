@@ -1,22 +1,43 @@
-"""Missions: followed, paused, cancelled."""
+"""Missions: submitted, followed, paused, cancelled; and ``/missions``."""
 
 from __future__ import annotations
 
+import hashlib
+import threading
+import uuid
+from collections import OrderedDict
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Header, Response
 
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
 from surveilnav.errors import SurveilNavError
-from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionPause, MissionStatus
-from surveilnav.services.gateway.asking import ask, ask_known
-from surveilnav.services.gateway.core.cursors import Place, page_after
+from surveilnav.messages import (
+    FINISHED_STATES,
+    Judged,
+    MissionAck,
+    MissionCancel,
+    MissionGoal,
+    MissionPause,
+    MissionStatus,
+)
+from surveilnav.rest import ROOT, GrowingItems, Mission, MissionPlan, MissionTraffic, NewMission
+from surveilnav.services.gateway.bus_requests import request, request_existing
+from surveilnav.services.gateway.core.missions import mission_from_ack, mission_from_status, plan_from_message
 from surveilnav.services.gateway.core.problems import Problem, refusal
-from surveilnav.services.gateway.core.resources import GrowingItems, Mission, MissionPlan, NewMission
+from surveilnav.services.gateway.core.selection import SortKey, page_after
+from surveilnav.services.gateway.responses import Cursor, Id, Limit, Offset
 from surveilnav.services.gateway.state import BuildingState
-from surveilnav.services.gateway.submissions import Submissions, told
+from surveilnav.services.gateway.traffic import MissionTrafficMeter
+from surveilnav.words import canonical
 
-_AT_ONCE = 16
+#: How many missions are paused at the same time.
+_PAUSE_THREADS = 16
+_MAX_KEYS = 10_000
 
 
 class Missions:
@@ -24,63 +45,64 @@ class Missions:
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node, self.root = state, state.node, state.root
-        self._submissions = Submissions(state)
+        #: The goal and the mission that was made of it, by Idempotency-Key.
+        self._submitted: OrderedDict[str, tuple[NewMission, Mission]] = OrderedDict()
+        self._submit_lock = threading.Lock()
+
+    # --- submitting -------------------------------------------------------------------------------------------------
 
     def submit(self, goal: NewMission, idempotency_key: str | None) -> Mission:
         """Hands a goal to the planner. The same key with the same goal is one mission, also across restarts."""
-        return self._submissions.submit(goal, idempotency_key)
+        if idempotency_key is None:
+            return self._submit(f"m-{uuid.uuid4().hex[:12]}", goal)
+        with self._submit_lock:  # of two requests with one key, the second waits for the mission of the first
+            if known := self._submitted.get(idempotency_key):
+                return _repeated(goal, known[0] == goal, known[1])
+            id = "m-" + hashlib.sha256(f"{self._node.building}\0{idempotency_key}".encode()).hexdigest()[:16]
+            if row := self._state.missions.newest("mission").get(id):  # submitted by a gateway before this one
+                words = {canonical(row.message.target), canonical(row.message.asked)}
+                return _repeated(goal, canonical(goal.target) in words, self._resource(row))
+            mission = self._submit(id, goal)
+            self._submitted[idempotency_key] = goal, mission
+            if len(self._submitted) > _MAX_KEYS:
+                self._submitted.popitem(last=False)
+            return mission
+
+    def _submit(self, id: str, goal: NewMission) -> Mission:
+        message = MissionGoal(
+            stamp_ns=clock_ns(),
+            mission=id,
+            target=goal.target,
+            robot=goal.robot or "",
+            max_steps=goal.max_steps,
+            queue=goal.queue,
+        )
+        ack: MissionAck = request(self._node, "planner", contract.MISSION_GOAL, message, mission=id).message
+        if not ack.accepted:
+            raise refusal(ack.error, ack.message)
+        return mission_from_ack(ack, goal, clock_ns())
+
+    # --- following --------------------------------------------------------------------------------------------------
 
     def all(self) -> list[Mission]:
-        """Newest first."""
+        """All missions, newest first."""
         verdicts = self._state.judged.newest("mission")
-        return [told(row, self._state, verdicts) for row in self._rows()]
+        return [self._resource(row, verdicts) for row in self._rows()]
 
     def page(self, cursor: str | None, offset: int, limit: int) -> GrowingItems[Mission]:
-        """At most ``limit``, newest first, after a cursor or from ``offset``."""
+        """At most ``limit`` missions, newest first, after a cursor or from ``offset``."""
         rows = self._rows()
-        page, next_cursor = page_after(rows, _place, cursor, offset, limit)
+        page, next_cursor = page_after(rows, _sort_key, cursor, offset, limit)
         verdicts = self._state.judged.newest("mission")
-        items = [told(row, self._state, verdicts) for row in page]
+        items = [self._resource(row, verdicts) for row in page]
         return GrowingItems(items=items, total=len(rows), next=next_cursor)
 
-    def _rows(self) -> list[Received[MissionStatus]]:
-        return sorted(self._state.missions.newest("mission").values(), key=_place)
-
     def get(self, id: str) -> Mission:
-        """The mission as it was last told of, or as the planner tells when asked."""
+        """The mission as the planner last reported it, or reports it now that it is asked. 404 if there is none."""
         row = self._state.missions.newest("mission").get(id)
-        if row is None:  # accepted a moment ago, or before this gateway was there
-            row = ask_known(self._node, "mission", id, "planner", contract.MISSION_STATUS, mission=id)
-        return self._told(row)
-
-    def cancel(self, id: str, reason: str) -> Mission:
-        """Asks the planner to end a mission; one that is finished can't be cancelled (409)."""
-        message = MissionCancel(stamp_ns=clock_ns(), mission=id, reason=reason)
-        return self._done(id, ask(self._node, "planner", contract.MISSION_CANCEL, message, mission=id).message)
-
-    def pause(self, id: str, reason: str, *, paused: bool) -> Mission:
-        """Pauses a mission, or has it go on; one that is finished does neither (409)."""
-        message = MissionPause(stamp_ns=clock_ns(), mission=id, paused=paused, reason=reason)
-        return self._done(id, ask(self._node, "planner", contract.MISSION_PAUSE, message, mission=id).message)
-
-    def pause_all(self, reason: str) -> None:
-        """Pauses what is under way, all at once; what can't be paused now is left: robots that are halted don't move."""
-
-        def pause(id: str) -> None:
-            with suppress(Problem, SurveilNavError):
-                self.pause(id, reason, paused=True)
-
-        under_way = [m.id for m in self.all() if m.state not in FINISHED_STATES]
-        with ThreadPoolExecutor(_AT_ONCE) as pool:
-            list(pool.map(pause, under_way))
-
-    def _done(self, id: str, ack: MissionAck) -> Mission:
-        """The mission in the state that the planner says it came to."""
-        if not ack.accepted:
-            if ack.state in FINISHED_STATES and not ack.error:
-                raise Problem(409, "finished", f"mission {id} is {ack.state} already; submit a new one")
-            raise refusal(ack.error, ack.message)
-        return self.get(id).model_copy(update={"state": ack.state})
+        if row is None:  # accepted a moment ago, or before this gateway started
+            row = request_existing(self._node, "mission", id, "planner", contract.MISSION_STATUS, mission=id)
+        return self._resource(row)
 
     def plans(self) -> list[MissionPlan]:
         """The present plans of the missions under way."""
@@ -89,17 +111,121 @@ class Missions:
             id for id, row in self._state.missions.newest("mission").items() if row.message.state not in FINISHED_STATES
         }
         rows = self._state.plans.newest("mission").items()
-        return [MissionPlan.from_plan(row.message, row.received_ns, alive) for id, row in rows if id in under_way]
+        return [plan_from_message(row.message, row.received_ns, alive) for id, row in rows if id in under_way]
 
     def plan(self, id: str) -> MissionPlan:
-        """The planner's present plan for a mission."""
-        row = ask_known(self._node, "plan of mission", id, "planner", contract.MISSION_PLAN, mission=id)
-        return MissionPlan.from_plan(row.message, row.received_ns, self._state.alive("planner"))
+        """The planner's present plan for a mission; 404 if it has none."""
+        row = request_existing(self._node, "plan of mission", id, "planner", contract.MISSION_PLAN, mission=id)
+        return plan_from_message(row.message, row.received_ns, self._state.alive("planner"))
 
-    def _told(self, row: Received[MissionStatus]) -> Mission:
-        return told(row, self._state)
+    def _rows(self) -> list[Received[MissionStatus]]:
+        return sorted(self._state.missions.newest("mission").values(), key=_sort_key)
+
+    def _resource(
+        self, row: Received[MissionStatus], verdicts: Mapping[str, Received[Judged]] | None = None
+    ) -> Mission:
+        """A mission as its planner reported it. ``verdicts`` are a simulator's by mission, where the caller has them."""
+        verdicts = self._state.judged.newest("mission") if verdicts is None else verdicts
+        judged = verdicts[row.message.mission].message.success if row.message.mission in verdicts else None
+        return mission_from_status(row.message, row.received_ns, self._state.alive("planner"), judged)
+
+    # --- changing ---------------------------------------------------------------------------------------------------
+
+    def cancel(self, id: str, reason: str) -> Mission:
+        """Asks the planner to end a mission; one that has ended can't be cancelled (409)."""
+        message = MissionCancel(stamp_ns=clock_ns(), mission=id, reason=reason)
+        return self._changed(id, request(self._node, "planner", contract.MISSION_CANCEL, message, mission=id).message)
+
+    def pause(self, id: str, reason: str, *, paused: bool) -> Mission:
+        """Pauses a mission or resumes it; one that has ended can be neither (409)."""
+        message = MissionPause(stamp_ns=clock_ns(), mission=id, paused=paused, reason=reason)
+        return self._changed(id, request(self._node, "planner", contract.MISSION_PAUSE, message, mission=id).message)
+
+    def pause_all(self, reason: str) -> None:
+        """Pauses all missions under way at once. One that can't be paused is skipped: halted robots don't move anyway."""
+
+        def pause(id: str) -> None:
+            with suppress(Problem, SurveilNavError):
+                self.pause(id, reason, paused=True)
+
+        under_way = [mission.id for mission in self.all() if not mission.has_ended]
+        with ThreadPoolExecutor(_PAUSE_THREADS) as pool:
+            list(pool.map(pause, under_way))
+
+    def _changed(self, id: str, ack: MissionAck) -> Mission:
+        """The mission in the state that the planner says it came to."""
+        if not ack.accepted:
+            if ack.state in FINISHED_STATES and not ack.error:
+                raise Problem(409, "finished", f"mission {id} is {ack.state} already; submit a new one")
+            raise refusal(ack.error, ack.message)
+        return self.get(id).model_copy(update={"state": ack.state})
 
 
-def _place(row: Received[MissionStatus]) -> Place:
-    """Newest first."""
+def _sort_key(row: Received[MissionStatus]) -> SortKey:
     return -max(0, row.message.started_ns), row.ids["mission"]
+
+
+def _repeated(goal: NewMission, same: bool, mission: Mission) -> Mission:
+    """The mission of an Idempotency-Key that was used before; 422 if that was with another goal."""
+    if same:
+        return mission
+    raise Problem(
+        422,
+        "idempotency_key_reused",
+        f"this Idempotency-Key belongs to mission {mission.id} for another goal ({mission.target!r}); "
+        f"send a new key for {goal.target!r}",
+    )
+
+
+def router(missions: Missions, meter: MissionTrafficMeter) -> APIRouter:
+    """The addresses below ``/missions``."""
+    router = APIRouter(prefix=f"{ROOT}/missions", tags=["missions"])
+
+    @router.post("", status_code=202)
+    def submit(
+        goal: NewMission,
+        response: Response,
+        idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255)] = None,
+    ) -> Mission:
+        """Submits a mission. With an Idempotency-Key, a repeated request is the same mission."""
+        mission = missions.submit(goal, idempotency_key)
+        response.headers["Location"] = f"{missions.root}/missions/{mission.id}"
+        return mission
+
+    @router.get("", name="missions")
+    def list_missions(limit: Limit = 100, offset: Offset = 0, cursor: Cursor = None) -> GrowingItems[Mission]:
+        """Missions, newest first. ``cursor`` is the ``next`` of the page before: the list goes on there, whatever was
+        submitted meanwhile."""
+        return missions.page(cursor, offset, limit)
+
+    @router.get("/{id}")
+    def mission(id: Id) -> Mission:
+        return missions.get(id)
+
+    @router.post("/{id}/cancel", status_code=202)
+    def cancel(id: Id, reason: Annotated[str, Body(embed=True, max_length=500)] = "") -> Mission:
+        """Cancels a mission; its robot stops."""
+        return missions.cancel(id, reason)
+
+    @router.post("/{id}/pause", status_code=202)
+    def pause(id: Id, reason: Annotated[str, Body(embed=True, max_length=500)] = "") -> Mission:
+        """Pauses a mission: its robot finishes its action and stays where it is."""
+        return missions.pause(id, reason, paused=True)
+
+    @router.post("/{id}/resume", status_code=202)
+    def resume(id: Id) -> Mission:
+        """Resumes a paused mission."""
+        return missions.pause(id, "", paused=False)
+
+    @router.get("/{id}/plan")
+    def plan(id: Id) -> MissionPlan:
+        """The planner's present plan: waypoint, path, and what else it weighed."""
+        return missions.plan(id)
+
+    @router.get("/{id}/traffic")
+    def traffic(id: Id) -> MissionTraffic:
+        """What cameras and robots sent while the mission ran, and a forecast."""
+        missions.get(id)  # 404 if there is no such mission
+        return meter.one(id)
+
+    return router

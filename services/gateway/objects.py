@@ -1,42 +1,54 @@
-"""The objects of the joint map, with their histories."""
+"""The objects of the joint map, with their histories; and ``/objects``."""
 
 from __future__ import annotations
 
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Path, Query, Request, Response
+
 from surveilnav import contract
 from surveilnav.bus import Received
+from surveilnav.contract import ID_PATTERN
 from surveilnav.messages import ObjectList, ObjectRecord
-from surveilnav.services.gateway.asking import absent, ask_known
-from surveilnav.services.gateway.core.crops import crop
-from surveilnav.services.gateway.core.object_filter import ObjectFilter
+from surveilnav.rest import ROOT, Items, Object, ObjectEvent
+from surveilnav.services.gateway.access_log import AccessLog
+from surveilnav.services.gateway.answer_cache import AnswerCache
+from surveilnav.services.gateway.bus_requests import absent, request_existing
+from surveilnav.services.gateway.core.camera_views import crop
 from surveilnav.services.gateway.core.problems import Problem
-from surveilnav.services.gateway.core.resources import Object
-from surveilnav.services.gateway.core.resources.object import ObjectEvent
-from surveilnav.services.gateway.single_flight import SingleFlight
+from surveilnav.services.gateway.core.resources import object_from_record
+from surveilnav.services.gateway.core.selection import ObjectFilter
+from surveilnav.services.gateway.responses import JPEG, Id, Limit, Offset
 from surveilnav.services.gateway.state import BuildingState
 
-#: So long one answer of fusion serves all who list objects: it has much else to do while a robot searches.
-_LIST_S = 1.0
+#: One answer of fusion serves everybody for this time: it has much else to do while a robot searches.
+_LIST_AGE_S = 1.0
+_MAX_LISTS = 64
+_Number = Annotated[int, Path(ge=0, le=2**31 - 1)]
 
 
 class Objects:
-    """What fusion tells of the building's objects."""
+    """What fusion reports of the building's objects."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
-        self._lists: SingleFlight[list[Received[ObjectList]]] = SingleFlight(_LIST_S, most=64)
+        self._lists: AnswerCache[list[Received[ObjectList]]] = AnswerCache(_LIST_AGE_S, _MAX_LISTS)
 
     def clear(self) -> None:
-        """Has fusion asked anew: its objects changed, or a replay was taken to another moment."""
+        """Has fusion asked again: its objects changed, or a replay was taken to another moment."""
         self._lists.clear()
 
     def records(self, wanted: ObjectFilter, text: str = "") -> list[ObjectRecord]:
-        """The objects wanted, by floor, last seen first. With a text: those first that fit it best, by what their
-        pictures looked like. Without, all who ask within a second get one answer, unless an object changed meanwhile."""
+        """The wanted objects by floor, the last seen first.
+
+        With a ``text`` those come first whose pictures fit it best. Without, everybody who asks within a second gets the same
+        answer, unless an object changed meanwhile.
+        """
         if text:
             rows = self._object_lists(wanted.floor, {"text": text})
         else:
             rows = self._lists.get(wanted.floor, lambda: self._object_lists(wanted.floor, None))
-        return wanted.chosen(r for row in rows for r in row.message.objects)
+        return wanted.apply(r for row in rows for r in row.message.objects)
 
     def _object_lists(self, floor: str | None, parameters: dict[str, str] | None) -> list[Received[ObjectList]]:
         """What fusion holds of one floor, or of all."""
@@ -46,34 +58,85 @@ class Objects:
             return self._node.ask_all(contract.OBJECTS)
         names = [floor] if floor is not None else self._state.revisions.newest("floor")  # a text may be refused
         return [
-            ask_known(self._node, "floor", name, "fusion", contract.OBJECTS, parameters=parameters, floor=name)
+            request_existing(self._node, "floor", name, "fusion", contract.OBJECTS, parameters=parameters, floor=name)
             for name in names
         ]
 
     def one(self, floor: str, id: int) -> Object:
-        """One object with all that ever happened to it; 404 if it isn't there (any more)."""
+        """One object with its whole history; 404 if there is none, or none any more."""
         what = f"object on floor {floor}"
-        asked = {"object": str(id)}
-        row = ask_known(self._node, what, str(id), "fusion", contract.OBJECTS, parameters=asked, floor=floor)
+        parameters = {"object": str(id)}
+        row = request_existing(
+            self._node, what, str(id), "fusion", contract.OBJECTS, parameters=parameters, floor=floor
+        )
         found = next((r for r in row.message.objects if r.id == id), None)
         if found is None:
             raise Problem(502, "bad_answer", f"fusion was asked for object {id} of floor {floor}, and told of others")
-        return Object.from_record(found)
+        return object_from_record(found)
 
     def picture(self, floor: str, id: int, number: int) -> tuple[ObjectEvent, bytes]:
-        """An event of an object's history, and what it saw: a JPEG around the box; 404 if it saw nothing, or nobody keeps
-        it."""
+        """An event of an object's history, and what it saw: a JPEG around the box.
+
+        404 if it saw nothing, or its picture isn't kept any more.
+        """
         history = self.one(floor, id).history
         if number >= len(history):
             raise Problem(404, "not_found", f"object {id} has a history of {len(history)} events, from 0")
         event = history[number]
         if event.box_px is None:
             raise Problem(404, "no_picture", f"event {number} of object {id} ({event.what}) saw nothing")
-        asked = {"source": event.source, "view": str(event.view), "seq": str(event.seq)}
-        row = ask_known(
-            self._node, "picture of object", str(id), "fusion", contract.VIEW_PICTURE, parameters=asked, floor=floor
+        parameters = {"source": event.source, "view": str(event.view), "seq": str(event.seq)}
+        row = request_existing(
+            self._node,
+            "picture of object",
+            str(id),
+            "fusion",
+            contract.VIEW_PICTURE,
+            parameters=parameters,
+            floor=floor,
         )
         try:
             return event, crop(row.payload, event.box_px)
         except ValueError as error:
             raise Problem(502, "bad_picture", f"fusion sent a picture that can't be shown: {error}") from error
+
+
+def router(objects: Objects, access_log: AccessLog) -> APIRouter:
+    """The addresses of objects."""
+    router = APIRouter(prefix=ROOT, tags=["building"])
+
+    @router.get("/objects", name="objects")
+    def list_objects(
+        floor: Annotated[str | None, Query(pattern=ID_PATTERN)] = None,
+        label: Annotated[str | None, Query(max_length=200)] = None,
+        status: Literal["candidate", "confirmed", "rejected"] | None = None,
+        min_confidence: Annotated[float, Query(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0,
+        text: Annotated[str, Query(max_length=200)] = "",
+        limit: Limit = 100,
+        offset: Offset = 0,
+    ) -> Items[Object]:
+        """Objects with the last event of their history, by floor, the last seen first. An answer may be a second old.
+        ``text``: words that a perception worker understands (one with a closed set refuses others); the objects that look
+        most like them come first, with their ``relevance``."""
+        wanted = ObjectFilter(floor, label, status, min_confidence)
+        records = objects.records(wanted, text.strip())
+        page = [object_from_record(r) for r in records[offset : offset + limit]]
+        return Items(items=page, total=len(records))
+
+    @router.get("/floors/{id}/objects/{object}")
+    def one_object(id: Id, object: _Number) -> Object:
+        """One object with its whole history: which source said what of it when, and what came of it."""
+        return objects.one(id, object)
+
+    @router.get("/floors/{id}/objects/{object}/history/{number}.jpg", response_class=Response, responses=JPEG)
+    def picture(request: Request, id: Id, object: _Number, number: _Number) -> Response:
+        """What an event of the history (by its place, from 0) saw: a small picture around the box. 404 where nothing was
+        seen, and where the picture isn't kept any more: fusion keeps those of its newest views."""
+        event, jpeg = objects.picture(id, object, number)
+        kind, _, camera = event.source.partition("/")
+        if kind == "camera":
+            access_log.record(request, camera, event.view, "history")
+        # never cached: pictures can be forgotten, and objects that become one are numbered anew
+        return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
+
+    return router

@@ -1,7 +1,6 @@
-"""The gateway's side of the bus: it remembers what is put, asks for the rest, and turns it into resources.
+"""The gateway's side of the bus: it remembers what is put, requests the rest, and turns it into resources.
 
-Calls block for as long as the contract says that an answer may take: run them on threads. What can't be had is a
-``Problem``.
+Calls block for as long as the contract lets an answer take, so they run on threads. What can't be had is a ``Problem``.
 """
 
 from __future__ import annotations
@@ -11,115 +10,127 @@ from collections import ChainMap
 from collections.abc import Callable
 
 from surveilnav.bus import Node
-from surveilnav.services.gateway.cameras import Cameras
-from surveilnav.services.gateway.core.metrics import Heard
-from surveilnav.services.gateway.core.resources import NEEDED, Building, Readiness, RobotHalt, Service, Traffic
-from surveilnav.services.gateway.core.traffic import sum_traffic
-from surveilnav.services.gateway.costs import MissionCosts
-from surveilnav.services.gateway.events import Events
-from surveilnav.services.gateway.live import Live, Things
-from surveilnav.services.gateway.looks import Looks
+from surveilnav.rest import Building, Readiness, RobotHalt, Service, Traffic
+from surveilnav.services.gateway.access_log import AccessLog
+from surveilnav.services.gateway.cameras import Cameras, PastPictures
+from surveilnav.services.gateway.change_detector import ChangeDetector
+from surveilnav.services.gateway.core.metrics import BuildingMetrics
+from surveilnav.services.gateway.core.resources import (
+    NEEDED,
+    building_from_parts,
+    readiness_from_nodes,
+    service_from_state,
+)
 from surveilnav.services.gateway.maps import Maps
 from surveilnav.services.gateway.missions import Missions
 from surveilnav.services.gateway.objects import Objects
-from surveilnav.services.gateway.pictures import Pictures
-from surveilnav.services.gateway.recordings import Recordings
-from surveilnav.services.gateway.replays import Replays
-from surveilnav.services.gateway.sources import Sources
+from surveilnav.services.gateway.recordings import Recordings, Replays
+from surveilnav.services.gateway.robots import PerceptionWorkers, Robots
 from surveilnav.services.gateway.state import BuildingState
-from surveilnav.services.gateway.tiles import Tiles
-from surveilnav.services.gateway.watch import Watch
+from surveilnav.services.gateway.stream_sources import BuildingEvents, LiveStates, Resources
+from surveilnav.services.gateway.tiles import CameraTiles
+from surveilnav.services.gateway.traffic import MissionTrafficMeter, present_traffic
 
-#: The newest; older ones are had by REST.
-_MISSIONS_SHOWN = 100
+#: How many of the newest missions /live has; older ones are had by /missions.
+_LIVE_MISSIONS = 100
 
 
 class Gateway:
-    """All that the web side may ask for, a part for each kind of resource, and the whole: building, traffic, readiness."""
+    """All that the web side may ask for: a part for each kind of resource, and the whole (building, traffic, readiness).
 
-    def __init__(self, node: Node, root_path: str = "", looks: Looks | None = None) -> None:
-        """``root_path``: where a proxy has the gateway, such as /surveilnav; "": at the top."""
+    Args:
+        node: on the bus.
+        root_path: where a proxy has the gateway, such as /surveilnav; "" at the top.
+        access_log: in memory if None.
+    """
+
+    def __init__(self, node: Node, root_path: str = "", access_log: AccessLog | None = None) -> None:
         self._node = node
-        self.looks = looks or Looks()
+        self.access_log = access_log or AccessLog()
         self._state = BuildingState(node, root_path)
         self.missions = Missions(self._state)
         self.cameras = Cameras(self._state)
-        self.pictures = Pictures(node, self.cameras.thumbnails, self.looks)
-        self.sources = Sources(self._state)
-        self.maps = Maps(self._state, self.cameras, self.sources, self.missions)
+        self.pictures = PastPictures(node, self.cameras.thumbnails, self.access_log)
+        self.robots = Robots(self._state)
+        self.workers = PerceptionWorkers(self._state)
+        self.maps = Maps(self._state, self.cameras, self.robots, self.missions)
         self.objects = Objects(self._state)
         self.recordings = Recordings(self._state)
-        self.events = Events()
-        self.costs = MissionCosts(self._state, self.missions)
-        self._watch = Watch(self._state, self.cameras, self.sources, self.events, self.costs, self.objects.clear)
-        self.replays = Replays(self._state, (self._state, self.costs, self._watch, self.maps, self.objects))
-        self.live = Live(node, self._shown())
-        self.tiles = Tiles(node, self.cameras)
+        self.events = BuildingEvents()
+        self.meter = MissionTrafficMeter(self._state)
+        self._detector = ChangeDetector(self._state, self.cameras, self.robots, self.objects, self.events, self.meter)
+        self.replays = Replays(self._state, self._forget_everything)
+        self.live = LiveStates(node, self._live_resources())
+        self.tiles = CameraTiles(node, self.cameras)
 
-    def _shown(self) -> dict[str, Callable[[], Things]]:
-        """What streams tell of, by kind, and where it comes from."""
+    def _forget_everything(self) -> None:
+        """Has every part begin anew: a replay was taken to another moment, and they may know its future."""
+        for part in (self._state, self.meter, self._detector, self.maps, self.objects):
+            part.clear()
+
+    def _live_resources(self) -> dict[str, Callable[[], Resources]]:
+        """What /live sends, by kind (as in ``surveilnav.rest.LIVE_RESOURCES``)."""
         return {
             "building": lambda: {"": self.building()},
             "readiness": lambda: {"": self.readiness()},
             "floor": lambda: {f.id: f for f in self.maps.floors()},
             "camera": lambda: {c.id: c for c in self.cameras.all()},
-            "robot": lambda: {r.id: r for r in self.sources.robots()},
-            "worker": lambda: {w.id: w for w in self.sources.workers()},
+            "robot": lambda: {r.id: r for r in self.robots.all()},
+            "worker": lambda: {w.id: w for w in self.workers.all()},
             "recorder": lambda: {r.id: r for r in self.recordings.recorders()},
             "service": lambda: {s.id: s for s in self.services()},
-            "mission": lambda: {m.id: m for m in self.missions.all()[:_MISSIONS_SHOWN]},
+            "mission": lambda: {m.id: m for m in self.missions.all()[:_LIVE_MISSIONS]},
             "plan": lambda: {p.mission: p for p in self.missions.plans()},
-            "cost": self.costs.all,
-            "object": lambda: dict(ChainMap(*self._watch.objects.values())),
+            "cost": self.meter.all,
+            "object": lambda: dict(ChainMap(*self._detector.brief_objects.values())),
             "traffic": lambda: self.traffic().by_source(),
-            "replay": lambda: {"": found} if (found := self.replays.shown()) else {},
+            "replay": lambda: {"": found} if (found := self.replays.current()) else {},
         }
 
     def building(self) -> Building:
         """The building, with what is in it."""
-        inside = self.maps.floors(), self.cameras.all(), self.sources.robots(), self.missions.all()
-        return Building.of(self._node.building, *inside, ready=self.readiness().ready)
+        parts = self.maps.floors(), self.cameras.all(), self.robots.all(), self.missions.all()
+        return building_from_parts(self._node.building, *parts, ready=self.readiness().ready)
 
     def stop_robots(self, reason: str) -> list[RobotHalt]:
-        """Emergency stop: robots first, and missions pause meanwhile, also those of robots that don't answer."""
+        """Emergency stop: robots first. Missions are paused meanwhile, also those of robots that don't answer."""
         why = f"emergency stop{f': {reason}' if reason else ''}"
         threading.Thread(target=self.missions.pause_all, args=(why,), name="emergency-stop", daemon=True).start()
-        return self.sources.halt(True, reason)
+        return self.robots.halt(True, reason)
 
     def traffic(self) -> Traffic:
         """What every node counted, summed by node, camera and robot."""
-        rows = {f"{r.message.kind}/{r.message.node}": r for r in self._state.traffic.rows()}
-        heard = {name: (row.received_ns, self._state.traffic.old(row)) for name, row in rows.items()}
-        return Traffic.from_sums(sum_traffic(r.message for r in rows.values()), heard)
+        return present_traffic(self._state)
 
     def services(self) -> list[Service]:
-        """Processes that are kept running, as `surveilnav up` tells."""
-        told = self._state.services
+        """Processes that are kept running, as `surveilnav up` reports them."""
+        supervisors = self._state.services
         return [
-            Service.from_state(state, row.received_ns, told.old(row))
-            for row in told.newest("supervisor").values()
+            service_from_state(state, row.received_ns, supervisors.is_old(row))
+            for row in supervisors.newest("supervisor").values()
             for state in row.message.services
         ]
 
-    def heard(self) -> Heard:
-        """What metrics are made of."""
+    def metrics(self) -> BuildingMetrics:
+        """The state that the metrics are made of."""
         alive, loads = self._node.alive("perception"), self._state.loads
-        workers = {id: (row.message, id not in alive or loads.old(row)) for id, row in loads.newest("worker").items()}
-        return Heard(
+        workers = {
+            id: (row.message, id not in alive or loads.is_old(row)) for id, row in loads.newest("worker").items()
+        }
+        return BuildingMetrics(
             cameras=self.cameras.all(),
             floors=self.maps.floors(),
-            robots=self.sources.robots(),
+            robots=self.robots.all(),
             missions=self.missions.all(),
             processes=self.services(),
             workers=workers,
             traffic=self.traffic(),
             recorders=self.recordings.recorders(),
             ready=self.readiness().ready,
-            event_streams=self.events.streams,
+            event_streams=self.events.n_streams,
             events=self.events.newest,
         )
 
     def readiness(self) -> Readiness:
         """Whether a mission could run now, and what is missing."""
-        routers = self._node.routers()
-        return Readiness.of(routers, {kind: self._node.alive(kind) for kind, _ in NEEDED})
+        return readiness_from_nodes(self._node.routers(), {kind: self._node.alive(kind) for kind, _ in NEEDED})

@@ -1,6 +1,6 @@
-"""The planner service: takes missions, gives each a robot and a thread, tells what becomes of them.
+"""The planner service: accepts missions, gives each a robot and a thread, and reports on them.
 
-With a store it takes up again, when it starts, what it was killed over.
+With a store, missions that a killed planner was working on are resumed when it starts again.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_PAUSE, MIS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionAck, MissionCancel, MissionGoal, MissionPause
 from surveilnav.services.planner.config import PlannerSettings
-from surveilnav.services.planner.mission import Mission
-from surveilnav.services.planner.missions import Missions
+from surveilnav.services.planner.mission_registry import MissionRegistry
+from surveilnav.services.planner.mission_runner import MissionRunner
 
 _CANCEL_WAIT_S = _PAUSE_WAIT_S = 3.0
-_SAVE_AGAIN_S = 2.0
-_GIVE_S = 0.2
+_RETRY_SAVING_S = 2.0
+_ASSIGN_S = 0.2
 
 
 class PlannerService:
@@ -28,24 +28,23 @@ class PlannerService:
     def __init__(self, node: Node, settings: PlannerSettings) -> None:
         for kind in ("robot", "fusion", "perception"):
             node.alive(kind)  # the first call starts watching
-        self._node, self._missions = node, Missions(node, settings)
-        self._saved_s = self._gave_s = time.monotonic()
+        self._node, self._missions = node, MissionRegistry(node, settings)
+        self._saved_s = self._assigned_s = time.monotonic()
         node.serve(MISSION_GOAL, self._on_goal)
-        node.serve(MISSION_CANCEL, lambda request: self._of_open(request, self._cancel), workers=2)
-        node.serve(MISSION_PAUSE, lambda request: self._of_open(request, self._pause), workers=2)
-        node.serve(MISSION_STATUS, lambda request: self._tell(request, _status_of))
-        node.serve(MISSION_PLAN, lambda request: self._tell(request, _plan_of))
+        node.serve(MISSION_CANCEL, lambda request: self._if_open(request, self._cancel), workers=2)
+        node.serve(MISSION_PAUSE, lambda request: self._if_open(request, self._pause), workers=2)
+        node.serve(MISSION_STATUS, lambda request: self._answer(request, _status_of))
+        node.serve(MISSION_PLAN, lambda request: self._answer(request, _plan_of))
 
     def step(self) -> bool:
-        """Missions run on threads of their own; here those without a robot get one, and what the store couldn't do is tried
-        again now and then."""
+        """Assigns robots to queued missions, and retries what the store couldn't write. Missions run on their own threads."""
         now_s = time.monotonic()
-        if now_s - self._gave_s >= _GIVE_S:
-            self._gave_s = now_s
-            self._missions.give_robots()
-        if now_s - self._saved_s >= _SAVE_AGAIN_S:
+        if now_s - self._assigned_s >= _ASSIGN_S:
+            self._assigned_s = now_s
+            self._missions.assign_robots()
+        if now_s - self._saved_s >= _RETRY_SAVING_S:
             self._saved_s = now_s
-            self._missions.save_again()
+            self._missions.retry_saving()
         return False
 
     def _on_goal(self, request: Request) -> Answer:
@@ -59,8 +58,8 @@ class PlannerService:
             return _refused(goal.mission, error.name, str(error))
         return _acknowledged(mission, accepted=True)
 
-    def _of_open(self, request: Request, act: Callable[[Mission, Any], Answer]) -> Answer:
-        """What ``act`` answers to the message about a mission, unless that is unknown or has ended."""
+    def _if_open(self, request: Request, act: Callable[[MissionRunner, Any], Answer]) -> Answer:
+        """Has ``act`` answer a message about an open mission; refuses one about an unknown mission or one that has ended."""
         id = request.ids["mission"]
         mission = self._missions.get(id)
         if mission is None:
@@ -69,23 +68,23 @@ class PlannerService:
             return _acknowledged(mission, accepted=False, message=f"it is {mission.status.state} already")
         return act(mission, request.message)
 
-    def _cancel(self, mission: Mission, cancel: MissionCancel) -> Answer:
+    def _cancel(self, mission: MissionRunner, cancel: MissionCancel) -> Answer:
         mission.cancel(cancel.reason, _CANCEL_WAIT_S)
         return _acknowledged(mission, accepted=True)
 
-    def _pause(self, mission: Mission, wanted: MissionPause) -> Answer:
-        """Pauses or resumes, and waits a little for that to have happened."""
-        if mission.waits:
+    def _pause(self, mission: MissionRunner, wanted: MissionPause) -> Answer:
+        """Pauses or resumes a mission, and waits up to three seconds until it is paused or active."""
+        if mission.is_queued:
             why = f"mission {mission.id!r} has no robot yet, so there is nothing to pause; cancel it instead"
             return _refused(mission.id, "not_begun", why)
-        if not wanted.paused and self._missions.halted(mission.robot):
+        if not wanted.paused and self._missions.is_halted(mission.robot):
             return _refused(mission.id, "robot_halted", f"robot {mission.robot!r} is halted: release it first")
         mission.pause(wanted.reason) if wanted.paused else mission.resume()
         mission.wait_until(paused=wanted.paused, at_most_s=_PAUSE_WAIT_S)
         return _acknowledged(mission, accepted=True)
 
-    def _tell(self, request: Request, what: Callable[[Mission], Answer | None]) -> list[Answer]:
-        """One mission's answer, or that of all for a wildcard."""
+    def _answer(self, request: Request, what: Callable[[MissionRunner], Answer | None]) -> list[Answer]:
+        """Answers for one mission, or for all if the key has a wildcard."""
         id = request.ids.get("mission", "*")
         if "*" in id:
             return [answer for m in self._missions.all() if (answer := what(m)) is not None]
@@ -98,7 +97,7 @@ class PlannerService:
         return [answer]
 
 
-def _acknowledged(mission: Mission, *, accepted: bool, message: str = "") -> Answer:
+def _acknowledged(mission: MissionRunner, *, accepted: bool, message: str = "") -> Answer:
     return Answer(
         MissionAck(
             stamp_ns=clock_ns(),
@@ -117,9 +116,9 @@ def _refused(mission: str, error: str, message: str) -> Answer:
     return Answer(ack)
 
 
-def _status_of(mission: Mission) -> Answer | None:
+def _status_of(mission: MissionRunner) -> Answer | None:
     return Answer(mission.status, ids={"mission": mission.id})
 
 
-def _plan_of(mission: Mission) -> Answer | None:
+def _plan_of(mission: MissionRunner) -> Answer | None:
     return None if mission.plan is None else Answer(mission.plan, ids={"mission": mission.id})

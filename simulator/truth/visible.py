@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import TrueInstances, box_cells
+from surveilnav.sensing.views import TrueInstances
 from surveilnav.simulator.furniture.labels import KINDS, PARTS
 from surveilnav.simulator.truth.error_model import Floats, features
 from surveilnav.words import canonical
@@ -245,16 +245,3 @@ def _measured(
     ids = np.array([t.number for t in shown], np.uint64)
     labels = ["" if isinstance(t, Place) else t.label for t in shown]
     return Candidates(kind, labels, ids, x, -away / range_m[:, None], range_m, shown)
-
-
-def mask_within(thing: VisibleThing, box: Box, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """The thing's pixels inside another box."""
-    x0, y0, x1, y1 = box_cells(box, shape[1], shape[0])
-    left, top = int(thing.box_px[0]), int(thing.box_px[1])
-    whole = thing.mask
-    mask = np.zeros((y1 - y0, x1 - x0), bool)
-    a0, b0 = max(x0, left), max(y0, top)
-    a1, b1 = min(x1, left + whole.shape[1]), min(y1, top + whole.shape[0])
-    if a0 < a1 and b0 < b1:
-        mask[b0 - y0 : b1 - y0, a0 - x0 : a1 - x0] = whole[b0 - top : b1 - top, a0 - left : a1 - left]
-    return mask

@@ -198,15 +198,15 @@ def search(client: Client, node: Node, steps: int) -> Search:
     robots, at_s = node.table(ROBOT_STATUS), dict[int, float]()
     began_s = time.perf_counter()
     mission = client.submit(NEVER_TARGET, None, steps)
-    while client.mission(mission["id"])["state"] not in ("done", "failed", "cancelled"):
+    while not client.mission(mission.id).has_ended:
         until_s = time.perf_counter() + 0.5
         while time.perf_counter() < until_s:
             for row in robots.rows():
                 at_s.setdefault(row.message.seq, time.perf_counter())
             time.sleep(0.002)
     times = [at_s[seq] for seq in sorted(at_s)]
-    ended = client.mission(mission["id"])
-    return Search(time.perf_counter() - began_s, ended["step"], 1e3 * np.diff(times))
+    ended = client.mission(mission.id)
+    return Search(time.perf_counter() - began_s, ended.step, 1e3 * np.diff(times))
 
 
 #: A word that perception knows and the building hasn't.
@@ -233,7 +233,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         Client(f"http://127.0.0.1:{port}") as client,
         Node("cli", "bench", BusSettings(router=router, building=_bus_name(client)), alive=False) as node,
     ):
-        tiles = "&".join(f"of={c['id']}/0" for c in client.cameras()[:6])
+        tiles = "&".join(f"of={c.id}/0" for c in client.cameras()[:6])
         search(client, node, args.steps)  # compiles and fills caches
         quiet = [search(client, node, args.steps) for _ in range(2)]
         until_s, before_s, memory = time.time() + args.seconds, cpu_s(gateway), [memory_mb(gateway)]
@@ -259,7 +259,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _bus_name(client: Client) -> str:
-    return str(client.buildings()[0]["id"])
+    return str(client.buildings()[0].id)
 
 
 def report(

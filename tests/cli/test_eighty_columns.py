@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ import typer
 from rich.console import Console
 from typer.testing import CliRunner
 
+from surveilnav import rest
 from surveilnav.cli import status
 from surveilnav.cli.cameras import show_cameras
 from surveilnav.cli.main import app
@@ -19,7 +21,7 @@ from surveilnav.cli.mission_words import show_mission, show_missions, show_plan
 from surveilnav.cli.objects import show_objects
 from surveilnav.cli.survey import show_buildings
 from surveilnav.cli.traffic import show_traffic
-from surveilnav.services.gateway.core.resources import examples
+from surveilnav.rest import examples
 
 WIDTH = 80
 LONG = "north-wing_" + "0123456789" * 5 + "abc"
@@ -73,80 +75,97 @@ def shown(show: Any, *arguments: Any, **options: Any) -> str:
     return console.file.getvalue()  # type: ignore[attr-defined,no-any-return]
 
 
-MISSION = {
-    **examples.MISSION,
-    "id": LONG,
-    "robot": "r-" + LONG[:60],
-    "target": "something red to sit on",
-    "message": WORDY,
-    "error": "perception_down",
-    "state": "confirming",
-    "step": 4321,
-    "max_steps": 5000,
-    "path_m": 1234.5,
-}
-CAMERA = {
-    **examples.CAMERA,
-    "id": LONG,
-    "floor": "basement-2",
-    "labels": {"dining table": 0.81, "potted plant": 0.44, "tv": 0.2},
-}
-ROBOT = {**examples.ROBOT, "id": LONG, "mission": LONG, "message": WORDY, "notes": [WORDY], "state": "recovering"}
-OBJECT = {
-    **examples.OBJECT,
-    "label": "fire extinguisher",
-    "floor": "basement-2",
-    "center_m": [-112.5, 1234.5, -10.0],
-    "relevance": 0.61,
-    "sources": [f"camera/{LONG}", "robot/r1"],
-}
-_SOURCE = {
-    "id": LONG,
-    "node": f"camera/{LONG}",
-    "stale": False,
-    "last_seen": None,
-    "offered_bytes": 812_345_678_901,
-    "frames": 3,
-    "delivered_bytes": 812_345_678_901,
-    "wire_sent_bytes": None,
-    "frame_bytes": 812_345_678_901,
-    "viewer_bytes": 1,
-}
-_NODE = {
-    "id": LONG,
-    "kind": "perception",
-    "offered_bytes": 1,
-    "delivered_bytes": 812_345_678_901,
-    "wire_sent_bytes": 1,
-    "wire_received_bytes": None,
-    "rejected": {"bad": 3},
-}
-TRAFFIC = {
-    "offered_bytes": 1,
-    "delivered_bytes": 2,
-    "wire_sent_bytes": 3,
-    "cameras": [_SOURCE],
-    "robots": [_SOURCE],
-    "nodes": [_NODE],
-}
-SERVICE = {
-    "id": f"camera-{LONG}",
-    "running": False,
-    "restarts": 123,
-    "restarted": "2026-01-31T10:00:41Z",
-    "why": WORDY,
-    "given_up": True,
-}
-WORKER = {
-    "id": LONG,
-    "backend": "yolo-world",
-    "stale": False,
-    "ready": False,
-    "queued": 16,
-    "capacity": 16,
-    "calibrated": False,
-    "why": WORDY,
-}
+MISSION = rest.Mission.model_validate(
+    examples.MISSION
+    | {
+        "id": LONG,
+        "robot": "r-" + LONG[:60],
+        "target": "something red to sit on",
+        "message": WORDY,
+        "error": "perception_down",
+        "state": "confirming",
+        "step": 4321,
+        "max_steps": 5000,
+        "path_m": 1234.5,
+    }
+)
+CAMERA = rest.Camera.model_validate(
+    examples.CAMERA
+    | {
+        "id": LONG,
+        "floor": "basement-2",
+        "labels": {"dining table": 0.81, "potted plant": 0.44, "tv": 0.2},
+    }
+)
+ROBOT = rest.Robot.model_validate(
+    examples.ROBOT | {"id": LONG, "mission": LONG, "message": WORDY, "notes": [WORDY], "state": "recovering"}
+)
+OBJECT = rest.Object.model_validate(
+    examples.OBJECT
+    | {
+        "label": "fire extinguisher",
+        "floor": "basement-2",
+        "center_m": [-112.5, 1234.5, -10.0],
+        "relevance": 0.61,
+        "sources": [f"camera/{LONG}", "robot/r1"],
+    }
+)
+_SOURCE = rest.SourceTraffic(
+    id=LONG,
+    node=f"camera/{LONG}",
+    stale=False,
+    offered_bytes=812_345_678_901,
+    frames=3,
+    delivered_bytes=812_345_678_901,
+    wire_sent_bytes=None,
+    frame_bytes=812_345_678_901,
+    viewer_bytes=1,
+    by_stream={},
+)
+_NODE = rest.NodeTraffic(
+    id=LONG,
+    kind="perception",
+    stale=False,
+    offered_bytes=1,
+    delivered_bytes=812_345_678_901,
+    offered_messages=1,
+    delivered_messages=1,
+    wire_sent_bytes=1,
+    wire_received_bytes=None,
+    simulation_bytes=0,
+    rejected={"bad": 3},
+)
+TRAFFIC = rest.Traffic(
+    offered_bytes=1,
+    delivered_bytes=2,
+    wire_sent_bytes=3,
+    cameras=[_SOURCE],
+    robots=[_SOURCE],
+    nodes=[_NODE],
+)
+SERVICE = rest.Service(
+    id=f"camera-{LONG}",
+    stale=False,
+    running=False,
+    restarts=123,
+    restarted=datetime(2026, 1, 31, 10, 0, 41, tzinfo=UTC),
+    why=WORDY,
+    given_up=True,
+)
+WORKER = rest.Worker(
+    id=LONG,
+    backend="yolo-world",
+    stale=False,
+    ready=False,
+    queued=16,
+    capacity=16,
+    latency_ms=None,
+    cached=0,
+    models={},
+    stages={},
+    calibrated=False,
+    why=WORDY,
+)
 EVERYTHING = {
     "services": [SERVICE],
     "robots": [ROBOT],
@@ -161,7 +180,9 @@ BUILDING = {
     "area_m2": 12345.6,
     "about": WORDY,
 }
-PLAN = {**examples.PLAN, "why": WORDY, "candidates": [{**c, "note": WORDY} for c in examples.PLAN["candidates"]]}
+PLAN = rest.MissionPlan.model_validate(
+    examples.PLAN | {"why": WORDY, "candidates": [{**c, "note": WORDY} for c in examples.PLAN["candidates"]]}
+)
 
 
 @pytest.mark.parametrize(
@@ -199,13 +220,13 @@ def test_the_nodes_fit_too():
 
 def test_a_file_gets_a_line_for_each_thing():
     console = Console(file=io.StringIO(), width=WIDTH)
-    show_missions([MISSION, MISSION], console)  # type: ignore[list-item]
+    show_missions([MISSION, MISSION], console)
     lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     assert len(lines) == 3
     assert all(LONG in line and WORDY in line for line in lines[1:])
 
 
 def test_strangers_texts_are_shown_and_not_obeyed():
-    text = shown(show_missions, [{**MISSION, "target": "[red]tv[/]", "message": "a\x1b[2Jb\u202ec"}])
+    text = shown(show_missions, [MISSION.model_copy(update={"target": "[red]tv[/]", "message": "a\x1b[2Jb\u202ec"})])
     assert "[red]tv[/]" in text
     assert not set("\x1b\u202e") & set(text)

@@ -11,7 +11,7 @@ from rich.console import Console
 from surveilnav.cli import following
 from surveilnav.client import Client
 from surveilnav.errors import GatewayError
-from surveilnav.services.gateway.core.resources import examples
+from surveilnav.rest import Mission, examples
 
 
 @pytest.mark.parametrize(
@@ -25,11 +25,11 @@ from surveilnav.services.gateway.core.resources import examples
 )
 def test_it_says_what_perception_calls_a_target(typed: str, target: str, said: str) -> None:
     class Gateway:
-        def submit(self, *asked: Any, queue: bool) -> dict[str, Any]:
+        def submit(self, *asked: Any, queue: bool) -> Mission:
             assert (asked, queue) == ((typed, None, 5), False)
             return self.mission("m")
 
-        def mission(self, id: str) -> dict[str, Any]:
+        def mission(self, id: str) -> Mission:
             found = {
                 "id": id,
                 "target": target,
@@ -39,11 +39,11 @@ def test_it_says_what_perception_calls_a_target(typed: str, target: str, said: s
                 "max_steps": 5,
                 "found": True,
             }
-            return {**examples.MISSION, **found, "message": "there it is"}
+            return Mission.model_validate({**examples.MISSION, **found, "message": "there it is"})
 
     printed = io.StringIO()
     mission = following.follow_mission(cast("Client", Gateway()), typed, "", 5, Console(file=printed, width=100))
-    assert mission.get("found")
+    assert mission.found
     assert said in printed.getvalue()
     assert ("perception calls it" in printed.getvalue()) == bool(said)
 
@@ -54,14 +54,14 @@ class Away:
     def __init__(self, times: int, name: str = "no_gateway") -> None:
         self.times, self.name = times, name
 
-    def submit(self, *asked: Any, queue: bool) -> dict[str, Any]:
-        return examples.MISSION
+    def submit(self, *asked: Any, queue: bool) -> Mission:
+        return Mission.model_validate(examples.MISSION)
 
-    def mission(self, id: str) -> dict[str, Any]:
+    def mission(self, id: str) -> Mission:
         if self.times:
             self.times -= 1
             raise GatewayError(self.name, "away")
-        return {**examples.MISSION, "state": "done", "found": True}
+        return Mission.model_validate({**examples.MISSION, "state": "done", "found": True})
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def followed(gateway: Away) -> Any:
 
 
 def test_a_gateway_that_comes_back_is_waited_for(quick):
-    assert followed(Away(20))["found"]
+    assert followed(Away(20)).found
 
 
 @pytest.mark.parametrize(("times", "name"), [(200, "no_gateway"), (1, "unknown_mission")])

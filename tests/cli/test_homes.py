@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import surveilnav.cli.homes
 import surveilnav.simulator.sources
-from surveilnav.cli.homes import as_dict, homes_in, look_at, show
+from surveilnav.cli.homes import as_dict, homes_in, show, survey_folder
 from surveilnav.cli.main import app
 from surveilnav.errors import AssetError, ConfigError
 
@@ -54,7 +54,7 @@ NAMES = ["00800-abcd", "broken.glb", "deep/deeper/Home.xml", "old.sh3d", "shut.s
 
 def test_every_file_has_a_line_whatever_it_holds(folder):
     told = []
-    lines = look_at(folder, lambda *about: told.append(about))
+    lines = survey_folder(folder, lambda *about: told.append(about))
     assert [line.file for line in lines] == NAMES
     assert told == [*((n, 5, name) for n, name in enumerate(NAMES)), (5, 5, "")]
     said = {line.file: as_dict(line) for line in lines}
@@ -75,7 +75,7 @@ def test_a_bug_of_ours_is_a_line_too(folder, monkeypatch):
         raise ZeroDivisionError("by nothing")
 
     monkeypatch.setattr(surveilnav.cli.homes, "survey", fail)
-    errors = {line.file: line.error for line in look_at(folder)}
+    errors = {line.file: line.error for line in survey_folder(folder)}
     assert errors["shut.sh3d"] == "can't be opened by a mistake of this program: ZeroDivisionError: by nothing"
     assert "mistake of this program" not in errors["old.sh3d"]
 
@@ -87,7 +87,7 @@ def test_the_command_says_it_as_one_object_or_as_a_table(folder):
     assert [home["file"] for home in said["homes"]] == NAMES
     assert CliRunner().invoke(app, ["homes", str(folder / "old.sh3d")]).exit_code == 1, "nothing could be read"
     console = Console(width=80, file=io.StringIO())
-    show(look_at(folder), console)
+    show(survey_folder(folder), console)
     text = console.file.getvalue()
     assert max(map(len, text.splitlines())) <= 80
     assert "2 of 5 files could be read" in text

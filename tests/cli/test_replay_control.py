@@ -72,7 +72,7 @@ class Recorder:
 
 @pytest.mark.parametrize("back", [True, False])
 def test_who_is_taken_elsewhere_forgets_before_it_says_so(monkeypatch: pytest.MonkeyPatch, back: bool) -> None:
-    monkeypatch.setattr("surveilnav.cli.replay.play.told", lambda path: iter(()))
+    monkeypatch.setattr("surveilnav.cli.replay.play.read_recording", lambda path: iter(()))
     log: Any = Recorder()
     playing = _Playing(log, log, Path("x"), 0)
     playing._told_s = 50.0

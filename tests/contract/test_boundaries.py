@@ -27,7 +27,7 @@ PLANTS = {
     "each layer imports only what stands below it": {
         "shared/surveilnav/bus": "surveilnav.services",
         "shared/surveilnav/sensing": "surveilnav.simulator.world.scene",
-        "simulator/world": "surveilnav.services.fusion.core.voxels",
+        "simulator/world": "surveilnav.services.fusion.core.maps.voxels",
         "services/planner": "surveilnav.benchmark",
         "benchmark": "surveilnav.cli.main",
     },

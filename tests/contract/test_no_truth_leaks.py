@@ -38,7 +38,7 @@ def fields(kind: type) -> set[str]:
 def test_frames_carry_pixels_depth_and_poses_only():
     assert fields(FrameHeader) == FRAME_FIELDS
     assert fields(Observation) == FRAME_FIELDS | ODOMETRY_FIELDS
-    encodings = msgspec.json.schema(FrameHeader)["$defs"]["Part"]["properties"]["encoding"]["enum"]
+    encodings = msgspec.json.schema(FrameHeader)["$defs"]["PayloadPart"]["properties"]["encoding"]["enum"]
     assert sorted(encodings) == ["depth-invq-zstd", "jpeg"]
 
 
@@ -88,7 +88,7 @@ TRUTH_USERS = {
     "robot_node/service.py",
 }
 #: The gateway alone hears the simulator's verdict of a stop; its sums of traffic leave all of that out.
-JUDGED_USERS = {"robot_node/verdicts.py", "gateway/state.py", "gateway/submissions.py"}
+JUDGED_USERS = {"robot_node/verdicts.py", "gateway/state.py", "gateway/missions.py"}
 SIMULATION_USERS = {"gateway/core/traffic.py"}
 TRUTH_NAMES = {"TRUTH", "Truth", "TrueInstances", "truth_from_wire", "truth_to_wire", "truth_labels", "instance_ids"}
 

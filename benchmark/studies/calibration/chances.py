@@ -28,7 +28,13 @@ from scipy.optimize import minimize
 
 from surveilnav.benchmark.dataset.splits import SceneSpec
 from surveilnav.benchmark.studies.calibration.run import OUT, UNSEEN, measured
-from surveilnav.benchmark.studies.calibration.views import MIN_SIZE_RAD, Found, Look, Looks, owners_of
+from surveilnav.benchmark.studies.calibration.views import (
+    MIN_SIZE_RAD,
+    MeasuredDetection,
+    MeasuredView,
+    MeasuredViews,
+    owners_of,
+)
 from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.chances import ChanceTable, ClassTerms, Floats, features, size_rad
@@ -78,12 +84,12 @@ class Judged:
         return Judged(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
 
-def judged(buildings: Sequence[Looks]) -> Judged:
+def judged(buildings: Sequence[MeasuredViews]) -> Judged:
     """All detections in the views of buildings."""
     rows = [
         (number, d.label, d.score, size_rad(d.box_px, look.camera.fx_px), d.depth_m, look.is_camera, owner)
         for number, building in enumerate(buildings)
-        for look in building.looks
+        for look in building.views
         for d, owner in zip(look.found, true_owners(building, look), strict=True)
     ]
     things = [(number, label, owner[:-1]) for number, label, *_, owner in rows]
@@ -94,7 +100,7 @@ def judged(buildings: Sequence[Looks]) -> Judged:
     return Judged(building, label, features(score, size, range_m, camera), score, right, weight)
 
 
-def true_owners(building: Looks, look: Look) -> list[tuple[Any, ...]]:
+def true_owners(building: MeasuredViews, look: MeasuredView) -> list[tuple[Any, ...]]:
     """Of every detection of a view, which thing it shows, and last what that truly is; of one that shows none, the metre of the
     world that it lies in, and ""."""
     truth, depth_m = look.truth(building.labels)
@@ -107,7 +113,7 @@ def true_owners(building: Looks, look: Look) -> list[tuple[Any, ...]]:
     ]
 
 
-def _metre(d: Found, look: Look) -> tuple[int, ...]:
+def _metre(d: MeasuredDetection, look: MeasuredView) -> tuple[int, ...]:
     x0, y0, x1, y1 = d.box_px
     u, v, z = np.array([[(x0 + x1) / 2], [(y0 + y1) / 2], [d.depth_m]])
     p_world = world_points(u, v, z, look.camera, look.T_world_camera.matrix())[0]
@@ -144,7 +150,9 @@ def fit(rows: Judged, source: str = "") -> ChanceTable:
 
 def chances_of(table: ChanceTable, rows: Judged) -> Floats:
     """(N,) the table's chances."""
-    return np.array([table.of_features(label, x) for label, x in zip(rows.label.tolist(), rows.x, strict=True)])
+    return np.array(
+        [table.chance_from_features(label, x) for label, x in zip(rows.label.tolist(), rows.x, strict=True)]
+    )
 
 
 def left_out(rows: Judged) -> Floats:
@@ -227,7 +235,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     rows = judged(buildings)
     names = ", ".join(b.name for b in buildings)
-    n_views = sum(len(b.looks) for b in buildings)
+    n_views = sum(len(b.views) for b in buildings)
     table = fit(rows, f"{len(rows.right)} detections of {model} in {n_views} views of {names}")
     path = DATA / "chances" / f"{args.backend}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -237,7 +245,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def looks_for(name: str, n_views: int) -> tuple[list[Looks], str]:
+def looks_for(name: str, n_views: int) -> tuple[list[MeasuredViews], str]:
     """What a backend found in the buildings that its chances are fitted in, measured where it isn't yet, and its detector.
 
     Raises:
@@ -246,7 +254,7 @@ def looks_for(name: str, n_views: int) -> tuple[list[Looks], str]:
     backend = None if name == DEFAULT else _with_vocabulary(name)
     scenes = [SceneSpec(building, 0, "train") for building in BUILDINGS_OF.get(name, BUILDINGS)]
     buildings = [measured(scene, n_views, backend) for scene in scenes]
-    if not any(look.found for building in buildings for look in building.looks):
+    if not any(look.found for building in buildings for look in building.views):
         raise PerceptionError(f"{name} found nothing in any view")
     return buildings, name if backend is None else backend.models.detector
 

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr, ndtri
 from scipy.stats import rankdata
 
-from surveilnav.benchmark.studies.calibration.views import MIN_SIZE_RAD, Rows
+from surveilnav.benchmark.studies.calibration.views import MIN_SIZE_RAD, OutcomeTable
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.simulator.truth.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, showing
 
@@ -77,7 +77,7 @@ def both_above(a: Floats, b: Floats, r: Floats) -> Floats:
     return np.asarray(ndtr(a) * ndtr(b) + 0.5 * r * (density * _WEIGHTS).sum(axis=1) / (2 * np.pi))
 
 
-def pairs_of(rows: Rows, rng: np.random.Generator, most: int = _PAIRS) -> NDArray[np.int64]:
+def pairs_of(rows: OutcomeTable, rng: np.random.Generator, most: int = _PAIRS) -> NDArray[np.int64]:
     """(N, 2) rows that show the same instance in two views: half of an instance's pairs are of the nearest views."""
     groups: dict[tuple[int, int], list[int]] = {}
     for i, key in enumerate(zip(rows.building.tolist(), rows.ids.tolist(), strict=True)):
@@ -98,7 +98,7 @@ def pairs_of(rows: Rows, rng: np.random.Generator, most: int = _PAIRS) -> NDArra
     return joined[rng.permutation(len(joined))[:most]]
 
 
-def apart(rows: Rows, pairs: NDArray[np.int64]) -> tuple[Floats, Floats]:
+def apart(rows: OutcomeTable, pairs: NDArray[np.int64]) -> tuple[Floats, Floats]:
     """Of pairs: chord between the directions of sight, and difference of the logarithms of range."""
     a, b = pairs.T
     return (
@@ -107,7 +107,7 @@ def apart(rows: Rows, pairs: NDArray[np.int64]) -> tuple[Floats, Floats]:
     )
 
 
-def fit_luck(rows: Rows, eta: Floats, y: NDArray[np.bool_], rng: np.random.Generator) -> Luck:
+def fit_luck(rows: OutcomeTable, eta: Floats, y: NDArray[np.bool_], rng: np.random.Generator) -> Luck:
     """How alike luck is, by the likelihood of pairs of views of the same instance (Kuk and Nott 2000)."""
     pairs = pairs_of(rows, rng)
     if len(pairs) < 50:
@@ -140,7 +140,7 @@ def _luck_of(w: Floats) -> Luck:
     return Luck(*(round(float(v), 3) for v in (shares[0], shares[1], angle, np.exp(ratio))))
 
 
-def fit_kind(rows: Rows, presence: NDArray[np.float32], seed: int = 0) -> Kind:
+def fit_kind(rows: OutcomeTable, presence: NDArray[np.float32], seed: int = 0) -> Kind:
     """One kind's model. ``presence``: (views, 80) what too weak scores make of each class in a view; NaN: not weak."""
     rng = np.random.default_rng(seed)
     weights = fit_probit(rows.x, rows.labels, rows.found)
@@ -177,7 +177,7 @@ def fit_kind(rows: Rows, presence: NDArray[np.float32], seed: int = 0) -> Kind:
     )
 
 
-def _names(wrong: Rows) -> dict[str, dict[str, _Shares]]:
+def _names(wrong: OutcomeTable) -> dict[str, dict[str, _Shares]]:
     """By sight and class, shares of what it is mistaken for; where sightings are few, those of more things count."""
     everything = _shares(wrong, {"chair": 1.0}, 1.0)
     of_class = {label: _shares(wrong.where(wrong.labels == label), everything, _CLASS_PRIOR) for label in wrong.classes}
@@ -191,24 +191,24 @@ def _names(wrong: Rows) -> dict[str, dict[str, _Shares]]:
     return names
 
 
-def _seen_at(wrong: Rows, sight: str) -> Rows:
+def _seen_at(wrong: OutcomeTable, sight: str) -> OutcomeTable:
     """The rows of one of ``SIGHTS``; of places, whose size is their distance, those of all its kind of view: the piece of
     wall that a detection's middle lies on isn't what it takes for a bed."""
     return _seen_alike(wrong, sight) if wrong.kind == "place" else wrong.where(wrong.sight == sight)
 
 
-def _seen_alike(wrong: Rows, sight: str) -> Rows:
+def _seen_alike(wrong: OutcomeTable, sight: str) -> OutcomeTable:
     """The rows of all its kind of view."""
     return wrong.where(np.char.startswith(wrong.sight, sight.partition(" ")[0]))
 
 
-def _shares_at(wrong: Rows, sight: str, prior: _Shares) -> _Shares:
+def _shares_at(wrong: OutcomeTable, sight: str, prior: _Shares) -> _Shares:
     """Shares of names at one of ``SIGHTS``; where sightings are few, those of its kind of view count."""
     of_view = _shares(_seen_alike(wrong, sight), prior, _SIGHT_PRIOR)
     return _shares(_seen_at(wrong, sight), of_view, _SIGHT_PRIOR)
 
 
-def _shares(wrong: Rows, prior: _Shares, weight: float) -> _Shares:
+def _shares(wrong: OutcomeTable, prior: _Shares, weight: float) -> _Shares:
     counts = Counter(wrong.name.tolist())
     n = sum(counts.values()) + weight
     return {s: (counts[s] + weight * prior.get(s, 0.0)) / n for s in {**prior, **counts}}
@@ -221,7 +221,7 @@ def _rare_dropped(shares: _Shares, label: str) -> _Shares:
     return kept if len(kept) > 1 else kept | {s: 0.01 for s in ("chair", "couch", "bed") if s not in (label, *kept)}
 
 
-def _name_kept(wrong: Rows, names: dict[str, dict[str, _Shares]], rng: np.random.Generator) -> float:
+def _name_kept(wrong: OutcomeTable, names: dict[str, dict[str, _Shares]], rng: np.random.Generator) -> float:
     """How often an instance's own draw of a name is taken: near views agree by kept^2 + (1 - kept^2) sum of shares^2."""
     pairs = _near_pairs(wrong, rng)
     if len(pairs) < _FEW_PAIRS:
@@ -233,18 +233,18 @@ def _name_kept(wrong: Rows, names: dict[str, dict[str, _Shares]], rng: np.random
     return round(float(np.sqrt(np.clip(agreed, 0.0, 1.0))), 3)
 
 
-def _near_pairs(rows: Rows, rng: np.random.Generator) -> NDArray[np.int64]:
+def _near_pairs(rows: OutcomeTable, rng: np.random.Generator) -> NDArray[np.int64]:
     pairs = pairs_of(rows, rng)
     chord, ratio = apart(rows, pairs)
     near: NDArray[np.int64] = pairs[(chord < 0.5) & (ratio < 0.35)]
     return near
 
 
-def _agreed(rows: Rows, pairs: NDArray[np.int64]) -> float:
+def _agreed(rows: OutcomeTable, pairs: NDArray[np.int64]) -> float:
     return float((rows.name[pairs[:, 0]] == rows.name[pairs[:, 1]]).mean())
 
 
-def _missed(rows: Rows, presence: NDArray[np.float32], right: bool) -> Floats:
+def _missed(rows: OutcomeTable, presence: NDArray[np.float32], right: bool) -> Floats:
     """What is left in the view's scores of things that were missed, where nothing else bears or shows their class."""
     if not right or not set(rows.labels) <= set(COCO):
         return np.zeros(0)
@@ -282,7 +282,7 @@ def _boxes(boxes: Floats) -> list[list[float]]:
     return [_rounded(boxes[i]) for i in chosen]
 
 
-def _boxes_by_name(wrong: Rows) -> dict[str, list[list[float]]]:
+def _boxes_by_name(wrong: OutcomeTable) -> dict[str, list[list[float]]]:
     counts = Counter(wrong.name.tolist())
     return {name: _boxes(wrong.box[wrong.name == name]) for name in sorted(counts) if counts[name] >= _FEW_BOXES}
 
@@ -291,7 +291,7 @@ def _rounded(values: Iterable[float]) -> list[float]:
     return [round(float(v), 3) for v in values]
 
 
-def fit(rows: dict[str, Rows], presence: NDArray[np.float32], source: str) -> ErrorModel:
+def fit(rows: dict[str, OutcomeTable], presence: NDArray[np.float32], source: str) -> ErrorModel:
     """The whole model. ``rows`` by kind; ``source`` says where they come from."""
     what = "Error model of the backend 'simulated' (surveilnav.simulator.truth.error_model): how a real detector errs."
     said = {
@@ -304,7 +304,7 @@ def fit(rows: dict[str, Rows], presence: NDArray[np.float32], source: str) -> Er
     return ErrorModel(what, source, MIN_SCORE, MIN_SIZE_RAD, kinds, _haze(rows, unsaid))
 
 
-def matched(model: ErrorModel, measured: dict[str, Rows], drawn: dict[str, Rows]) -> ErrorModel:
+def matched(model: ErrorModel, measured: dict[str, OutcomeTable], drawn: dict[str, OutcomeTable]) -> ErrorModel:
     """The model moved so that finds, own names and wrong names come out as often, and wrong names as alike in near
     views, as measured.
 
@@ -329,7 +329,7 @@ def matched(model: ErrorModel, measured: dict[str, Rows], drawn: dict[str, Rows]
     return replace(model, kinds=kinds)
 
 
-_Outcomes = tuple[Rows, NDArray[np.bool_]]
+_Outcomes = tuple[OutcomeTable, NDArray[np.bool_]]
 
 
 def _as_often(weights: dict[str, list[float]], measured: _Outcomes, drawn: _Outcomes) -> dict[str, list[float]]:
@@ -347,7 +347,7 @@ def _as_often(weights: dict[str, list[float]], measured: _Outcomes, drawn: _Outc
     }
 
 
-def _moved(names: dict[str, _Shares], sight: str, measured: Rows, drawn: Rows) -> dict[str, _Shares]:
+def _moved(names: dict[str, _Shares], sight: str, measured: OutcomeTable, drawn: OutcomeTable) -> dict[str, _Shares]:
     """Shares of names at one of ``SIGHTS`` by as much more or less as they came out too seldom or too often."""
     if not (len(measured.name) and len(drawn.name)):
         return names
@@ -362,7 +362,7 @@ def _moved(names: dict[str, _Shares], sight: str, measured: Rows, drawn: Rows) -
     return out
 
 
-def _haze(rows: dict[str, Rows], unsaid: NDArray[np.float32]) -> dict[str, Haze]:
+def _haze(rows: dict[str, OutcomeTable], unsaid: NDArray[np.float32]) -> dict[str, Haze]:
     """What weak scores make of classes that a view neither shows nor says, where they make anything: normal scores of it
     by ridge regression on what shows."""
     things = rows["thing"]
@@ -386,7 +386,7 @@ def _haze(rows: dict[str, Rows], unsaid: NDArray[np.float32]) -> dict[str, Haze]
     return haze
 
 
-def _shown(rows: dict[str, Rows], n_views: int) -> tuple[list[str], Floats, Floats]:
+def _shown(rows: dict[str, OutcomeTable], n_views: int) -> tuple[list[str], Floats, Floats]:
     """Labels, how large things of each show in each view (views, labels), and whether it is a camera's."""
     seen = [rows[kind] for kind in ("thing", "other") if kind in rows]
     labels = sorted({label for r in seen for label in r.classes})

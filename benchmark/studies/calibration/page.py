@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from surveilnav.benchmark.studies.calibration.fit import apart, fit_probit, pairs_of
-from surveilnav.benchmark.studies.calibration.views import Looks, Rows, rows_of, simulated
+from surveilnav.benchmark.studies.calibration.views import MeasuredViews, OutcomeTable, rows_of, simulated
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.simulator.furniture.labels import TARGETS
@@ -28,7 +28,7 @@ class Band(NamedTuple):
 
     name: str
     edges: tuple[float, ...]
-    of: Callable[[Rows], Floats]
+    of: Callable[[OutcomeTable], Floats]
 
 
 BANDS = (
@@ -51,23 +51,23 @@ BANDS = (
 class Side:
     """What one detector, real or simulated, made of the same views. ``presence``: (views, 80); ``building``: (views,)."""
 
-    rows: dict[str, Rows]
+    rows: dict[str, OutcomeTable]
     presence: NDArray[np.float32]
     is_camera: NDArray[np.bool_]
     building: NDArray[np.str_]
 
     @classmethod
-    def real(cls, buildings: Sequence[Looks]) -> Side:
+    def real(cls, buildings: Sequence[MeasuredViews]) -> Side:
         """What the detector found."""
-        looks = [look for building in buildings for look in building.looks]
+        looks = [look for building in buildings for look in building.views]
         presence = np.array([look.presence for look in looks], np.float32)
         return cls(rows_of(buildings), presence, np.array([look.is_camera for look in looks]), _names(buildings))
 
     @classmethod
-    def simulated(cls, buildings: Sequence[Looks], models: Mapping[str, ErrorModel], seed: int) -> Side:
+    def simulated(cls, buildings: Sequence[MeasuredViews], models: Mapping[str, ErrorModel], seed: int) -> Side:
         """By the model of each building."""
         seen = [simulated(building, models[building.name], seed) for building in buildings]
-        is_camera = np.array([look.is_camera for building in buildings for look in building.looks])
+        is_camera = np.array([look.is_camera for building in buildings for look in building.views])
         rows = rows_of(buildings, [found for found, _ in seen])
         return cls(rows, np.concatenate([p for _, p in seen]), is_camera, _names(buildings))
 
@@ -121,11 +121,11 @@ class Side:
         return np.asarray(images @ texts.T, np.float64)
 
 
-def _names(buildings: Sequence[Looks]) -> NDArray[np.str_]:
-    return np.repeat([building.name for building in buildings], [len(building.looks) for building in buildings])
+def _names(buildings: Sequence[MeasuredViews]) -> NDArray[np.str_]:
+    return np.repeat([building.name for building in buildings], [len(building.views) for building in buildings])
 
 
-def _near(rows: Rows, most: int) -> NDArray[np.int64]:
+def _near(rows: OutcomeTable, most: int) -> NDArray[np.int64]:
     pairs = pairs_of(rows, np.random.default_rng(0), most)
     chord, _ = apart(rows, pairs)
     a, b = pairs.T
@@ -175,7 +175,7 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
             "",
             "![luck, scores, false alarms, value](behaviour.png)",
             "",
-            "## Found, and called by its own name",
+            "## MeasuredDetection, and called by its own name",
             "",
             "| class | visible | real | simulated |",
             "|---|---|---|---|",
@@ -226,7 +226,7 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
 
 def _confusion(real: Side, sims: Sequence[Side]) -> list[str]:
     """A line for every target, one for each kind of thing that is none."""
-    named: tuple[tuple[str, str, Callable[[Rows], NDArray[np.bool_]]], ...] = (
+    named: tuple[tuple[str, str, Callable[[OutcomeTable], NDArray[np.bool_]]], ...] = (
         *((label, "thing", lambda r, label=label: r.labels == label) for label in TARGETS),
         ("another class", "thing", lambda r: ~np.isin(r.labels, TARGETS)),
         ("furniture without a class", "other", lambda r: np.ones(len(r.ids), bool)),

@@ -11,7 +11,7 @@ import numpy as np
 
 from surveilnav.benchmark.studies.calibration.fit import MIN_SCORE
 from surveilnav.benchmark.studies.calibration.page import BANDS, CHORDS, Side, correlations
-from surveilnav.benchmark.studies.calibration.views import Rows
+from surveilnav.benchmark.studies.calibration.views import OutcomeTable
 from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.truth.error_model import Floats
 
@@ -74,7 +74,12 @@ def _false_rates(axis: Any, real: Side, sims: Sequence[Side]) -> None:
 
 
 def _reliability(
-    axis: Any, label: str, edges: Sequence[float], of: Callable[[Rows], Floats], real: Side, sims: Sequence[Side]
+    axis: Any,
+    label: str,
+    edges: Sequence[float],
+    of: Callable[[OutcomeTable], Floats],
+    real: Side,
+    sims: Sequence[Side],
 ) -> None:
     rows = real.rows["thing"]
     values, keep = of(rows), rows.labels == label

@@ -31,7 +31,7 @@ from surveilnav.benchmark.studies.calibration.fit import fit, matched
 from surveilnav.benchmark.studies.calibration.in_coco_words import InCocoWords
 from surveilnav.benchmark.studies.calibration.page import Side, compare
 from surveilnav.benchmark.studies.calibration.plots import plots
-from surveilnav.benchmark.studies.recordings import Tour, record
+from surveilnav.benchmark.studies.calibration.tour import Tour, views_on
 from surveilnav.errors import SurveilNavError
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.vocabulary import COCO
@@ -51,7 +51,7 @@ MODEL = Path(error_model.__file__).parent / "data" / "simulated_errors.json"
 _ROW = re.compile(r"\[[^\[\]{}]*\]")  # of numbers: kept on one line
 
 
-def measured(scene: SceneSpec, n_views: int, backend: Backend | None = None) -> views.Looks:
+def measured(scene: SceneSpec, n_views: int, backend: Backend | None = None) -> views.MeasuredViews:
     """The looks of one building: kept ones, or new ones. ``backend``: that looked; None: ``onnx-coco``."""
     name = scene.building
     folder = DATA if backend is None else DATA / backend.models.detector  # which names the weights
@@ -68,19 +68,19 @@ def measured(scene: SceneSpec, n_views: int, backend: Backend | None = None) -> 
     settings = SimulationSettings(building=name, seed=scene.seed, models=scene.models, cameras=CAMERAS)
     building = SimulatedBuilding(settings)
     backend = backend or choose_backend("onnx-coco")
-    recording = record(building, backend, Tour(n_views, math.radians(30.0), 0.5), progress)
-    looks = views.looks_of(name, recording, building, backend.vocabulary or COCO)
+    seen = views_on(building, backend, Tour(n_views, math.radians(30.0), 0.5), progress)
+    looks = views.measured_views_of(name, seen, building, backend.vocabulary or COCO)
     path.parent.mkdir(parents=True, exist_ok=True)
     views.save(looks, path)
     print(file=sys.stderr)
     return looks
 
 
-def fitted(buildings: Sequence[views.Looks], args: argparse.Namespace, detector: str) -> ErrorModel:
+def fitted(buildings: Sequence[views.MeasuredViews], args: argparse.Namespace, detector: str) -> ErrorModel:
     """The model of some buildings."""
     rows = views.rows_of(buildings)
-    n_camera = sum(look.is_camera for building in buildings for look in building.looks)
-    n = sum(len(building.looks) for building in buildings)
+    n_camera = sum(look.is_camera for building in buildings for look in building.views)
+    n = sum(len(building.views) for building in buildings)
     names = ", ".join(building.name for building in buildings)
     counts = ", ".join(f"{len(r.ids)} {kind}s, {int(r.found.sum())} found" for kind, r in rows.items())
     source = (
@@ -94,9 +94,9 @@ def fitted(buildings: Sequence[views.Looks], args: argparse.Namespace, detector:
     return model
 
 
-def presence_of(buildings: Sequence[views.Looks]) -> np.ndarray:
+def presence_of(buildings: Sequence[views.MeasuredViews]) -> np.ndarray:
     """(views, 80) of all views."""
-    return np.array([look.presence for building in buildings for look in building.looks], np.float32)
+    return np.array([look.presence for building in buildings for look in building.views], np.float32)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -133,7 +133,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 _Compared = tuple[ErrorModel, dict[str, ErrorModel], str]
 
 
-def _in_use(buildings: Sequence[views.Looks], args: argparse.Namespace) -> _Compared:
+def _in_use(buildings: Sequence[views.MeasuredViews], args: argparse.Namespace) -> _Compared:
     """The model in use, that of each building, and a word for the page."""
     model = error_model.error_model()
     about = (
@@ -143,7 +143,7 @@ def _in_use(buildings: Sequence[views.Looks], args: argparse.Namespace) -> _Comp
     return model, dict.fromkeys((building.name for building in buildings), model), about
 
 
-def _left_out(buildings: Sequence[views.Looks], args: argparse.Namespace, detector: str) -> _Compared:
+def _left_out(buildings: Sequence[views.MeasuredViews], args: argparse.Namespace, detector: str) -> _Compared:
     """A model of all buildings, for each building one of others, and a word for the page."""
     unseen = {}
     for fold in range(FOLDS):

@@ -11,26 +11,26 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.benchmark.studies.recordings import Recording, SeenView
+from surveilnav.benchmark.play.sight import SeenView
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.vocabulary import COCO, Vocabulary
-from surveilnav.sensing.views import Detected, TrueInstances, box_cells
+from surveilnav.sensing.views import DetectedObject, TrueInstances, box_cells
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.truth.backends import Simulated
 from surveilnav.simulator.truth.error_model import ErrorModel, Floats, sights
 from surveilnav.simulator.truth.visible import Candidates, Place, VisibleThing, candidates, measured, world_points
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 
 MIN_SIZE_RAD = 0.02
 _NO_PICTURE = np.zeros((0, 0, 3), np.uint8)
-_FORMAT = b"surveilnav looks 2"
+_FORMAT = b"surveilnav views 2"
 _SCALE = 2  # views are kept at this fraction of their resolution: that at which ``simulated`` sees them
 
 
-class Found(msgspec.Struct, frozen=True):
+class MeasuredDetection(msgspec.Struct, frozen=True):
     """A detection: box in pixels of the kept view, the instance that most of its mask shows (0: none) and its share,
     the median depth under its mask [m], the share that its label has of all classes' scores, and the next class (where the
     embedding says so: of COCO's detectors)."""
@@ -45,7 +45,7 @@ class Found(msgspec.Struct, frozen=True):
     second: str = ""
 
 
-class Look(msgspec.Struct, frozen=True):
+class MeasuredView(msgspec.Struct, frozen=True):
     """A view with what truly shows and what was found. ``presence``: of each of COCO's classes, from the image's
     embedding; empty where that is of another space."""
 
@@ -56,7 +56,7 @@ class Look(msgspec.Struct, frozen=True):
     camera: Pinhole
     ids: bytes
     depth_mm: bytes
-    found: list[Found]
+    found: list[MeasuredDetection]
     presence: list[float]
 
     @property
@@ -84,25 +84,25 @@ class _Home(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Looks:
+class MeasuredViews:
     """All views of one building."""
 
     name: str
     labels: dict[int, str]
-    looks: list[Look]
+    views: list[MeasuredView]
 
 
-def looks_of(name: str, recording: Recording, building: SimulatedBuilding, vocabulary: Vocabulary = COCO) -> Looks:
-    """Adds to a building's recording what its views truly show, in the words of the detector's ``vocabulary``."""
-    if recording.facts.scene_hash != building.scene.content_hash:
-        raise ValueError(f"the recording of {name} shows another building: delete it")
-    seen = [_look(s, building) for s in recording.views if s.perception is not None]
+def measured_views_of(
+    name: str, seen: Sequence[SeenView], building: SimulatedBuilding, vocabulary: Vocabulary = COCO
+) -> MeasuredViews:
+    """Adds to the views of a building what they truly show, in the words of the detector's ``vocabulary``."""
+    views = [_measured(s, building) for s in seen if s.perception is not None]
     labels = building.scene.truth_labels
-    own = {id_: said for id_, label in labels.items() if (said := vocabulary.name_of(label))}
-    return Looks(name, measured(labels) | own, seen)
+    own = {id_: said for id_, label in labels.items() if (said := vocabulary.exact_name(label))}
+    return MeasuredViews(name, measured(labels) | own, views)
 
 
-def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
+def _measured(seen: SeenView, building: SimulatedBuilding) -> MeasuredView:
     view, camera = seen.view, seen.view.camera
     small = camera.resized(camera.width_px // _SCALE, camera.height_px // _SCALE)
     shown = building.renderer.render(
@@ -113,7 +113,7 @@ def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
     image, is_of_classes = seen.perception.image_embedding, seen.perception.embedding_model == ClassSpace.model
     large = shown.instance_ids.repeat(_SCALE, axis=0).repeat(_SCALE, axis=1)
     found = [_found(d, view.depth_m, large, _SCALE, is_of_classes) for d in seen.perception.detections]
-    return Look(
+    return MeasuredView(
         view.source,
         view.view,
         view.seq,
@@ -127,8 +127,8 @@ def _look(seen: SeenView, building: SimulatedBuilding) -> Look:
 
 
 def _found(
-    d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1, is_of_classes: bool = True
-) -> Found:
+    d: DetectedObject, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1, is_of_classes: bool = True
+) -> MeasuredDetection:
     x0, y0, x1, y1 = box_cells(d.box_px, depth_m.shape[1], depth_m.shape[0])
     under_ids = ids[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)].ravel()
     counts = np.bincount(under_ids) if under_ids.size else np.zeros(1, np.int64)
@@ -136,7 +136,7 @@ def _found(
     under = depth_m[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)]
     under = under[under > 0]
     box = tuple(float(v) / scale for v in d.box_px)
-    return Found(
+    return MeasuredDetection(
         d.label,
         d.score,
         box,  # type: ignore[arg-type]
@@ -154,26 +154,30 @@ def _shares(embedding: NDArray[np.float32]) -> tuple[float, str]:
     return round(float(shares[first] / shares.sum()), 3), COCO[second] if shares[second] > 0 else ""
 
 
-def save(looks: Looks, path: Path) -> None:
+def save(views: MeasuredViews, path: Path) -> None:
     """Writes the views of a building to a file, whole or not at all."""
-    building = _Home(looks.name, looks.labels)
-    write_parts(path, _FORMAT, [msgspec.msgpack.encode(part) for part in (building, *looks.looks)])
+    building = _Home(views.name, views.labels)
+    write_parts(path, _FORMAT, [msgspec.msgpack.encode(part) for part in (building, *views.views)])
 
 
-def load(path: Path) -> Looks | None:
+def load(path: Path) -> MeasuredViews | None:
     """What ``save`` wrote; None if there is no such file, or it is damaged."""
     parts = read_parts(path, _FORMAT)
     if parts is None:
         return None
     building = msgspec.msgpack.decode(parts[0], type=_Home)
-    return Looks(building.name, building.labels, [msgspec.msgpack.decode(p, type=Look) for p in parts[1:]])
+    return MeasuredViews(
+        building.name, building.labels, [msgspec.msgpack.decode(p, type=MeasuredView) for p in parts[1:]]
+    )
 
 
-def simulated(looks: Looks, model: ErrorModel, seed: int = 0) -> tuple[list[list[Found]], NDArray[np.float32]]:
+def simulated(
+    views: MeasuredViews, model: ErrorModel, seed: int = 0
+) -> tuple[list[list[MeasuredDetection]], NDArray[np.float32]]:
     """What the backend ``simulated`` finds in the same views, and its presence of classes (views, 80)."""
     backend, found, presence = Simulated(seed=seed, model=model), [], []
-    for look in looks.looks:
-        truth, depth_m = look.truth(looks.labels)
+    for look in views.views:
+        truth, depth_m = look.truth(views.labels)
         seen = backend.perceive(_NO_PICTURE, depth_m, look.camera, truth=truth, key=look.key)
         found.append([_found(d, depth_m, truth.ids) for d in seen.detections])
         presence.append(class_space.presence(seen.image_embedding))
@@ -184,7 +188,7 @@ def simulated(looks: Looks, model: ErrorModel, seed: int = 0) -> tuple[list[list
 
 
 @dataclass(slots=True, eq=False)
-class Rows:
+class OutcomeTable:
     """All candidates of one kind in many views, and what became of each.
 
     ``view``: (N,) number of the view; ``building``: (N,); ``name``: what it was called, "" if it wasn't found; ``box``:
@@ -224,17 +228,19 @@ class Rows:
         """(N,) one of ``SIGHTS`` each."""
         return np.array(sights(self.x), dtype=np.str_)
 
-    def where(self, keep: NDArray) -> Rows:
+    def where(self, keep: NDArray) -> OutcomeTable:
         values = (getattr(self, name)[keep] for name in self.__dataclass_fields__ if name != "kind")
-        return Rows(self.kind, *values)
+        return OutcomeTable(self.kind, *values)
 
 
-def rows_of(buildings: Sequence[Looks], found: Sequence[Sequence[Sequence[Found]]] | None = None) -> dict[str, Rows]:
+def rows_of(
+    buildings: Sequence[MeasuredViews], found: Sequence[Sequence[Sequence[MeasuredDetection]]] | None = None
+) -> dict[str, OutcomeTable]:
     """The rows of buildings, by kind; ``found`` replaces what was found (of every view of every building)."""
     parts: dict[str, list[tuple]] = {}
     number = 0
     for h, building in enumerate(buildings):
-        for i, look in enumerate(building.looks):
+        for i, look in enumerate(building.views):
             truth, depth_m = look.truth(building.labels)
             said = look.found if found is None else found[h][i]
             shown = candidates(truth, depth_m, look.camera, look.is_camera, MIN_SIZE_RAD)
@@ -257,14 +263,19 @@ def rows_of(buildings: Sequence[Looks], found: Sequence[Sequence[Sequence[Found]
                     )
                 )
             number += 1
-    return {kind: Rows(kind, *(np.concatenate(column) for column in zip(*p, strict=True))) for kind, p in parts.items()}
+    return {
+        kind: OutcomeTable(kind, *(np.concatenate(column) for column in zip(*p, strict=True)))
+        for kind, p in parts.items()
+    }
 
 
 _Outcome = tuple[str, float, float, tuple[float, ...]]
 _MISSED: _Outcome = ("", 0.0, 1.0, (0.0, 0.0, 0.0, 0.0))
 
 
-def _assigned(shown: Sequence[Candidates], found: Sequence[Found], look: Look) -> Iterator[list[_Outcome]]:
+def _assigned(
+    shown: Sequence[Candidates], found: Sequence[MeasuredDetection], look: MeasuredView
+) -> Iterator[list[_Outcome]]:
     """For every kind, what each candidate was found as: its own name if anything says it, else the best score's.
 
     A detection goes to the thing whose box it fits (IoU 0.5, its own class first), else to that which most of its mask
@@ -290,7 +301,7 @@ def _assigned(shown: Sequence[Candidates], found: Sequence[Found], look: Look) -
         yield [outcomes.get(t.number, _MISSED) for t in c.shown]
 
 
-def owners_of(things: Sequence[VisibleThing], found: Sequence[Found]) -> list[VisibleThing | None]:
+def owners_of(things: Sequence[VisibleThing], found: Sequence[MeasuredDetection]) -> list[VisibleThing | None]:
     """The thing that each detection shows, or None."""
     if not things or not found:
         return [None] * len(found)
@@ -304,7 +315,7 @@ def owners_of(things: Sequence[VisibleThing], found: Sequence[Found]) -> list[Vi
     ]
 
 
-def _nearest(at: Sequence[VisibleThing | Place], d: Found, look: Look) -> Place:
+def _nearest(at: Sequence[VisibleThing | Place], d: MeasuredDetection, look: MeasuredView) -> Place:
     """The place nearest to the middle of a detection."""
     shown = [p for p in at if isinstance(p, Place)]
     x0, y0, x1, y1 = d.box_px

@@ -1,24 +1,21 @@
-"""The joint maps: pure functions of views and what perception says about them.
+"""The joint maps: pure functions of views and of what perception found in them.
 
-invocation            which cameras are active (eq. 1)
-view_order            which camera view is looked at first
-joint_map             one view into the maps of its floor, step by step
-floor_map             a floor's geometry: ``cloud``, ``carving``, ``projection``, ``frontier``
-value                 the value map (eq. 2)
-objects               the object map: ``sightings`` have a place, ``association`` finds their object (eq. 3)
-confirmation          what makes a candidate the target: ``paper_confirmation`` or ours, ``posterior_confirmation``
-guard                 views that can't be, refused
-config                every number, and the preset ``paper``
-warm_up               inner loops compiled before a robot waits for them
+joint_map   integrates views into the maps of their floors; the only class that the service calls
+views/      validation, camera invocation (eq. 1), and the order in which views are perceived
+maps/       a floor's geometry (point cloud, carving, obstacle, exploration and frontier maps) and its value map (eq. 2)
+objects/    the object map: detections are located, associated (eq. 3) and fused, and objects are confirmed
+snapshot    the joint maps as bytes
+config      every number, and the preset ``paper``
+warm_up     compiles the inner loops before a robot waits for them
 """
 
 from surveilnav.services.fusion.core.config import FusionConfig, MapConfig, ObjectConfig, ValueConfig
-from surveilnav.services.fusion.core.invocation import active_cameras
-from surveilnav.services.fusion.core.joint_map import Integrated, JointMap, in_order
+from surveilnav.services.fusion.core.joint_map import IntegrationResult, JointMap, in_order
+from surveilnav.services.fusion.core.views.invocation import active_cameras
 
 __all__ = [
     "FusionConfig",
-    "Integrated",
+    "IntegrationResult",
     "JointMap",
     "MapConfig",
     "ObjectConfig",

@@ -1,9 +1,9 @@
-"""The joint map: every view of robots and cameras, on one map per floor."""
+"""The joint map: the views of all robots and cameras, integrated into one set of maps per floor."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,23 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import DEFAULT_LAYERS, ObjectRecord
+from surveilnav.messages.maps import LAYERS, ObjectRecord
 from surveilnav.sensing.views import PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
-from surveilnav.services.fusion.core.floor_map import FloorMap
-from surveilnav.services.fusion.core.guard import Guard, ViewError, check
-from surveilnav.services.fusion.core.invocation import same_floor
-from surveilnav.services.fusion.core.map_object import ObjectChange
-from surveilnav.services.fusion.core.objects import ObjectMap
-from surveilnav.services.fusion.core.value import PendingLayer, ValueMap
-from surveilnav.services.fusion.core.walk import Walk
+from surveilnav.services.fusion.core.maps.climbing import ClimbTracker
+from surveilnav.services.fusion.core.maps.floor_map import FloorMap
+from surveilnav.services.fusion.core.maps.value import PendingLayer, ValueMap
+from surveilnav.services.fusion.core.objects.map_object import ObjectChange
+from surveilnav.services.fusion.core.objects.object_map import ObjectMap
+from surveilnav.services.fusion.core.views.invocation import same_floor
+from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2
+from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator, check_view
 
-_MAX_NAMES = 256  # of floors: a robot may say what it likes
+_MAX_NAMES = 256  # of floors, since a robot may send any name
 
 
 @dataclass(frozen=True, slots=True)
-class Integrated:
-    """What a view brought: the floor it went to, its points, its detections that had a place, and changes of objects."""
+class IntegrationResult:
+    """What a view changed in the maps.
+
+    Attributes:
+        floor: the floor that it was integrated into.
+        revision: revision of the joint map after the view.
+        n_points: number of its points in the cloud.
+        n_located: number of its detections that could be located in the world.
+        changes: events of objects.
+    """
 
     floor: str
     revision: int
@@ -45,104 +54,146 @@ class _FloorMaps:
     objects: ObjectMap
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _AddedGeometry:
+    """What a view added to the geometry of a floor: a number of points. Also its ranges by azimuth (360, 2) [m]."""
+
+    maps: _FloorMaps
+    n_points: int
+    ranges_m: NDArray[np.float32]
+
+
 class JointMap:
-    """The joint maps of a building. ``revision`` counts the views that they hold."""
+    """The joint maps of a building: one set of maps per floor.
+
+    Attributes:
+        revision: number of views that have changed the maps.
+        validator: refuses views that can't follow the previous one of their source.
+    """
 
     def __init__(self, config: FusionConfig | None = None) -> None:
         self.config = config or FusionConfig()
         self.revision = 0
-        self.guard = Guard(self.config.guard)
+        self.validator = ViewValidator(self.config.validation)
         self._floors: dict[str, _FloorMaps] = {}
-        self._name_of: dict[str, str] = {}  # what sources call a floor -> what the map calls it
-        self._walks: dict[str, Walk] = {}  # by robot
+        self._name_of: dict[str, str] = {}  # a source's name for a floor -> the map's name for it
+        self._climbs: dict[str, ClimbTracker] = {}  # by robot
 
     @property
     def floors(self) -> dict[str, float]:
-        """Altitude [m] of each floor that was seen, by id."""
+        """The altitude [m, world] of each floor that was seen, by id."""
         return {name: maps.geometry.z_m for name, maps in self._floors.items()}
 
-    def accept(self, view: PosedView, perception: ViewPerception | None) -> Integrated | None:
-        """Adds a view that came from outside; None if the maps hold it already.
+    def accept(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult | None:
+        """Validates a view that came from outside and integrates it.
+
+        A camera's picture that the maps hold already may come again, with what perception found in it for more words or
+        with the embedding of another model; then only that is added.
+
+        Returns:
+            What the view changed; None if it changed nothing, since the maps hold all of it.
 
         Raises:
-            ViewError: the view can't be, by itself or after the last one of its source. The maps stay as they were.
+            ViewError: the view can't be, by itself or after the previous one of its source. The maps stay as they were.
         """
-        check(view, perception)
-        if not self.guard.admit(view, perception):
-            return self._look_again(view, perception)
-        done = self._integrate(view, perception)
-        self.guard.note(view, perception)
-        return done
+        check_view(view, perception)
+        validation = self.validator.validate(view)
+        self.validator.record_arrival(view, validation)
+        if validation.fault is not None:
+            raise validation.fault
+        geometry = self._add_geometry(view) if validation.is_new else None
+        result = self.add_detections(view, perception, geometry)
+        if result is not None:
+            self.validator.record_integrated(view, perception)
+        return result
 
-    def _look_again(self, view: PosedView, perception: ViewPerception | None) -> Integrated | None:
-        """Adds what was found in a camera's view that the maps hold: by words that it wasn't looked at for before, or the
-        embedding of another model."""
-        words = self.guard.new_words(view, perception)
-        if perception is None or view.is_robot:
-            return None
-        maps = self._floor_of(view)
-        embedded = maps.value.embed_again(view, perception.image_embedding, perception.embedding_model)
-        if not (words or embedded):
-            return None
-        self.revision += 1
-        maps.geometry.revision = self.revision
-        found = tuple(d for d in perception.detections if d.label in words)
-        n_located = maps.objects.look_again(view, found, perception.embedding_model)
-        self.guard.note(view, perception)
-        return Integrated(maps.geometry.floor, self.revision, 0, n_located, tuple(maps.objects.take_changes()))
+    def integrate(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult:
+        """Integrates one view without comparing it with earlier ones.
 
-    def integrate(self, view: PosedView, perception: ViewPerception | None) -> Integrated:
-        """Adds one view, whatever came before it. ``perception`` None: no detector looked (no negative evidence).
+        Views of one step are integrated in the order of ``in_order``. Cloud, occupancy and exploration don't depend on the
+        order, but values and objects may.
 
-        Views of one step go in the order of ``in_order``: occupancy, exploration and cloud don't depend on it, value
-        and objects may.
+        Args:
+            perception: None: no detector looked at the view, so that it isn't negative evidence either.
 
         Raises:
-            ViewError: a view that can't be: its pictures, mask or position are wrong. The maps stay as they were.
+            ViewError: the view can't be by itself. The maps stay as they were.
         """
-        check(view, perception)
-        return self._integrate(view, perception)
+        check_view(view, perception)
+        result = self.add_detections(view, perception, self._add_geometry(view))
+        assert result is not None  # the view added its geometry
+        return result
 
-    def _integrate(self, view: PosedView, perception: ViewPerception | None) -> Integrated:
+    def _add_geometry(self, view: PosedView) -> _AddedGeometry:
+        """Adds a new picture to the point cloud and to the obstacle and exploration maps of its floor."""
         maps = self._floor_of(view)
-        # point cloud, obstacle and exploration maps
         try:
-            n_points, reach_m = maps.geometry.integrate(view)
+            n_points, ranges_m = maps.geometry.integrate(view)
         except ValueError as error:
             self._forget_if_new(maps)
             raise ViewError("out_of_map", str(error)) from error
-        self._remember_name(view, maps)
+        self._record_name(view, maps)
+        self._record_altitude(view, maps.geometry.floor)
+        return _AddedGeometry(maps, n_points, ranges_m)
+
+    def add_detections(
+        self, view: PosedView, perception: ViewPerception | None, geometry: _AddedGeometry | None = None
+    ) -> IntegrationResult | None:
+        """Adds what perception found in a view to the value map and the objects of its floor, and counts the revision.
+
+        Args:
+            perception: None: no detector looked.
+            geometry: what the view added to the geometry of its floor. None: the maps hold this picture of a camera
+                already, and perception looked for more words in it, or with another embedding model.
+
+        Returns:
+            What changed; None if nothing is new.
+        """
+        if geometry is None and (perception is None or view.is_robot):
+            return None
+        maps = geometry.maps if geometry else self._floor_of(view)
+        detections = () if perception is None else perception.detections
+        embedded = False
+        # value map (eq. 2)
+        if perception is not None and perception.image_embedding.size:
+            ranges_m = geometry.ranges_m if geometry else None
+            embedded = maps.value.add(view, perception.image_embedding, perception.embedding_model, ranges_m)
+        if geometry is None and perception is not None:
+            words = self.validator.new_words(view, perception)
+            if not (words or embedded):
+                return None
+            detections = tuple(d for d in detections if d.label in words)
         self.revision += 1
         maps.geometry.revision = self.revision
-        self._walk_on(view, maps.geometry.floor)
+        # object map (eq. 3)
         n_located = 0
         if perception is not None:
-            # value map (eq. 2)
-            if perception.image_embedding.size:
-                maps.value.add(view, reach_m, perception.image_embedding, perception.embedding_model)
-            # object map (eq. 3)
-            n_located = maps.objects.integrate(view, perception.detections, perception.embedding_model)
-        changes = tuple(maps.objects.take_changes())
-        return Integrated(maps.geometry.floor, self.revision, n_points, n_located, changes)
+            n_located = maps.objects.add_detections(view, detections, perception.embedding_model)
+        changes = tuple(maps.objects.pop_changes(self.revision))
+        n_points = geometry.n_points if geometry else 0
+        return IntegrationResult(maps.geometry.floor, self.revision, n_points, n_located, changes)
 
     def _forget_if_new(self, maps: _FloorMaps) -> None:
-        """Takes back a floor that only a refused view made."""
+        """Removes a floor that was opened for a view which was then refused."""
         if maps.geometry.revision == 0:
             self._floors.pop(maps.geometry.floor, None)
 
-    def _remember_name(self, view: PosedView, maps: _FloorMaps) -> None:
-        """What the source of a view that was taken calls its floor; on a stair its name means nothing yet."""
+    def _record_name(self, view: PosedView, maps: _FloorMaps) -> None:
+        """Records what the source of an integrated view calls its floor, unless it is on a stair, where names mean nothing."""
         name = maps.geometry.floor
         if maps.geometry.revision == 0:
-            self._name_of[name] = name  # whatever was called so before
+            self._name_of[name] = name  # even if another floor was called so before
         if self.floor_at(view.floor_z_m) == name and len(self._name_of) < _MAX_NAMES:
             self._name_of.setdefault(view.floor, name)
 
     def layer(
         self, floor: str, name: str, text_embedding: NDArray[np.floating] | None = None, embedding_model: str = ""
     ) -> tuple[Grid, NDArray[np.generic]]:
-        """A layer of a floor and its frame: occupancy, explored, frontier uint8; value float32; cloud (N, 6) float32;
-        provenance (N, 3) int64, line by line with the cloud: number in ``source_sets``, first and last seen [ns].
+        """A layer of a floor, and its frame.
+
+        Layers (rows, cols) are ``occupancy``, ``explored`` and ``frontier`` (uint8), and ``value`` (float32, for the embedding of
+        a text). ``cloud`` is (N, 6) float32, positions [m, world] and colours. ``provenance`` is (N, 3) int64, line by line with
+        the cloud: number in ``source_sets``, first and last seen [ns].
 
         Raises:
             KeyError: no such floor or layer. ValueError: value without a text embedding.
@@ -161,7 +212,7 @@ class JointMap:
             sources, first_ns, last_ns, _ = geometry.cloud.provenance()
             return geometry.grid, np.stack([sources, first_ns, last_ns], axis=-1)
         if name != "value":
-            raise KeyError(f"no layer {name!r}; there are {', '.join(DEFAULT_LAYERS)}")
+            raise KeyError(f"no layer {name!r}; there are {', '.join(LAYERS)}")
         if text_embedding is None:
             raise ValueError("the value layer belongs to a target: its text embedding is needed")
         return geometry.grid, maps.value.layer(geometry.grid, text_embedding, embedding_model)
@@ -173,28 +224,32 @@ class JointMap:
     def pending_value(
         self, floor: str, text_embedding: NDArray[np.floating], embedding_model: str = ""
     ) -> PendingLayer | None:
-        """A new target's value layer, to be built while the maps go on; None if it is kept. KeyError: no such floor."""
+        """The value layer of a new target, to be built while the maps change; None if there is one. KeyError: no such floor."""
         maps = self._named(floor)
         return maps.value.pending(text_embedding, maps.geometry.grid.resolution_m, embedding_model)
 
     def adopt_value(self, floor: str, built: PendingLayer) -> None:
-        """Keeps a pending layer that was built. KeyError: no such floor."""
+        """Keeps a value layer that was built. KeyError: no such floor."""
         self._named(floor).value.adopt(built)
 
-    def objects(self, floor: str) -> list[ObjectRecord]:
-        """The objects of a floor. KeyError: no such floor."""
-        return self._named(floor).objects.records()
+    def objects(self, floor: str, since: int = -1) -> list[ObjectRecord]:
+        """The objects of a floor by id, or those that changed after revision ``since``. KeyError: no such floor."""
+        return self._named(floor).objects.records(since)
+
+    def object_ids(self, floor: str) -> list[int]:
+        """The ids of all objects of a floor. KeyError: no such floor."""
+        return self._named(floor).objects.ids()
 
     def relevances(self, floor: str, text: NDArray[np.float32], embedding_model: str) -> dict[int, float | None]:
-        """By object id, how much the objects of a floor sound like a text. KeyError: no such floor."""
+        """Cosine of the embeddings of a floor's objects and a text (D,), by object id. KeyError: no such floor."""
         return self._named(floor).objects.relevances(text, embedding_model)
 
     def views_left_out(self, floor: str, embedding_model: str) -> int:
-        """How many views of a floor another model looked at. KeyError: no such floor."""
-        return self._named(floor).value.left_out(embedding_model)
+        """The number of a floor's views that another model has embedded. KeyError: no such floor."""
+        return self._named(floor).value.views_left_out(embedding_model)
 
     def source_sets(self, floor: str) -> list[list[str]]:
-        """The sets of sources that the layer ``provenance`` of a floor counts by. KeyError: no such floor."""
+        """The source sets by number, for the layer ``provenance`` of a floor. KeyError: no such floor."""
         return self._named(floor).geometry.cloud.source_sets()
 
     def floor_revision(self, floor: str) -> int:
@@ -208,6 +263,32 @@ class JointMap:
             known = sorted(self._floors)
             raise KeyError(f"nothing was seen yet of floor {floor!r}; there are maps of {known}") from None
 
+    def view_utilities(
+        self, views: Sequence[ViewFootprint], robots_m: Sequence[tuple[float, float, float]]
+    ) -> NDArray[np.float64]:
+        """The utilities (K,) of camera views: how much they may still show near robots, given the maps now (``views.order``).
+
+        Views of a floor without a robot have utility 0.
+
+        Args:
+            robots_m: (x, y, altitude of the floor) [m, world] of all robots.
+        """
+        utilities_m2 = np.zeros(len(views))
+        for floor_z_m in sorted({view.floor_z_m for view in views}):
+            here = [(x, y) for x, y, z_m in robots_m if same_floor(z_m, floor_z_m, self.config.map.tau_z_m)]
+            if here:
+                rows = [k for k, view in enumerate(views) if view.floor_z_m == floor_z_m]
+                known = self._known_floor(self.floor_at(floor_z_m))
+                on_floor = [views[k] for k in rows]
+                utilities_m2[rows] = floor_utilities_m2(on_floor, known, np.array(here), self.config.views)
+        return utilities_m2
+
+    def _known_floor(self, floor: str) -> KnownFloor | None:
+        if not floor:
+            return None
+        geometry = self._floors[floor].geometry
+        return KnownFloor(geometry.grid, geometry.occupied(), geometry.explored(), geometry.frontier())
+
     def floor_at(self, z_m: float) -> str:
         """The nearest floor within tau_z (eq. 1) of an altitude [m, world]; "" if there is none."""
         near = [(abs(maps.geometry.z_m - z_m), name) for name, maps in self._floors.items()]
@@ -215,42 +296,43 @@ class JointMap:
         return name if name and same_floor(self._floors[name].geometry.z_m, z_m, self.config.map.tau_z_m) else ""
 
     def _floor_of(self, view: PosedView) -> _FloorMaps:
-        """The floor at the view's estimated floor altitude (tau_z); a new one if there is none.
+        """The maps of the floor that a view belongs to; opens a new floor if there is none within tau_z of its altitude.
 
-        A robot that climbs fits no floor half-way up: what it sees there goes to the floor that it left. It opens one
-        only where it stays: where it walked on one level, or looked around on it under a new floor name. A camera
-        doesn't climb, nor does a robot that came from nowhere.
+        A robot on a stair is at no floor's altitude. What it sees there goes to the floor that it left. It opens a new
+        floor only where it stays: where it has moved along one level, or has looked around there under a new floor name. Cameras
+        don't climb, and neither does a robot whose first view this is.
         """
         z_m = view.floor_z_m
         name = self.floor_at(z_m)
-        if not name and self._climbs(view):
-            return self._floors[self._walks[view.source].floor]
+        if not name and self._is_on_stair(view):
+            return self._floors[self._climbs[view.source].floor]
         if not name:
             name = self._new_name(view.floor)
             if len(self._floors) >= self.config.map.max_floors:
-                most = self.config.map.max_floors
+                limit = self.config.map.max_floors
                 raise ViewError(
-                    "too_many_floors", f"a view at {z_m:.1f} m would make more than {most} floors (max_floors)"
+                    "too_many_floors", f"a view at {z_m:.1f} m would make more than {limit} floors (max_floors)"
                 )
             self._open(name, z_m, (float(view.T_world_camera[0, 3]), float(view.T_world_camera[1, 3])))
         return self._floors[name]
 
-    def _climbs(self, view: PosedView) -> bool:
-        """Whether a robot at an altitude of no floor is on a stair."""
-        walk = self._walks.get(view.source)
-        if walk is None or walk.floor not in self._floors:
+    def _is_on_stair(self, view: PosedView) -> bool:
+        """Whether a robot whose altitude is that of no floor is on a stair."""
+        climb = self._climbs.get(view.source)
+        if climb is None or climb.floor not in self._floors:
             return False
-        return walk.climbs(view, self.config.map, new_name=view.floor not in self._floors)
+        return climb.is_on_stair(view, self.config.map, new_name=view.floor not in self._floors)
 
-    def _walk_on(self, view: PosedView, floor: str) -> None:
+    def _record_altitude(self, view: PosedView, floor: str) -> None:
+        """Follows the altitude of a robot, to distinguish a stair from a floor."""
         if view.is_robot:
-            walk = self._walks.get(view.source)
-            self._walks[view.source] = walk.on(view, floor) if walk else Walk.begun(view, floor)
+            climb = self._climbs.get(view.source)
+            self._climbs[view.source] = climb.after(view, floor) if climb else ClimbTracker.from_first_view(view, floor)
 
-    def _new_name(self, said: str) -> str:
-        name, k = said, 2
-        while name in self._floors:  # two altitudes under one name: split levels, or a lie
-            name, k = f"{said}-{k}", k + 1
+    def _new_name(self, source_name: str) -> str:
+        name, k = source_name, 2
+        while name in self._floors:  # two altitudes under one name: split levels, or an error
+            name, k = f"{source_name}-{k}", k + 1
         return name
 
     def _open(self, name: str, z_m: float, centre_m: tuple[float, float]) -> None:
@@ -261,53 +343,50 @@ class JointMap:
 
     @classmethod
     def unseen(cls, floor: str, z_m: float, centre_m: tuple[float, float], config: FusionConfig) -> JointMap:
-        """Maps that hold one floor of which nothing is known yet."""
+        """Joint maps of one floor of which nothing is known yet."""
         joint = cls(config)
         joint._open(floor, z_m, centre_m)
         return joint
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and values, for ``of_state``; nothing in it changes when the maps do.
-
-        Keys are those that snapshots have had from the start: "storeys" are floors.
-        """
+        """Everything as plain arrays and values, for ``from_state``; nothing in it changes when the maps do."""
         return {
             "revision": self.revision,
-            "guard": self.guard.state(),
+            "validator": self.validator.state(),
             "name_of": dict(self._name_of),
-            "walks": {robot: walk.state() for robot, walk in self._walks.items()},
-            "storeys": [
+            "climbs": {robot: climb.state() for robot, climb in self._climbs.items()},
+            "floors": [
                 {
-                    "geometry": _with_own_layers(s.geometry.state()),
-                    "value": s.value.state(),
-                    "objects": s.objects.state(),
+                    "geometry": _with_own_layers(maps.geometry.state()),
+                    "value": maps.value.state(),
+                    "objects": maps.objects.state(),
                 }
-                for s in self._floors.values()
+                for maps in self._floors.values()
             ],
         }
 
     @classmethod
-    def of_state(cls, state: dict[str, Any], config: FusionConfig) -> JointMap:
-        """The joint maps that ``state`` was taken of."""
+    def from_state(cls, state: dict[str, Any], config: FusionConfig) -> JointMap:
+        """The joint maps that ``state`` describes."""
         joint = cls(config)
         joint.revision, joint._name_of = state["revision"], dict(state["name_of"])
-        joint.guard = Guard.of_state(state["guard"], config.guard)
-        joint._walks = {robot: Walk.of_state(walk) for robot, walk in state["walks"].items()}
-        for maps in state["storeys"]:
-            geometry = FloorMap.of_state(maps["geometry"], config.map)
+        joint.validator = ViewValidator.from_state(state["validator"], config.validation)
+        joint._climbs = {robot: ClimbTracker.from_state(climb) for robot, climb in state["climbs"].items()}
+        for maps in state["floors"]:
+            geometry = FloorMap.from_state(maps["geometry"], config.map)
             joint._floors[geometry.floor] = _FloorMaps(
                 geometry,
-                ValueMap.of_state(maps["value"], config.value),
-                ObjectMap.of_state(maps["objects"], geometry.floor, geometry.z_m, config.map.voxel_m, config.objects),
+                ValueMap.from_state(maps["value"], config.value),
+                ObjectMap.from_state(maps["objects"], geometry.floor, geometry.z_m, config.map.voxel_m, config.objects),
             )
         return joint
 
 
 def _with_own_layers(geometry: dict[str, Any]) -> dict[str, Any]:
-    """The state of a floor's geometry with copies of its layers: all else in it is a copy already, or never changes."""
+    """The state of a floor's geometry, with copies of its layers. Everything else in it is a copy already or never changes."""
     return geometry | {"layers": {name: layer.copy() for name, layer in geometry["layers"].items()}}
 
 
 def in_order(views: Iterable[PosedView]) -> list[PosedView]:
-    """The one order in which views of a step are integrated: by time, then source, then view."""
+    """The order in which the views of one step are integrated: by time, then source, then view."""
     return sorted(views, key=lambda v: (v.stamp_ns, v.source, v.view, v.seq))

@@ -1,6 +1,6 @@
-"""The joint maps as bytes, and back: MessagePack of plain values and arrays, zstd, a version. No pickle.
+"""The joint maps as bytes and back: plain values and arrays as MessagePack, compressed with zstd, with a version. No pickle.
 
-``freeze`` is quick and copies what changes, so it is done while nobody integrates; ``pack`` takes its time beside it.
+``freeze`` quickly copies what may change, while nothing is integrated; ``pack`` then takes its time while the maps change.
 """
 
 from __future__ import annotations
@@ -15,15 +15,13 @@ import zstandard
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.joint_map import JointMap
 
-#: Of what a snapshot holds: one of another version isn't read.
-VERSION = 4
-#: Older ones that are still read: version 2 names no models, neither has drops.
-_READABLE = (2, 3, VERSION)
+#: Version of a snapshot's contents; snapshots of other versions aren't read.
+VERSION = 6
 _MAX_BYTES = 8 << 30
 
 
 class SnapshotError(ValueError):
-    """Bytes that are no snapshot these maps can go on from; ``name``: corrupt, other_version or other_config."""
+    """A snapshot that can't be restored; ``name`` says why: corrupt, other_version or other_config."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
@@ -31,57 +29,57 @@ class SnapshotError(ValueError):
 
 
 def dump(joint: JointMap) -> bytes:
-    """The joint maps as bytes: the same for the same maps."""
+    """The joint maps as bytes; equal maps give equal bytes."""
     return pack(freeze(joint))
 
 
 def load(data: bytes, config: FusionConfig) -> JointMap:
-    """The joint maps that ``dump`` was given.
+    """The joint maps that ``dump`` stored.
 
     Raises:
-        SnapshotError: damaged, of another version, or with cells or voxels of another size than ``config`` says.
+        SnapshotError: the bytes are damaged, of another version, or of maps with another size of cells or voxels.
     """
     return thaw(unpack(data), config)
 
 
 def freeze(joint: JointMap) -> dict[str, Any]:
-    """A copy of all that the maps hold; from then on they may change."""
+    """A copy of everything in the maps. The maps may change afterwards."""
     return {"version": VERSION, "sizes": _sizes(joint.config), "maps": joint.state()}
 
 
 def thaw(frozen: dict[str, Any], config: FusionConfig) -> JointMap:
-    """The joint maps of which ``freeze`` made a copy. SnapshotError: as ``load``."""
-    if frozen.get("version") not in _READABLE:
+    """The joint maps that ``freeze`` copied. SnapshotError: as in ``load``."""
+    if frozen.get("version") != VERSION:
         raise SnapshotError("other_version", f"expected a snapshot of version {VERSION}, got {frozen.get('version')!r}")
     if frozen.get("sizes") != _sizes(config):
         raise SnapshotError("other_config", f"the maps were made with {frozen.get('sizes')}, set is {_sizes(config)}")
     try:
-        return JointMap.of_state(frozen["maps"], config)
+        return JointMap.from_state(frozen["maps"], config)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise SnapshotError("corrupt", f"the snapshot lacks something: {type(error).__name__}: {error}") from error
 
 
 def pack(value: Any) -> bytes:
-    """Bytes of plain values, messages and arrays; a checksum is part of them."""
-    return zstandard.ZstdCompressor(level=1, write_checksum=True).compress(_plain(value))
+    """Plain values, messages and arrays as compressed bytes with a checksum."""
+    return zstandard.ZstdCompressor(level=1, write_checksum=True).compress(_encode(value))
 
 
 def digest(frozen: dict[str, Any]) -> str:
-    """What the copy of maps comes to (BLAKE2b, hex): the same for the same maps, to the bit."""
-    return hashlib.blake2b(_plain(frozen), digest_size=16).hexdigest()
+    """BLAKE2b (hex) of a copy of maps; equal exactly for maps that are equal bit by bit."""
+    return hashlib.blake2b(_encode(frozen), digest_size=16).hexdigest()
 
 
-def _plain(value: Any) -> bytes:
-    return msgspec.msgpack.encode(value, enc_hook=_array_out)
+def _encode(value: Any) -> bytes:
+    return msgspec.msgpack.encode(value, enc_hook=_encode_array)
 
 
 def unpack(data: bytes) -> Any:
-    """What ``pack`` was given; messages have become dictionaries, tuples lists. SnapshotError: damaged bytes."""
+    """The value that ``pack`` stored, with dictionaries for messages and lists for tuples. SnapshotError: damaged bytes."""
     try:
         size = zstandard.frame_content_size(data)
         if not 0 <= size <= _MAX_BYTES:
             raise SnapshotError("corrupt", f"a snapshot has up to {_MAX_BYTES} bytes, this says {size}")
-        return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data), ext_hook=_array_in)
+        return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data), ext_hook=_decode_array)
     except (zstandard.ZstdError, msgspec.DecodeError, ValueError, TypeError) as error:
         if isinstance(error, SnapshotError):
             raise
@@ -89,11 +87,11 @@ def unpack(data: bytes) -> Any:
 
 
 def _sizes(config: FusionConfig) -> dict[str, float]:
-    """The settings without which the counts in a map mean nothing."""
+    """The settings that give the counts in a map their meaning."""
     return {"resolution_m": config.map.resolution_m, "voxel_m": config.map.voxel_m}
 
 
-def _array_out(value: Any) -> msgspec.msgpack.Ext:
+def _encode_array(value: Any) -> msgspec.msgpack.Ext:
     if isinstance(value, np.generic):
         value = np.asarray(value)
     if not isinstance(value, np.ndarray) or value.dtype.hasobject:
@@ -102,7 +100,7 @@ def _array_out(value: Any) -> msgspec.msgpack.Ext:
     return msgspec.msgpack.Ext(1, len(header).to_bytes(4, "little") + header + np.ascontiguousarray(value).tobytes())
 
 
-def _array_in(code: int, data: memoryview) -> Any:
+def _decode_array(code: int, data: memoryview) -> Any:
     if code != 1:
         raise ValueError(f"expected an array, got extension {code}")
     n = int.from_bytes(data[:4], "little")

@@ -1,6 +1,6 @@
-"""What of the building's state is worth an event: rules that compare two states of one thing, and name what changed.
+"""Which changes of the building's state are events: rules that compare two states of one thing, and the events they make.
 
-A rule gets the state before (None: it wasn't known) and now (None: it is gone), and gives a word for each change.
+A rule gets the state before (None: not known) and the state now (None: the thing is gone), and yields a word for each change.
 """
 
 from __future__ import annotations
@@ -10,13 +10,17 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from surveilnav.messages import MissionStatus, ObjectRecord, ServiceState
+from surveilnav.rest import Event
+from surveilnav.services.gateway.core.resources import utc
 
 S = TypeVar("S")
+#: Remote text is cut to this length, so that the log of events has a bounded size.
+_MAX_TEXT = 500
 
 
 @dataclass(frozen=True, slots=True)
 class CameraState:
-    """Whether a camera is there, whether the maps of its floor ask it for views, and whether a person paused it."""
+    """Whether a camera is there, whether the maps of its floor subscribe to it, and whether a person paused it."""
 
     floor: str
     online: bool
@@ -26,7 +30,7 @@ class CameraState:
 
 @dataclass(frozen=True, slots=True)
 class RobotSituation:
-    """A robot: whether it was heard of lately, what it does, and where."""
+    """Whether a robot was heard of lately, what it does, and on which floor."""
 
     online: bool
     state: str
@@ -36,7 +40,7 @@ class RobotSituation:
 
 @dataclass(frozen=True, slots=True)
 class Change(Generic[S]):
-    """Thing ``id`` has changed in the way that ``what`` names; ``now``: its state, or its last one if it is gone."""
+    """Thing ``id`` has changed in the way that ``what`` names. ``now`` is its state; of a thing that is gone, its last one."""
 
     id: str
     what: str
@@ -44,21 +48,21 @@ class Change(Generic[S]):
 
 
 class Tracked(Generic[S]):
-    """The states of all things of a kind. What is there at the first ``update`` is no news, nor anything before it."""
+    """The states of all things of a kind. The first ``update`` is the baseline: what is there then is no change."""
 
     def __init__(self, rule: Callable[[S | None, S | None], Iterable[str]]) -> None:
         self._rule = rule
         self._known: dict[str, S] | None = None
 
     def update(self, now: Mapping[str, S]) -> list[Change[S]]:
-        """The changes since the last update, of things that are there or went."""
+        """Replaces all states, and returns the changes since the last update."""
         before, self._known = self._known, dict(now)
         if before is None:
             return []
         return [c for id in sorted(before | self._known) for c in self._changes(id, before.get(id), now.get(id))]
 
     def update_one(self, id: str, state: S) -> list[Change[S]]:
-        """The changes of one thing."""
+        """Replaces the state of one thing, and returns its changes."""
         if self._known is None:
             return []
         before = self._known.get(id)
@@ -66,7 +70,7 @@ class Tracked(Generic[S]):
         return self._changes(id, before, state)
 
     def get(self, id: str) -> S | None:
-        """The state last told of a thing."""
+        """The newest state of a thing."""
         return (self._known or {}).get(id)
 
     def _changes(self, id: str, before: S | None, now: S | None) -> list[Change[S]]:
@@ -75,8 +79,11 @@ class Tracked(Generic[S]):
         return [Change(id, what, state) for what in self._rule(before, now)]
 
 
-def of_mission(before: MissionStatus | None, now: MissionStatus | None) -> Iterable[str]:
-    """The state that a mission came to; ``phase`` where only what it is busy with changed."""
+# --- rules --------------------------------------------------------------------------------------------------------
+
+
+def mission_changes(before: MissionStatus | None, now: MissionStatus | None) -> Iterable[str]:
+    """The state that a mission came to; ``phase`` where only its phase, robot or floor changed."""
     if now is None:
         return
     if before is None or now.state != before.state:
@@ -85,8 +92,8 @@ def of_mission(before: MissionStatus | None, now: MissionStatus | None) -> Itera
         yield "phase"
 
 
-def of_object(before: ObjectRecord | None, now: ObjectRecord | None) -> Iterable[str]:
-    """``confirmed``, ``rejected``, ``candidate`` (again), ``gone``. A new candidate is none: there are too many."""
+def object_changes(before: ObjectRecord | None, now: ObjectRecord | None) -> Iterable[str]:
+    """``confirmed``, ``rejected``, ``candidate`` (again), ``gone``. A new candidate is no change: there are too many."""
     if now is None:
         if before is not None and before.status == "confirmed":
             yield "gone"
@@ -94,7 +101,7 @@ def of_object(before: ObjectRecord | None, now: ObjectRecord | None) -> Iterable
         yield now.status
 
 
-def of_camera(before: CameraState | None, now: CameraState | None) -> Iterable[str]:
+def camera_changes(before: CameraState | None, now: CameraState | None) -> Iterable[str]:
     """``new``, ``offline``, ``back``; ``invoked``, ``released``; ``paused``, ``resumed``."""
     if now is None:
         return
@@ -108,8 +115,8 @@ def of_camera(before: CameraState | None, now: CameraState | None) -> Iterable[s
         yield "paused" if now.paused else "resumed"
 
 
-def of_robot(before: RobotSituation | None, now: RobotSituation | None) -> Iterable[str]:
-    """``new``, ``silent``, ``back``; the state that it came to; ``floor``."""
+def robot_changes(before: RobotSituation | None, now: RobotSituation | None) -> Iterable[str]:
+    """``new``, ``silent``, ``back``; the state that the robot came to; ``floor`` where it changed floors."""
     if now is None:
         return
     if before is None:
@@ -123,8 +130,8 @@ def of_robot(before: RobotSituation | None, now: RobotSituation | None) -> Itera
         yield "floor"
 
 
-def of_process(before: ServiceState | None, now: ServiceState | None) -> Iterable[str]:
-    """``ended``, ``running``, ``restarted``, ``given_up``, of a process that somebody keeps running."""
+def process_changes(before: ServiceState | None, now: ServiceState | None) -> Iterable[str]:
+    """``ended``, ``running``, ``restarted``, ``given_up``, of a process that a supervisor keeps running."""
     if now is None:
         return
     if now.given_up:
@@ -136,7 +143,72 @@ def of_process(before: ServiceState | None, now: ServiceState | None) -> Iterabl
         yield "running" if now.running else "ended"
 
 
-def of_presence(before: bool | None, now: bool | None) -> Iterable[str]:
+def presence_changes(before: bool | None, now: bool | None) -> Iterable[str]:
     """``online``, ``offline``, of a node of a service."""
     if bool(before) != bool(now):
         yield "online" if now else "offline"
+
+
+# --- events -------------------------------------------------------------------------------------------------------
+
+
+def mission_event(change: Change[MissionStatus], now_ns: int) -> Event:
+    """A mission came to another state or phase."""
+    s = change.now
+    return Event(
+        id=s.mission,
+        what=change.what,
+        time=utc(now_ns),
+        floor=s.floor,
+        target=_cut(s.target),
+        robot=s.robot,
+        state=s.state,
+        phase=_cut(s.phase),
+        step=s.step,
+        found=s.found,
+        error=_cut(s.error),
+        message=_cut(s.message),
+    )
+
+
+def object_event(change: Change[ObjectRecord], now_ns: int) -> Event:
+    """An object was confirmed, rejected, or is open again."""
+    o = change.now
+    return Event(
+        id=str(o.id),
+        what=change.what,
+        time=utc(now_ns),
+        floor=o.floor,
+        label=_cut(o.label),
+        confidence=o.confidence,
+        center_m=o.center_m,
+        message=_cut(o.reason),
+    )
+
+
+def camera_event(change: Change[CameraState], now_ns: int) -> Event:
+    """A camera came or went, or its invocation or pause changed."""
+    return Event(id=change.id, what=change.what, time=utc(now_ns), floor=change.now.floor)
+
+
+def robot_event(change: Change[RobotSituation], now_ns: int) -> Event:
+    """A robot came or fell silent, or its state or floor changed."""
+    r = change.now
+    return Event(
+        id=change.id, what=change.what, time=utc(now_ns), floor=r.floor, state=r.state, message=_cut(r.message)
+    )
+
+
+def process_event(change: Change[ServiceState], now_ns: int) -> Event:
+    """A process that is kept running ended or was started again."""
+    s = change.now
+    return Event(id=_cut(change.id), what=change.what, time=utc(now_ns), restarts=s.restarts, message=_cut(s.why))
+
+
+def presence_event(change: Change[bool], now_ns: int) -> Event:
+    """A node of a service announced itself or left."""
+    return Event(id=change.id, what=change.what, time=utc(now_ns))
+
+
+def _cut(text: str) -> str:
+    return text[:_MAX_TEXT]

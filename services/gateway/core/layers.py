@@ -1,4 +1,5 @@
-"""Map layers as pictures: north up, one pixel a cell, transparent where there is nothing to show.
+"""Map layers for people: as pictures (north up, one pixel per cell, transparent where there is nothing to show), as arrays,
+and the joint cloud thinned to a number of points.
 
 | layer | colour |
 |---|---|
@@ -27,14 +28,24 @@ COLOURS: dict[str, tuple[int, int, int] | None] = {
     "frontier": (0xF0, 0x8C, 0x00),
     "value": None,
 }
-#: Larger maps are shown with several cells a pixel.
+#: Larger maps are shown with several cells per pixel.
 MAX_PIXELS = 4096 * 4096
+#: The first size of the cubes that keep one point each [m], and the factor by which it grows until they are few enough.
+_MIN_CUBE_M = 0.04
+_CUBE_GROWTH = 1.2
+#: Points farther away don't belong to a building [m]; remote numbers must not overflow the cubes' keys.
+_MAX_COORDINATE_M = 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
-    """A layer as bytes (PNG, or an array in numpy's format), the grid whose cells are its pixels or elements, the scale of
-    values, and how many views they leave out."""
+class RenderedLayer:
+    """A layer as bytes (PNG, or an array in numpy's format).
+
+    Attributes:
+        grid: its cells are the pixels or elements.
+        low, high: the ends of the scale of values.
+        views_left_out: how many views the values leave out.
+    """
 
     data: bytes
     grid: Grid
@@ -43,15 +54,15 @@ class Drawn:
     views_left_out: int = 0
 
 
-def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS) -> Drawn:
-    """The picture of ``cells`` (rows, cols): uint8 0/1, or float with NaN where unknown for ``value``. Row 0 of the grid is
-    the lowest line."""
+def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS) -> RenderedLayer:
+    """The picture of ``cells`` (rows, cols): uint8 0/1, or for ``value`` float with NaN where unknown. Row 0 of the grid is
+    the lowest line of the picture."""
     grid, cells = _coarser(grid, cells, max_pixels)
     colour = COLOURS[layer]
     if colour is not None:
-        return Drawn(encode_png(colour_cells(cells, colour)), grid)
+        return RenderedLayer(encode_png(colour_cells(cells, colour)), grid)
     rgba, low, high = colour_values(cells)
-    return Drawn(encode_png(rgba), grid, low, high)
+    return RenderedLayer(encode_png(rgba), grid, low, high)
 
 
 def npy(array: NDArray) -> bytes:
@@ -61,11 +72,11 @@ def npy(array: NDArray) -> bytes:
     return file.getvalue()
 
 
-def as_array(layer: str, grid: Grid, cells: NDArray) -> Drawn:
+def as_array(layer: str, grid: Grid, cells: NDArray) -> RenderedLayer:
     """``cells`` as they are, in numpy's format (.npy); row 0 is the southernmost."""
     known = cells[np.isfinite(cells)] if layer == "value" else cells[:0]
     low, high = (float(known.min()), float(known.max())) if known.size else (None, None)
-    return Drawn(npy(cells), grid, low, high)
+    return RenderedLayer(npy(cells), grid, low, high)
 
 
 def transform(grid: Grid) -> list[list[float]]:
@@ -122,3 +133,25 @@ def _coarser(grid: Grid, cells: NDArray, max_pixels: int) -> tuple[Grid, NDArray
     rows, cols = padded.shape[0] // n, padded.shape[1] // n
     joined = np.fmax.reduce(np.fmax.reduce(padded.reshape(rows, n, cols, n), axis=3), axis=1)
     return Grid(grid.origin_x_m, grid.origin_y_m, grid.resolution_m * n, rows, cols), joined
+
+
+def thinned_cloud(cloud: NDArray[np.float32], max_points: int) -> NDArray[np.float32]:
+    """At most ``max_points`` of a cloud's points, spread evenly: one point from each cube of a grid.
+
+    The cubes are the smallest of which there are few enough. The result doesn't depend on the order of the points.
+
+    Args:
+        cloud: (N, 6) x, y, z [m, world], red, green, blue [0-1].
+        max_points: of the result, (M, 6).
+    """
+    inside = np.all(np.isfinite(cloud), axis=1) & np.all(np.abs(cloud[:, :3]) < _MAX_COORDINATE_M, axis=1)
+    points = cloud[inside]
+    points = points[np.lexsort(points.T)]
+    size_m = _MIN_CUBE_M
+    chosen = points
+    while len(chosen) > max_points:
+        cells = np.floor(points[:, :3] / size_m).astype(np.int64) + (1 << 20)
+        keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+        chosen = points[np.sort(np.unique(keys, return_index=True)[1])]
+        size_m *= _CUBE_GROWTH
+    return np.ascontiguousarray(chosen, np.float32)

@@ -1,7 +1,7 @@
 """The state of the building as Prometheus metrics.
 
-Labels are names of cameras, nodes, robots, workers and floors that announced themselves, at most ``MOST`` of each: a
-stranger who invents names fills no database.
+Labels are names of cameras, nodes, robots, workers and floors that announced themselves, at most ``MAX_THINGS`` of each
+kind: somebody who invents names can't fill a database.
 """
 
 from __future__ import annotations
@@ -18,20 +18,34 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 
 from surveilnav.histogram import EDGES_MS
 from surveilnav.messages import WorkerLoad
-from surveilnav.messages.mission import MissionState
-from surveilnav.services.gateway.core.resources import Camera, Floor, Mission, Recorder, Robot, Service, Traffic
+from surveilnav.mission_states import MissionStateName
+from surveilnav.rest import (
+    Camera,
+    Floor,
+    FloorCamera,
+    Mission,
+    NodeTraffic,
+    Recorder,
+    Robot,
+    Service,
+    SourceTraffic,
+    Traffic,
+)
 
 T = TypeVar("T")
-#: The most things of a kind that have metrics.
-MOST = 1000
-_MOST_STAGES = 12
+#: How many things of a kind have metrics at most.
+MAX_THINGS = 1000
+_MAX_STAGES = 12
 #: Every fourth edge: a bucket for each doubling.
 _EDGES = range(0, len(EDGES_MS), 4)
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """What metrics are made of: a collector of Prometheus. ``workers``: their newest loads, and whether each is stale."""
+class BuildingMetrics:
+    """The state that the metrics are made of; a collector for prometheus_client.
+
+    ``workers`` has the newest load of each perception worker, and whether it is stale.
+    """
 
     cameras: Sequence[Camera]
     floors: Sequence[Floor]
@@ -47,13 +61,13 @@ class Heard:
 
     def collect(self) -> Iterator[Metric]:
         """All metrics."""
-        yield from _of_cameras(self)
-        yield from _of_floors(self)
-        yield from _of_nodes(self)
-        yield from _of_workers(self)
-        yield from _of_robots_and_missions(self)
-        yield from _of_recorders(self)
-        yield from _of_the_whole(self)
+        yield from _camera_metrics(self)
+        yield from _floor_metrics(self)
+        yield from _node_metrics(self)
+        yield from _worker_metrics(self)
+        yield from _robot_and_mission_metrics(self)
+        yield from _recorder_metrics(self)
+        yield from _system_metrics(self)
 
 
 def _filled(
@@ -75,13 +89,13 @@ def _filled(
 _gauge, _counter = partial(_filled, GaugeMetricFamily), partial(_filled, CounterMetricFamily)
 
 
-def _of_cameras(heard: Heard) -> Iterator[Metric]:
-    cameras = heard.cameras[:MOST]
+def _camera_metrics(state: BuildingMetrics) -> Iterator[Metric]:
+    cameras = state.cameras[:MAX_THINGS]
     known = {c.id for c in cameras}
-    sums = [s for s in heard.traffic.cameras if s.id in known]
+    sums = [s for s in state.traffic.cameras if s.id in known]
     yield _gauge("camera_up", "1: the camera is there", cameras, _camera, lambda c: not c.stale)
     yield _gauge("camera_invoked", "1: the maps of its floor ask it for views", cameras, _camera, lambda c: c.invoked)
-    uses = [use for floor in heard.floors for use in floor.invoked if use.camera in known]
+    uses = [use for floor in state.floors for use in floor.invoked if use.camera in known]
     yield _gauge("camera_views_expected", "Views of an invoked camera", uses, _use, lambda u: u.views)
     yield _gauge("camera_views_processed", "How many of them the maps have", uses, _use, lambda u: u.views_processed)
     for name, what in (
@@ -96,18 +110,18 @@ def _of_cameras(heard: Heard) -> Iterator[Metric]:
     yield _counter("camera_wire_bytes", what, sums, _source, lambda s: s.wire_sent_bytes)
 
 
-def _of_floors(heard: Heard) -> Iterator[Metric]:
-    floors = heard.floors[:MOST]
+def _floor_metrics(state: BuildingMetrics) -> Iterator[Metric]:
+    floors = state.floors[:MAX_THINGS]
     what = "Views on their way into the maps"
     yield _gauge("floor_pending_views", what, floors, lambda f: {"floor": f.id}, lambda f: f.pending_views)
     what = "1: perception answers"
     yield _gauge("floor_perception_ok", what, floors, lambda f: {"floor": f.id}, lambda f: f.perception_ok)
 
 
-def _of_nodes(heard: Heard) -> Iterator[Metric]:
-    nodes = heard.traffic.nodes[:MOST]
+def _node_metrics(state: BuildingMetrics) -> Iterator[Metric]:
+    nodes = state.traffic.nodes[:MAX_THINGS]
 
-    def labels(node: Any) -> dict[str, str]:
+    def labels(node: NodeTraffic) -> dict[str, str]:
         return {"kind": node.kind, "node": node.id}
 
     yield _gauge("node_stale", "1: no news of the node for too long", nodes, labels, lambda n: n.stale)
@@ -126,8 +140,8 @@ def _of_nodes(heard: Heard) -> Iterator[Metric]:
     yield _counter("node_rejected", what, nodes, labels, lambda n: sum(n.rejected.values()))
 
 
-def _of_workers(heard: Heard) -> Iterator[Metric]:
-    workers = list(heard.workers.items())[:MOST]
+def _worker_metrics(state: BuildingMetrics) -> Iterator[Metric]:
+    workers = list(state.workers.items())[:MAX_THINGS]
 
     def labels(row: tuple[str, tuple[WorkerLoad, bool]]) -> dict[str, str]:
         return {"worker": row[0]}
@@ -141,7 +155,7 @@ def _of_workers(heard: Heard) -> Iterator[Metric]:
     what = "How long views waited (queue) and took, by stage"
     times = HistogramMetricFamily("surveilnav_perception_seconds", what, labels=["worker", "stage"])
     for id, load in loads:
-        for stage, counts in list(load.times.items())[:_MOST_STAGES]:
+        for stage, counts in list(load.times.items())[:_MAX_STAGES]:
             if buckets := seconds_buckets(counts):
                 times.add_metric([id, stage[:64]], buckets, None)
     yield times
@@ -156,19 +170,19 @@ def seconds_buckets(counts: Sequence[int]) -> list[tuple[str, float]]:
     return [(f"{EDGES_MS[i] / 1000:.6g}", float(sums[i])) for i in _EDGES] + [("+Inf", float(sums[-1]))]
 
 
-def _of_robots_and_missions(heard: Heard) -> Iterator[Metric]:
-    robots = heard.robots[:MOST]
+def _robot_and_mission_metrics(state: BuildingMetrics) -> Iterator[Metric]:
+    robots = state.robots[:MAX_THINGS]
     yield _gauge("robot_up", "1: the robot was heard of", robots, lambda r: {"robot": r.id}, lambda r: not r.stale)
-    states = Counter(m.state for m in heard.missions)
+    states = Counter(m.state for m in state.missions)
     what = "Missions by state, of those that are known"
-    known = get_args(MissionState)
+    known = get_args(MissionStateName)
     yield _gauge("missions", what, known, lambda state: {"state": state}, lambda state: states[state])
     what = "Missions that ended at their target, of those that are known"
-    yield _single("missions_found", what, sum(m.found for m in heard.missions))
+    yield _single("missions_found", what, sum(m.found for m in state.missions))
 
 
-def _of_recorders(heard: Heard) -> Iterator[Metric]:
-    recorders = heard.recorders[:MOST]
+def _recorder_metrics(state: BuildingMetrics) -> Iterator[Metric]:
+    recorders = state.recorders[:MAX_THINGS]
 
     def labels(recorder: Recorder) -> dict[str, str]:
         return {"recorder": recorder.id}
@@ -185,18 +199,18 @@ def _of_recorders(heard: Heard) -> Iterator[Metric]:
     yield _counter("recorder_dropped", what, recorders, labels, lambda r: r.dropped)
 
 
-def _of_the_whole(heard: Heard) -> Iterator[Metric]:
-    processes = heard.processes[:MOST]
+def _system_metrics(state: BuildingMetrics) -> Iterator[Metric]:
+    processes = state.processes[:MAX_THINGS]
 
     def labels(process: Service) -> dict[str, str]:
         return {"process": process.id}
 
     yield _gauge("process_running", "1: it runs", processes, labels, lambda p: p.running and not p.given_up)
     yield _counter("process_restarts", "How often it was started again", processes, labels, lambda p: p.restarts)
-    yield _single("ready", "1: a mission could run now", heard.ready)
-    yield _single("event_streams", "Event streams that are open", heard.event_streams)
+    yield _single("ready", "1: a mission could run now", state.ready)
+    yield _single("event_streams", "Event streams that are open", state.event_streams)
     events = CounterMetricFamily("surveilnav_events", "Events since the gateway started")
-    events.add_metric([], heard.events)
+    events.add_metric([], state.events)
     yield events
 
 
@@ -208,9 +222,9 @@ def _camera(camera: Camera) -> dict[str, str]:
     return {"camera": camera.id, "floor": camera.floor}
 
 
-def _use(use: Any) -> dict[str, str]:
+def _use(use: FloorCamera) -> dict[str, str]:
     return {"camera": use.camera}
 
 
-def _source(source: Any) -> dict[str, str]:
+def _source(source: SourceTraffic) -> dict[str, str]:
     return {"camera": source.id}

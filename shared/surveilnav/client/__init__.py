@@ -1,6 +1,6 @@
-"""A client of the gateway's REST interface: ``Client``, and the resources that it answers with."""
+"""A client of the gateway's REST interface. Its calls return the resources of ``surveilnav.rest``."""
 
 from surveilnav.client.client import Client
-from surveilnav.client.events import Told
+from surveilnav.client.events import ServerEvent
 
-__all__ = ["Client", "Told"]
+__all__ = ["Client", "ServerEvent"]

@@ -2,39 +2,53 @@
 
     with Client("http://127.0.0.1:8080") as building:
         mission = building.submit("potted plant", queue=True)
-        for told in building.events():
-            ...
+        for event in building.events():
+            if event.data.id == mission.id:
+                print(event.data.what)
 
-Every failure is a ``GatewayError``: its ``name`` ends the problem's type, its text says what to do.
+Calls return the resources of ``surveilnav.rest``. Every failure is a ``GatewayError``: its ``name`` ends the problem's type,
+and its text says what to do. Only the calls that return arrays need numpy.
 """
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote
 
 import httpx
-import numpy as np
-from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
 
-from surveilnav.client import resources as r
-from surveilnav.client.events import Told, follow
+from surveilnav import rest
+from surveilnav.client.events import ServerEvent, follow
+from surveilnav.client.npy import array_of, rows_of
 from surveilnav.errors import GatewayError
 
-_ROOT = "/api/v1"
-#: Of a list at most so many are read; newest first where it has an order of time.
-_MOST = 1000
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+R = TypeVar("R", bound=BaseModel)
+T = TypeVar("T")
+#: The most items that are read of a list: the newest, where it has an order of time.
+_MAX_ITEMS = 1000
 
 
 class Client:
-    """One gateway. Safe to use from several threads. ``transport`` stands in for the network in tests."""
+    """One gateway. Thread-safe.
+
+    Args:
+        url: the gateway's address.
+        timeout_s: for connecting, and between two parts of an answer.
+        transport: stands in for the network in tests.
+
+    Raises:
+        GatewayError: ``url`` is no address.
+    """
 
     def __init__(self, url: str, timeout_s: float = 30.0, transport: httpx.BaseTransport | None = None) -> None:
-        """Raises GatewayError: that is no address."""
         self.url = url.rstrip("/")
         try:
             self._http = httpx.Client(base_url=self.url, timeout=timeout_s, transport=transport)
@@ -61,205 +75,224 @@ class Client:
         *,
         queue: bool = False,
         idempotency_key: str | None = None,
-    ) -> r.Mission:
-        """Sends a robot (else any free one) to find something. ``queue``: waits for it if none is free. With the same
-        ``idempotency_key`` it is the same mission, however often this is called."""
+    ) -> rest.Mission:
+        """Sends a robot to find something.
+
+        Args:
+            target: what to find.
+            robot: which robot; None: any free one.
+            max_steps: give up after so many actions.
+            queue: wait for a robot if none is free.
+            idempotency_key: calls with the same key are the same mission, however often they are repeated.
+        """
         goal = {"target": target, "robot": robot, "max_steps": max_steps, "queue": queue}
         headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
-        return cast("r.Mission", self._json("POST", "missions", json=goal, headers=headers))
+        return self._one(rest.Mission, "POST", "missions", json=goal, headers=headers)
 
-    def missions(self) -> list[r.Mission]:
+    def missions(self) -> list[rest.Mission]:
         """The newest 1,000, newest first."""
-        return self._items("missions")
+        return self._list(rest.Mission, "GET", "missions")
 
-    def mission(self, id: str) -> r.Mission:
+    def mission(self, id: str) -> rest.Mission:
         """One mission."""
-        return cast("r.Mission", self._json("GET", f"missions/{_id(id)}"))
+        return self._one(rest.Mission, "GET", f"missions/{_id(id)}")
 
-    def mission_traffic(self, id: str) -> r.MissionTraffic:
-        """What cameras and robots sent while it ran, and what that may come to."""
-        return cast("r.MissionTraffic", self._json("GET", f"missions/{_id(id)}/traffic"))
+    def mission_traffic(self, id: str) -> rest.MissionTraffic:
+        """What cameras and robots sent while a mission ran, and a forecast."""
+        return self._one(rest.MissionTraffic, "GET", f"missions/{_id(id)}/traffic")
 
-    def plan(self, id: str) -> r.MissionPlan:
-        """Its present plan: what was weighed, and why."""
-        return cast("r.MissionPlan", self._json("GET", f"missions/{_id(id)}/plan"))
+    def plan(self, id: str) -> rest.MissionPlan:
+        """A mission's present plan: what was weighed, and why."""
+        return self._one(rest.MissionPlan, "GET", f"missions/{_id(id)}/plan")
 
-    def cancel(self, id: str, reason: str = "") -> r.Mission:
+    def cancel(self, id: str, reason: str = "") -> rest.Mission:
         """Ends a mission; its robot stops."""
-        return cast("r.Mission", self._json("POST", f"missions/{_id(id)}/cancel", json={"reason": reason}))
+        return self._one(rest.Mission, "POST", f"missions/{_id(id)}/cancel", json={"reason": reason})
 
-    def pause(self, id: str, reason: str = "") -> r.Mission:
-        """Has its robot stay where it is."""
-        return cast("r.Mission", self._json("POST", f"missions/{_id(id)}/pause", json={"reason": reason}))
+    def pause(self, id: str, reason: str = "") -> rest.Mission:
+        """Has a mission's robot stay where it is."""
+        return self._one(rest.Mission, "POST", f"missions/{_id(id)}/pause", json={"reason": reason})
 
-    def resume(self, id: str) -> r.Mission:
-        """Has it go on."""
-        return cast("r.Mission", self._json("POST", f"missions/{_id(id)}/resume"))
+    def resume(self, id: str) -> rest.Mission:
+        """Resumes a paused mission."""
+        return self._one(rest.Mission, "POST", f"missions/{_id(id)}/resume")
 
     # --- robots -----------------------------------------------------------------------------------------------------
 
-    def robots(self) -> list[r.Robot]:
+    def robots(self) -> list[rest.Robot]:
         """All robots."""
-        return self._items("robots")
+        return self._list(rest.Robot, "GET", "robots")
 
-    def stop_robots(self, reason: str = "") -> list[r.RobotHalt]:
+    def stop_robots(self, reason: str = "") -> list[rest.RobotHalt]:
         """EMERGENCY STOP: all robots, at once."""
-        return cast("list[r.RobotHalt]", self._json("POST", "robots/stop", json={"reason": reason})["items"])
+        return self._list(rest.RobotHalt, "POST", "robots/stop", json={"reason": reason})
 
-    def release_robots(self) -> list[r.RobotHalt]:
-        """Releases them; nothing moves by that."""
-        return cast("list[r.RobotHalt]", self._json("POST", "robots/release")["items"])
+    def release_robots(self) -> list[rest.RobotHalt]:
+        """Releases all robots; nothing moves by that."""
+        return self._list(rest.RobotHalt, "POST", "robots/release")
 
     # --- cameras ----------------------------------------------------------------------------------------------------
 
-    def cameras(self) -> list[r.Camera]:
+    def cameras(self) -> list[rest.Camera]:
         """All cameras."""
-        return self._items("cameras")
+        return self._list(rest.Camera, "GET", "cameras")
 
-    def camera(self, id: str) -> r.Camera:
+    def camera(self, id: str) -> rest.Camera:
         """One camera."""
-        return cast("r.Camera", self._json("GET", f"cameras/{_id(id)}"))
+        return self._one(rest.Camera, "GET", f"cameras/{_id(id)}")
 
     def picture(self, id: str, view: int) -> bytes:
-        """A JPEG made for this call."""
-        return self._asked("GET", f"{_ROOT}/cameras/{_id(id)}/views/{view}.jpg").content
+        """A JPEG that the camera makes for this call."""
+        return self._request("GET", f"{rest.ROOT}/cameras/{_id(id)}/views/{view}.jpg").content
 
     def latest_picture(self, id: str, view: int | None = None) -> bytes:
-        """A JPEG at most a second old, shared by all viewers."""
-        return self._asked("GET", f"{_ROOT}/cameras/{_id(id)}/latest.jpg", params=_given(view=view)).content
+        """A JPEG that is at most a second old, shared by all viewers; of the first view if none is named."""
+        return self._request("GET", f"{rest.ROOT}/cameras/{_id(id)}/latest.jpg", params=_given(view=view)).content
 
-    def cones(self, id: str) -> list[r.CameraCone]:
-        """What of its floor each view looks at."""
-        return cast("list[r.CameraCone]", self._json("GET", f"cameras/{_id(id)}/cones")["items"])
+    def cones(self, id: str) -> list[rest.CameraCone]:
+        """The area of floor that each view shows."""
+        return self._list(rest.CameraCone, "GET", f"cameras/{_id(id)}/cones")
 
-    def looks(self, id: str) -> list[r.CameraLook]:
-        """Who was shown its pictures, newest first."""
-        return self._items(f"cameras/{_id(id)}/looks")
+    def access_records(self, id: str) -> list[rest.AccessRecord]:
+        """Who was shown a camera's pictures, newest first."""
+        return self._list(rest.AccessRecord, "GET", f"cameras/{_id(id)}/looks")
 
-    def pause_camera(self, id: str) -> r.Camera:
-        """Has it show nothing."""
-        return cast("r.Camera", self._json("POST", f"cameras/{_id(id)}/pause"))
+    def pause_camera(self, id: str) -> rest.Camera:
+        """Has a camera show nothing."""
+        return self._one(rest.Camera, "POST", f"cameras/{_id(id)}/pause")
 
-    def resume_camera(self, id: str) -> r.Camera:
-        """Has it look again."""
-        return cast("r.Camera", self._json("POST", f"cameras/{_id(id)}/resume"))
+    def resume_camera(self, id: str) -> rest.Camera:
+        """Has a paused camera look again."""
+        return self._one(rest.Camera, "POST", f"cameras/{_id(id)}/resume")
 
     def remove_camera(self, id: str) -> None:
-        """Forgets one whose process has ended."""
-        self._asked("DELETE", f"{_ROOT}/cameras/{_id(id)}")
+        """Forgets a camera whose process has ended."""
+        self._request("DELETE", f"{rest.ROOT}/cameras/{_id(id)}")
 
-    def forget_pictures(self) -> list[r.PictureKeeper]:
-        """Has all services forget past pictures; what each says that it does."""
-        return cast("list[r.PictureKeeper]", self._json("DELETE", "pictures")["items"])
+    def forget_pictures(self) -> list[rest.PictureKeeper]:
+        """Has all services forget past pictures, and returns what each answered."""
+        return self._list(rest.PictureKeeper, "DELETE", "pictures")
 
     # --- maps and objects -------------------------------------------------------------------------------------------
 
-    def buildings(self) -> list[r.Building]:
-        """The building that the gateway stands for."""
-        return self._items("buildings")
+    def buildings(self) -> list[rest.Building]:
+        """The building that the gateway serves."""
+        return self._list(rest.Building, "GET", "buildings")
 
-    def floors(self) -> list[r.Floor]:
+    def floors(self) -> list[rest.Floor]:
         """Its floors."""
-        return self._items("floors")
+        return self._list(rest.Floor, "GET", "floors")
 
-    def layer(self, floor: str, layer: str, target: str = "") -> r.Layer:
+    def layer(self, floor: str, layer: str, target: str = "") -> rest.Layer:
         """Where a map layer lies in the world."""
-        return cast(
-            "r.Layer", self._json("GET", f"floors/{_id(floor)}/layers/{_id(layer)}", params=_given(target=target))
-        )
+        address = f"floors/{_id(floor)}/layers/{_id(layer)}"
+        return self._one(rest.Layer, "GET", address, params=_given(target=target))
 
     def layer_picture(self, floor: str, layer: str, target: str = "") -> bytes:
-        """A PNG of it, north up."""
-        address = f"{_ROOT}/floors/{_id(floor)}/layers/{_id(layer)}.png"
-        return self._asked("GET", address, params=_given(target=target)).content
+        """A PNG of a map layer, north up."""
+        address = f"{rest.ROOT}/floors/{_id(floor)}/layers/{_id(layer)}.png"
+        return self._request("GET", address, params=_given(target=target)).content
 
     def layer_array(self, floor: str, layer: str, target: str = "") -> NDArray:
-        """(rows, cols) of it: uint8 0 or 1, or float32 with NaN where unknown; row 0 is the southernmost."""
-        address = f"{_ROOT}/floors/{_id(floor)}/layers/{_id(layer)}.npy"
-        data = self._asked("GET", address, params=_given(target=target)).content
-        return cast("NDArray", np.load(io.BytesIO(data), allow_pickle=False))
+        """(rows, cols) of a map layer: uint8 0 or 1, or float32 with NaN where unknown; row 0 is the southernmost.
 
-    def objects(
-        self, text: str = "", *, floor: str = "", label: str = "", status: str = "", min_confidence: float = 0.0
-    ) -> list[r.Object]:
-        """What the maps hold; with a text, what looks most like it first."""
-        wanted = _given(text=text, floor=floor, label=label, status=status, min_confidence=min_confidence)
-        return self._items("objects", **wanted)
+        Needs numpy; ``layer_rows`` doesn't.
+        """
+        return array_of(self.layer_npy(floor, layer, target))
+
+    def layer_rows(self, floor: str, layer: str, target: str = "") -> list[memoryview]:
+        """The rows of a map layer, with the values of ``layer_array``, for programs without numpy."""
+        return rows_of(self.layer_npy(floor, layer, target))
+
+    def layer_npy(self, floor: str, layer: str, target: str = "") -> bytes:
+        """A map layer as a .npy file, which ``numpy.load`` reads."""
+        return self._npy(f"floors/{_id(floor)}/layers/{_id(layer)}.npy", **_given(target=target))
 
     def cloud(self, floor: str, points: int = 50_000) -> NDArray[np.float32]:
         """(N, 6): x, y, z [m, world] and red, green, blue [0-1] of at most so many points of the joint cloud."""
-        answer = self._asked("GET", f"{_ROOT}/floors/{_id(floor)}/cloud.npy", params={"points": points})
-        return cast("NDArray[np.float32]", np.load(io.BytesIO(answer.content), allow_pickle=False))
+        return array_of(self._npy(f"floors/{_id(floor)}/cloud.npy", points=points))
 
-    def object(self, floor: str, id: int) -> r.Object:
+    def objects(
+        self, text: str = "", *, floor: str = "", label: str = "", status: str = "", min_confidence: float = 0.0
+    ) -> list[rest.Object]:
+        """The objects that the maps hold; with a ``text``, those that look most like it first."""
+        params = _given(text=text, floor=floor, label=label, status=status, min_confidence=min_confidence)
+        return self._list(rest.Object, "GET", "objects", params=params)
+
+    def object(self, floor: str, id: int) -> rest.Object:
         """One object with its whole history."""
-        return cast("r.Object", self._json("GET", f"floors/{_id(floor)}/objects/{id}"))
+        return self._one(rest.Object, "GET", f"floors/{_id(floor)}/objects/{id}")
 
     def object_picture(self, floor: str, id: int, number: int) -> bytes:
-        """A JPEG of what an event of its history (by its place, from 0) saw; GatewayError once it isn't kept."""
-        return self._asked("GET", f"{_ROOT}/floors/{_id(floor)}/objects/{id}/history/{number}.jpg").content
+        """A JPEG of what an event of an object's history (by its place, from 0) saw; GatewayError once it isn't kept."""
+        return self._request("GET", f"{rest.ROOT}/floors/{_id(floor)}/objects/{id}/history/{number}.jpg").content
 
-    # --- the whole --------------------------------------------------------------------------------------------------
+    # --- the system -------------------------------------------------------------------------------------------------
 
-    def perception(self) -> list[r.Worker]:
+    def perception(self) -> list[rest.Worker]:
         """Perception workers."""
-        return self._items("perception")
+        return self._list(rest.Worker, "GET", "perception")
 
-    def targets(self) -> list[r.Target]:
-        """What can be searched for by name; workers that know any word have no names."""
-        return self._items("targets")
+    def targets(self) -> list[rest.Target]:
+        """What can be searched for by name. Workers that understand any word have no names."""
+        return self._list(rest.Target, "GET", "targets")
 
-    def services(self) -> list[r.Service]:
+    def services(self) -> list[rest.Service]:
         """Processes that are kept running."""
-        return self._items("services")
+        return self._list(rest.Service, "GET", "services")
 
-    def traffic(self) -> r.Traffic:
+    def traffic(self) -> rest.Traffic:
         """Bytes by node, camera and robot."""
-        return cast("r.Traffic", self._json("GET", "traffic"))
+        return self._one(rest.Traffic, "GET", "traffic")
 
     def metrics(self) -> str:
         """All that is counted, in Prometheus's text format."""
-        return self._asked("GET", "/metrics").text
+        return self._request("GET", "/metrics").text
 
     def alive(self) -> bool:
         """Whether the gateway lives."""
-        return bool(self._asked("GET", "/healthz").json()["status"] == "ok")
+        return bool(self._json("GET", "/healthz")["status"] == "ok")
 
-    def readiness(self) -> r.Readiness:
-        """Whether a mission could run now. GatewayError "not_ready": what is missing."""
-        return cast("r.Readiness", self._asked("GET", "/readyz").json())
+    def readiness(self) -> rest.Readiness:
+        """Whether a mission could run now. GatewayError "not_ready": its text says what is missing."""
+        return self._parsed(rest.Readiness, "/readyz", self._json("GET", "/readyz"))
 
-    def events(self, last_id: str = "") -> Iterator[Told]:
-        """What changes, as it changes, for ever: connects again by itself and misses nothing. The first event is ``reset``:
-        read the state, then go by what follows. ``last_id``: the id of the last event that was heard before."""
-        return follow(self._http, f"{_ROOT}/events", last_id, self._refusal, self._unreachable)
+    # --- streams ----------------------------------------------------------------------------------------------------
 
-    def live(self, last_id: str = "") -> Iterator[Told]:
-        """How each thing is, whenever that changes: all of it first. It goes on after a cut, as ``events`` does."""
-        return follow(self._http, f"{_ROOT}/live", last_id, self._refusal, self._unreachable)
+    def events(self, last_id: str = "") -> Iterator[ServerEvent[rest.Event]]:
+        """What changes, as it changes, without end. It connects again by itself and misses nothing.
 
-    def tiles(self, of: Sequence[str], last_id: str = "") -> Iterator[Told]:
+        The first event is `reset`: read the state, then go by what follows. ``last_id`` is the id of the last event that was
+        received before; with it, the stream goes on there.
+        """
+        return self._follow("events", last_id, lambda kind, data: rest.Event.model_validate(data))
+
+    def live(self, last_id: str = "") -> Iterator[ServerEvent[rest.LiveState]]:
+        """The state of everything, and then of each thing whenever it changes. It connects again as ``events`` does."""
+        return self._follow("live", last_id, rest.LiveState.of_kind)
+
+    def tiles(self, of: Sequence[str], last_id: str = "") -> Iterator[ServerEvent[rest.TileState]]:
         """Small pictures of these views ("c0-1/3", at most 32), as they change."""
-        path = f"{_ROOT}/tiles?{'&'.join(f'of={_id(view)}' for view in of)}"
-        return follow(self._http, path, last_id, self._refusal, self._unreachable)
+        address = f"tiles?{'&'.join(f'of={_id(view)}' for view in of)}"
+        return self._follow(address, last_id, lambda kind, data: rest.TileState.model_validate(data))
 
     # --- recordings -------------------------------------------------------------------------------------------------
 
-    def recorders(self) -> list[r.Recorder]:
-        """Who records missions, and how much room there is."""
-        return self._items("recorders")
+    def recorders(self) -> list[rest.Recorder]:
+        """The recorders, and how much room they have."""
+        return self._list(rest.Recorder, "GET", "recorders")
 
-    def recordings(self, mission: str = "") -> list[r.Recording]:
-        """Recorded missions, the newest first; of one mission, if it is named."""
-        return self._items("recordings", **_given(mission=mission))
+    def recordings(self, mission: str = "") -> list[rest.Recording]:
+        """Recorded missions, the newest first; only of one mission, if it is named."""
+        return self._list(rest.Recording, "GET", "recordings", params=_given(mission=mission))
 
-    def recording(self, id: str) -> r.Recording:
+    def recording(self, id: str) -> rest.Recording:
         """One recording."""
-        return cast("r.Recording", self._json("GET", f"recordings/{_id(id)}"))
+        return self._one(rest.Recording, "GET", f"recordings/{_id(id)}")
 
     def download_recording(self, id: str, path: Path) -> None:
-        """Writes its file to ``path``, piece by piece. Raises OSError as the disk does."""
-        with self._http.stream("GET", f"{_ROOT}/recordings/{_id(id)}/file") as answer:
+        """Writes a recording's file to ``path``, piece by piece. Raises OSError as the disk does."""
+        with self._http.stream("GET", f"{rest.ROOT}/recordings/{_id(id)}/file") as answer:
             if answer.is_error:
                 answer.read()
                 raise self._refusal(answer)
@@ -269,34 +302,55 @@ class Client:
 
     def remove_recording(self, id: str) -> None:
         """Deletes a recording and its file."""
-        self._asked("DELETE", f"{_ROOT}/recordings/{_id(id)}")
+        self._request("DELETE", f"{rest.ROOT}/recordings/{_id(id)}")
 
-    def replay(self) -> r.Replay:
-        """Where the recording is that this gateway shows."""
-        found: r.Replay = self._json("GET", "replay")
-        return found
+    def replay(self) -> rest.Replay:
+        """The state of the recording that this gateway shows."""
+        return self._one(rest.Replay, "GET", "replay")
 
     def change_replay(
         self, *, at_s: float | None = None, speed: float | None = None, playing: bool | None = None
-    ) -> r.Replay:
+    ) -> rest.Replay:
         """Has the recording that this gateway shows go to a moment, change its speed, play or stand still."""
-        found: r.Replay = self._json("PATCH", "replay", json=_given(at_s=at_s, speed=speed, playing=playing))
-        return found
+        return self._one(rest.Replay, "PATCH", "replay", json=_given(at_s=at_s, speed=speed, playing=playing))
 
-    # --- asking -----------------------------------------------------------------------------------------------------
+    # --- requests ---------------------------------------------------------------------------------------------------
 
-    def _items(self, path: str, **params: Any) -> list[Any]:
-        return list(self._json("GET", path, params={"limit": _MOST, **params})["items"])
+    def _one(self, model: type[R], method: str, path: str, **options: Any) -> R:
+        return self._parsed(model, path, self._json(method, f"{rest.ROOT}/{path}", **options))
+
+    def _list(self, model: type[R], method: str, path: str, **options: Any) -> list[R]:
+        if method == "GET":
+            options["params"] = {"limit": _MAX_ITEMS, **options.get("params", {})}
+        answer = self._json(method, f"{rest.ROOT}/{path}", **options)
+        return self._parsed(rest.Items[model], path, answer).items  # type: ignore[valid-type]
+
+    def _npy(self, path: str, **params: Any) -> bytes:
+        return self._request("GET", f"{rest.ROOT}/{path}", params=params).content
+
+    def _parsed(self, model: type[R], path: str, answer: Any) -> R:
+        try:
+            return model.model_validate(answer)
+        except ValidationError as error:
+            raise self._bad_answer(path, model.__name__, error) from error
+
+    def _bad_answer(self, path: str, expected: str, error: ValidationError) -> GatewayError:
+        wrong = error.errors()[0]
+        where = ".".join(str(part) for part in wrong["loc"]) or "the answer"
+        return GatewayError(
+            "bad_answer",
+            f"expected {expected} from {path} of {self.url}, got something else ({where}: {wrong['msg']}). The gateway may be of "
+            "another version than this client.",
+        )
 
     def _json(self, method: str, path: str, **options: Any) -> Any:
-        answer = self._asked(method, f"{_ROOT}/{path}", **options)
+        answer = self._request(method, path, **options)
         try:
             return answer.json()
         except ValueError:
-            what = f"{path} answered {answer.status_code} without JSON"
-            raise GatewayError("no_gateway", f"{self.url} isn't a SurveilNav gateway: {what}") from None
+            raise self._no_json(answer) from None
 
-    def _asked(self, method: str, path: str, **options: Any) -> httpx.Response:
+    def _request(self, method: str, path: str, **options: Any) -> httpx.Response:
         try:
             answer = self._http.request(method, path, **options)
         except (httpx.HTTPError, httpx.InvalidURL) as error:
@@ -304,6 +358,15 @@ class Client:
         if answer.is_error:
             raise self._refusal(answer)
         return answer
+
+    def _follow(self, path: str, last_id: str, parse: Callable[[str, dict[str, Any]], T]) -> Iterator[ServerEvent[T]]:
+        def parsed(kind: str, data: dict[str, Any]) -> T:
+            try:
+                return parse(kind, data)
+            except ValidationError as error:
+                raise self._bad_answer(path, f"an event ({kind})", error) from error
+
+        return follow(self._http, f"{rest.ROOT}/{path}", last_id, parsed, self._refusal, self._unreachable)
 
     def _unreachable(self, error: Exception) -> GatewayError:
         return GatewayError(
@@ -313,15 +376,18 @@ class Client:
         )
 
     def _refusal(self, answer: httpx.Response) -> GatewayError:
-        """What RFC 9457's members say; other servers' errors by their status."""
+        """The problem that an error answer has (RFC 9457); errors of other servers go by their status."""
         try:
             problem = answer.json()
         except ValueError:
-            what = f"{answer.url.path} answered {answer.status_code} without JSON"
-            return GatewayError("no_gateway", f"{self.url} isn't a SurveilNav gateway: {what}")
+            return self._no_json(answer)
         problem = problem if isinstance(problem, dict) else {}
         name = str(problem.get("type", "")).rpartition(":")[2] or str(answer.status_code)
         return GatewayError(name, str(problem.get("detail") or problem.get("title") or answer.reason_phrase))
+
+    def _no_json(self, answer: httpx.Response) -> GatewayError:
+        what = f"{answer.url.path} answered {answer.status_code} without JSON"
+        return GatewayError("no_gateway", f"{self.url} isn't a SurveilNav gateway: {what}")
 
 
 def _id(id: str) -> str:
@@ -330,5 +396,5 @@ def _id(id: str) -> str:
 
 
 def _given(**params: Any) -> dict[str, Any]:
-    """The parameters that say something."""
+    """The parameters that have a value."""
     return {name: value for name, value in params.items() if value not in ("", None)}

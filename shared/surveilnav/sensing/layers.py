@@ -1,22 +1,25 @@
-"""Map layers as they come from the bus: the header's claims are checked before its bytes are believed."""
+"""Decodes map layers from the bus, after checking header and payload against each other."""
 
 from __future__ import annotations
 
 from numpy.typing import NDArray
 
 from surveilnav.errors import WireError
-from surveilnav.messages import LayerHeader
+from surveilnav.messages import FloorMapsHeader, LayerHeader
 from surveilnav.sensing.packing import unpack_array
 
-#: Layers that lie on a grid, and the type of their cells: 0 or 1, or a value with NaN where it is unknown.
+#: Layers on a grid, and the type of their cells: 0 or 1, or a value with NaN where it is unknown.
 GRID_LAYERS = {"occupancy": "uint8", "explored": "uint8", "frontier": "uint8", "value": "float32"}
 
 
 def unpack_layer(layer: str, header: LayerHeader, payload: bytes) -> NDArray:
-    """The cells (rows, cols) of the ``layer`` that was asked for; row 0 is the southernmost.
+    """The cells (rows, cols) of a grid layer; row 0 is the southernmost.
+
+    Args:
+        layer: the layer that was requested.
 
     Raises:
-        WireError: it is another layer or none on a grid, or header and payload don't fit each other.
+        WireError: it is another layer, or header and payload don't fit each other.
     """
     if layer not in GRID_LAYERS or header.layer != layer:
         raise WireError(f"expected the layer {layer!r} of {', '.join(GRID_LAYERS)}, got {header.layer!r}")
@@ -28,8 +31,27 @@ def unpack_layer(layer: str, header: LayerHeader, payload: bytes) -> NDArray:
     return unpack_array(payload, header.dtype, header.shape)
 
 
+def unpack_parts(header: FloorMapsHeader, payload: bytes) -> dict[str, NDArray]:
+    """The layers (rows, cols) in the maps of a floor, by name.
+
+    Raises:
+        WireError: header and payload don't fit each other.
+    """
+    layers: dict[str, NDArray] = {}
+    begin = 0
+    for part in header.layers:
+        if part.dtype != GRID_LAYERS[part.layer] or part.shape != header.grid.shape or part.n_bytes < 0:
+            expected = f"{GRID_LAYERS[part.layer]} of shape {header.grid.shape}"
+            raise WireError(f"expected {part.layer} as {expected}, got {part.dtype} {part.shape}, {part.n_bytes} bytes")
+        layers[part.layer] = unpack_array(payload[begin : begin + part.n_bytes], part.dtype, part.shape)
+        begin += part.n_bytes
+    if begin != len(payload):
+        raise WireError(f"expected {begin} bytes of layers, got {len(payload)}")
+    return layers
+
+
 def unpack_cloud(header: LayerHeader, payload: bytes) -> NDArray:
-    """(N, 6) float32: x, y, z [m, world] and r, g, b [0-1] of the cloud's points.
+    """The points (N, 6) float32 of the cloud: x, y, z [m, world] and r, g, b [0-1].
 
     Raises:
         WireError: it is another layer, or header and payload don't fit each other.

@@ -12,7 +12,7 @@ from surveilnav.benchmark.dataset import format as files
 from surveilnav.benchmark.dataset.build import open_scene
 from surveilnav.benchmark.dataset.make import make
 from surveilnav.benchmark.dataset.splits import SceneSpec, SplitSpec, quotas
-from surveilnav.benchmark.play.workers import Done
+from surveilnav.benchmark.play.workers import JobResult
 from surveilnav.simulator.world.goals import find_goals
 
 SPLIT = SplitSpec(
@@ -85,6 +85,6 @@ def builds_by_copy(dataset, monkeypatch):
             assert n_episodes == QUOTAS[spec]
             for folder, end in (("content", ".json.gz"), ("cameras", ".json.gz"), ("scenes", ".json")):
                 shutil.copy(dataset / SPLIT.name / folder / f"{spec.scene}{end}", root / split / folder)
-            yield Done(job, None, "")
+            yield JobResult(job, None, "")
 
     monkeypatch.setattr("surveilnav.benchmark.dataset.make.in_workers", in_workers)

@@ -12,14 +12,14 @@ import pytest
 from surveilnav.benchmark.play import cameras, episode
 from surveilnav.benchmark.play.cameras import InvokedCameras
 from surveilnav.benchmark.play.episode import REASONS, Episode, _was_seen, reason_of
-from surveilnav.benchmark.play.sight import PoseError, Sight, Sighted, text_as_sent
+from surveilnav.benchmark.play.sight import PoseError, SeenView, Sight, text_as_sent
 from surveilnav.benchmark.policies import Task, policy_of
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.packing import pack_embedding, unpack_embedding
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap
-from surveilnav.services.fusion.core.guard import ViewError
+from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.planner.core import Decision
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
@@ -147,7 +147,7 @@ def test_of_a_floor_that_the_robot_left_nothing_is_looked_at_or_waited_for(monke
         return [SimpleNamespace(view=view, offered_bytes=1) for view in views]
 
     invoked = InvokedCameras(SimpleNamespace(camera=views_of, infos=[]), FusionConfig(), 1, 2)
-    seen, found = Sighted(before_a_wall(), None, 0), []
+    seen, found = SeenView(before_a_wall(), None, 0), []
     for step, floor_z_m in enumerate((0.0, 0.0, 1.4, 2.8, 2.8, 0.0, 0.0)):
         arrived = invoked.invoke(floor_z_m, step)
         taken = list(invoked.in_turn(JointMap(), seen, arrived))
@@ -220,21 +220,21 @@ def before_a_wall(depth_m=0.0):
 
 def test_a_view_without_any_depth_is_left_out_as_on_the_bus_and_the_planner_gets_empty_maps():
     joint, view = JointMap(), before_a_wall()
-    assert episode._take(joint, Sighted(view, None, 0)) == ""
+    assert episode._take(joint, SeenView(view, None, 0)) == ""
     assert list(joint.floors) == []
-    maps = episode.map_view(episode._maps_for(joint, "0", view), "0", np.ones(4, np.float32) / 2, "")
+    maps = episode.floor_maps(episode._maps_for(joint, "0", view), "0", np.ones(4, np.float32) / 2, "")
     assert not maps.occupancy.any()
     assert not maps.explored.any()
     assert [int(i) for i in maps.grid.cells_of((1.0, 2.0))] == [n // 2 for n in maps.occupancy.shape]
     with pytest.raises(ViewError, match=r"shape|size|depth"):
-        episode._take(joint, Sighted(replace(view, depth_m=view.depth_m[:4]), None, 0))
+        episode._take(joint, SeenView(replace(view, depth_m=view.depth_m[:4]), None, 0))
 
 
 def test_a_view_left_out_is_still_of_the_floor_that_the_robot_stands_on():
     joint = JointMap()
-    assert episode._take(joint, Sighted(before_a_wall(2.0), None, 0)) == "0"
+    assert episode._take(joint, SeenView(before_a_wall(2.0), None, 0)) == "0"
     revision = joint.revision
-    assert episode._take(joint, Sighted(replace(before_a_wall(), seq=1), None, 0)) == "0"
+    assert episode._take(joint, SeenView(replace(before_a_wall(), seq=1), None, 0)) == "0"
     assert joint.revision == revision
     assert episode._maps_for(joint, "0", before_a_wall()) is joint
 

@@ -4,13 +4,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from surveilnav.benchmark.policies import POLICIES
-from surveilnav.benchmark.studies.floors import start_on
 from surveilnav.errors import TargetError
+from surveilnav.simulator.world.goals import Goals, Start
+from surveilnav.simulator.world.navigation import NavigationMap
 
 SHORTEST_PATH = POLICIES["shortest-path"]
+
+
+def start_on(navigation: NavigationMap, goals: Goals, floor: str, seed: int) -> Start:
+    """A place indoors on ``floor`` from which a goal can be reached, drawn by ``seed``."""
+    f = navigation.floors[floor]
+    ground = navigation.robot_area[floor] & np.isfinite(goals.field.distance_m[floor]) & f.indoor
+    cells = np.argwhere(ground)
+    rng = np.random.default_rng([seed, *goals.label.encode(), *floor.encode()])
+    x, y = (float(v) for v in f.grid.centres_of(cells[rng.integers(len(cells))]))
+    return Start((x, y, f.z_m), floor, float(rng.uniform(-np.pi, np.pi)), goals.field.at((x, y), floor))
 
 
 @pytest.mark.parametrize("seed", range(2))

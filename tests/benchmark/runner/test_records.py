@@ -13,7 +13,7 @@ import pytest
 from surveilnav.benchmark import journal
 from surveilnav.benchmark.runner import records as module
 from surveilnav.benchmark.runner.basis import Basis
-from surveilnav.benchmark.runner.records import Broken, Records, kept, read
+from surveilnav.benchmark.runner.records import Broken, Records, read, stored_run
 from surveilnav.benchmark.runner.row import HEADER, EpisodeRecord, record_of_row, row_of
 from surveilnav.benchmark.runner.settings import RunSettings, run_id
 from surveilnav.benchmark.runner.summary import interval, paired, pairs_of, summarise
@@ -66,7 +66,7 @@ def test_a_finished_run_makes_the_same_file_in_whatever_order_it_was_played(tmp_
         records = Records(tmp_path / name, RunSettings(), BASIS)
         for record in played:
             records.add(record)
-        records.settle()
+        records.sort()
         assert sorted(p.name for p in records.folder.iterdir()) == ["searches.csv", "settings.json"]
         files.append({p.name: p.read_bytes() for p in records.folder.iterdir()})
     assert files[0] == files[1]
@@ -124,7 +124,7 @@ def test_a_row_that_was_torn_by_a_kill_is_neither_read_nor_in_the_way(tmp_path):
         file.write(row_of(FAILED)[:40])
     assert records.all() == [RECORD]
     assert records.done() == {RECORD.key}
-    assert records.mend() == []
+    assert records.forget_damaged() == []
     records.add(FAILED)
     assert Records(tmp_path, RunSettings(), BASIS).all() == [RECORD, FAILED]
     assert len(records.path.read_text().splitlines()) == 3
@@ -223,8 +223,8 @@ def test_a_row_that_was_damaged_is_named_and_played_again(tmp_path, old, new):
     records.add(FAILED)
     with pytest.raises(ConfigError, match=r"can't be read.*plays that search anew"):
         read(tmp_path)
-    assert len(records.mend()) == 1
-    assert records.mend() == []
+    assert len(records.forget_damaged()) == 1
+    assert records.forget_damaged() == []
     assert records.done() == {FAILED.key}
     records.add(RECORD)
     assert records.all() == [RECORD, FAILED]
@@ -241,10 +241,10 @@ def test_what_is_mended_is_not_lost_when_the_disk_is_full(tmp_path, monkeypatch)
 
     monkeypatch.setattr("os.replace", full)
     with pytest.raises(ConfigError, match="is the disk full"):
-        records.mend()
+        records.forget_damaged()
     monkeypatch.undo()
     assert records.done() == {RECORD.key, FAILED.key}
-    assert records.mend() == [RECORD.key]
+    assert records.forget_damaged() == [RECORD.key]
     assert records.all() == [FAILED]
 
 
@@ -263,7 +263,7 @@ def test_nobody_writes_while_it_is_mended(tmp_path, monkeypatch):
         return real(row)
 
     monkeypatch.setattr(module, "record_of_row", meanwhile)
-    assert records.mend() == [RECORD.key]
+    assert records.forget_damaged() == [RECORD.key]
     adding.join(10.0)
     assert records.all() == [FAILED]
 
@@ -289,12 +289,12 @@ def test_another_run_whose_settings_cant_be_read_is_refused(tmp_path):
     facts = {"version": module.VERSION, **BASIS._asdict()}
     for settings, said in (
         ({}, "settings aren't said"),
-        ({"settings": {"pace": 3}}, "'pace' that there isn't.*rename"),
+        ({"settings": {"pace": 3}}, "'pace' that there isn't"),
     ):
         (tmp_path / "settings.json").write_text(json.dumps(facts | settings))
         with pytest.raises(ConfigError, match=rf"another run .*{said}"):
             Records(tmp_path, RunSettings(), BASIS)
-        assert kept(tmp_path, RunSettings(), BASIS) is None
+        assert stored_run(tmp_path, RunSettings(), BASIS) is None
 
 
 def test_a_run_from_before_a_setting_was_added_has_its_default(tmp_path):
@@ -303,7 +303,7 @@ def test_a_run_from_before_a_setting_was_added_has_its_default(tmp_path):
     del facts["settings"]["harder"]
     (tmp_path / "settings.json").write_text(json.dumps(facts))
     assert Records(tmp_path, RunSettings(), BASIS).all() == [RECORD]
-    assert kept(tmp_path, RunSettings(harder=1.0), BASIS) is None
+    assert stored_run(tmp_path, RunSettings(harder=1.0), BASIS) is None
 
 
 @pytest.mark.parametrize("facts", [b"", b"{", b"[]", b"\xff"])
@@ -314,7 +314,7 @@ def test_a_file_that_doesnt_say_of_which_run_it_is_is_named(tmp_path, facts):
     for use in (
         lambda: Records(tmp_path, RunSettings(), BASIS),
         lambda: read(tmp_path),
-        lambda: kept(tmp_path, RunSettings(), BASIS),
+        lambda: stored_run(tmp_path, RunSettings(), BASIS),
     ):
         with pytest.raises(ConfigError, match=r"doesn't say of which run.*move it away"):
             use()
@@ -325,7 +325,7 @@ def test_searches_without_settings_are_another_run(tmp_path):
     (tmp_path / "settings.json").unlink()
     with pytest.raises(ConfigError, match="another run"):
         Records(tmp_path, RunSettings(), BASIS)
-    assert kept(tmp_path, RunSettings(), BASIS) is None
+    assert stored_run(tmp_path, RunSettings(), BASIS) is None
 
 
 def test_a_full_disk_is_named_and_what_was_kept_can_be_read(tmp_path, monkeypatch):

@@ -69,7 +69,7 @@ def test_a_recording_says_what_came_when_and_on_what_was_decided(tmp_path):
     found = arrivals_of(path)
     assert found.views == (("camera/a", 3), ("robot/r1", 0))
     assert found.decided_on == {0: MapsState(2, 7), 1: MapsState(5, 3)}  # asked again, the planner looked again
-    assert Arrivals.of_row(found.as_row()) == found
+    assert Arrivals.from_row(found.to_row()) == found
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_the_study_of_the_running_system_keeps_them_of_its_own_recording_alone(t
 
     monkeypatch.setattr(live.subprocess, "run", demo)
     row = live.play(live.Search("a", 0, "tv", "on"), "oracle", tmp_path)
-    assert row.get("arrivals") == (Arrivals((ROBOT,), {0: MapsState(1, 2)}).as_row() if whole else None)
+    assert row.get("arrivals") == (Arrivals((ROBOT,), {0: MapsState(1, 2)}).to_row() if whole else None)
 
 
 class Joint:

@@ -22,8 +22,8 @@ from surveilnav.benchmark.studies.calibration.fit import (
 )
 from surveilnav.benchmark.studies.calibration.page import Side, compare
 from surveilnav.benchmark.studies.calibration.run import main, presence_of
-from surveilnav.benchmark.studies.calibration.views import Found, Rows
-from surveilnav.benchmark.studies.recordings import Tour, record
+from surveilnav.benchmark.studies.calibration.tour import Tour, views_on
+from surveilnav.benchmark.studies.calibration.views import MeasuredDetection, OutcomeTable
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
@@ -34,27 +34,29 @@ from surveilnav.simulator.truth.visible import VisibleThing
 
 
 @pytest.fixture(scope="module")
-def flat() -> tuple[views.Looks, SimulatedBuilding]:
+def flat() -> tuple[views.MeasuredViews, SimulatedBuilding]:
     """A parametric flat, seen by a detector that errs more than the committed model: mistakes to fit to."""
     building = SimulatedBuilding(SimulationSettings(building="parametric_flat", seed=1, cameras=1, lighting="flat"))
-    recording = record(building, Simulated(seed=3, harder=1.0), Tour(40, np.radians(60.0), 1.0))
-    return views.looks_of("flat", recording, building), building
+    seen = views_on(building, Simulated(seed=3, harder=1.0), Tour(40, np.radians(60.0), 1.0))
+    return views.measured_views_of("flat", seen, building), building
 
 
-def test_looks_are_read_as_they_were_written(flat: tuple[views.Looks, SimulatedBuilding], tmp_path: Path) -> None:
+def test_looks_are_read_as_they_were_written(
+    flat: tuple[views.MeasuredViews, SimulatedBuilding], tmp_path: Path
+) -> None:
     looks, _ = flat
     path = tmp_path / "flat.looks"
     views.save(looks, path)
     kept = views.load(path)
     assert kept is not None
-    assert (kept.name, kept.labels, kept.looks) == (looks.name, looks.labels, looks.looks)
+    assert (kept.name, kept.labels, kept.views) == (looks.name, looks.labels, looks.views)
     path.write_bytes(path.read_bytes()[:-50])
     assert views.load(path) is None, "a damaged file is measured again"
-    truth, depth_m = looks.looks[0].truth(looks.labels)
+    truth, depth_m = looks.views[0].truth(looks.labels)
     assert truth.ids.shape == depth_m.shape == (640, 640), "camera views at half their resolution"
 
 
-def test_every_detection_of_a_thing_becomes_one_row(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+def test_every_detection_of_a_thing_becomes_one_row(flat: tuple[views.MeasuredViews, SimulatedBuilding]) -> None:
     looks, _ = flat
     rows = views.rows_of([looks])
     things = rows["thing"]
@@ -63,11 +65,13 @@ def test_every_detection_of_a_thing_becomes_one_row(flat: tuple[views.Looks, Sim
     assert (things.score[things.found] >= 0.25).all()
     assert things.x.shape == (len(things.ids), len(FEATURES))
     assert np.isfinite(things.x).all()
-    said = sum(len(look.found) for look in looks.looks)
+    said = sum(len(look.found) for look in looks.views)
     assert 0.8 * said <= sum(r.found.sum() for r in rows.values()) <= said
 
 
-def test_a_model_fitted_to_the_simulated_detector_is_like_it(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+def test_a_model_fitted_to_the_simulated_detector_is_like_it(
+    flat: tuple[views.MeasuredViews, SimulatedBuilding],
+) -> None:
     looks, _ = flat
     presence = presence_of([looks])
     model = fit(views.rows_of([looks]), presence, "a test")
@@ -110,7 +114,7 @@ def _says_it_by_distance(page: str, real: Side) -> None:
     assert (cells[1], cells[4]) == pytest.approx((named, false), abs=6e-4)
 
 
-def test_names_come_out_as_measured(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+def test_names_come_out_as_measured(flat: tuple[views.MeasuredViews, SimulatedBuilding]) -> None:
     """False alarms that a model calls something else every second time they are seen again, and so less often what was
     measured: both are moved towards what was measured."""
     looks, _ = flat
@@ -138,7 +142,7 @@ def test_names_come_out_as_measured(flat: tuple[views.Looks, SimulatedBuilding])
 
 
 @pytest.mark.parametrize("of", ["other", "thing"])
-def test_finds_come_as_often_as_measured(flat: tuple[views.Looks, SimulatedBuilding], of: str) -> None:
+def test_finds_come_as_often_as_measured(flat: tuple[views.MeasuredViews, SimulatedBuilding], of: str) -> None:
     """Half of what is found in robots' views doesn't come out: as much more is drawn; cameras find as much."""
     looks, _ = flat
     measured = views.rows_of([looks])
@@ -158,7 +162,7 @@ def test_finds_come_as_often_as_measured(flat: tuple[views.Looks, SimulatedBuild
     assert (same.weights, same.own) == (before.weights, before.own)
 
 
-def test_own_names_come_as_often_as_measured(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+def test_own_names_come_as_often_as_measured(flat: tuple[views.MeasuredViews, SimulatedBuilding]) -> None:
     looks, _ = flat
     measured = views.rows_of([looks])
     model = fit(measured, presence_of([looks]), "a test")
@@ -172,7 +176,7 @@ def test_own_names_come_as_often_as_measured(flat: tuple[views.Looks, SimulatedB
     assert own[1] > 1.05 * own[0]
 
 
-def test_a_kind_that_is_never_wrong_still_has_names(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+def test_a_kind_that_is_never_wrong_still_has_names(flat: tuple[views.MeasuredViews, SimulatedBuilding]) -> None:
     looks, _ = flat
     rows = views.rows_of([looks])
     rows["place"] = replace(rows["place"], name=np.full(len(rows["place"].name), ""))
@@ -182,7 +186,7 @@ def test_a_kind_that_is_never_wrong_still_has_names(flat: tuple[views.Looks, Sim
     assert kind.score(np.array([-1.0, -0.01]), right=False).tolist() == [0.0, 0.0], "what isn't found has no score"
 
 
-def test_what_was_never_measured_stays_as_fitted(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+def test_what_was_never_measured_stays_as_fitted(flat: tuple[views.MeasuredViews, SimulatedBuilding]) -> None:
     """Names of a sight with no mistake measured are those of its kind of view; with none at all they don't move."""
     looks, _ = flat
     measured = views.rows_of([looks])
@@ -200,7 +204,7 @@ def test_what_was_never_measured_stays_as_fitted(flat: tuple[views.Looks, Simula
     assert matched(model, measured, drawn).kinds["other"].names[at][""] == pytest.approx(before, rel=0.05)
 
 
-def test_places_are_called_alike_near_and_far(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+def test_places_are_called_alike_near_and_far(flat: tuple[views.MeasuredViews, SimulatedBuilding]) -> None:
     """Whichever piece of wall a false box's middle lies on: a place has no size that says what it may be taken for."""
     looks, _ = flat
     rows = views.rows_of([looks])
@@ -212,16 +216,16 @@ def test_places_are_called_alike_near_and_far(flat: tuple[views.Looks, Simulated
         assert all(of == first for of in others)
 
 
-def test_weak_scores_go_by_what_shows(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+def test_weak_scores_go_by_what_shows(flat: tuple[views.MeasuredViews, SimulatedBuilding]) -> None:
     looks, _ = flat
     rows = views.rows_of([looks])
     shows = {
-        label: np.isin(np.arange(len(looks.looks)), rows["thing"].view[rows["thing"].labels == label])
+        label: np.isin(np.arange(len(looks.views)), rows["thing"].view[rows["thing"].labels == label])
         for label in TARGETS
     }
     by, at = min(shows.items(), key=lambda pair: abs(pair[1].mean() - 0.4))
     assert 0.1 < at.mean() < 0.9
-    presence = np.zeros((len(looks.looks), len(COCO)), np.float32)
+    presence = np.zeros((len(looks.views), len(COCO)), np.float32)
     presence[:, COCO.index("umbrella")] = np.where(at, 0.3, 0.1) + 0.05 * np.random.default_rng(0).random(len(at))
     haze = fit(rows, presence, "a test").haze
     assert list(haze) == ["umbrella"], "nothing else is ever weakly seen"
@@ -241,9 +245,9 @@ def test_a_detection_goes_to_the_thing_that_it_fits_or_shows() -> None:
     ids = np.zeros((1, 1), np.uint16)
     bed = VisibleThing(1, "bed", (0.0, 0.0, 100.0, 100.0), ids, 9000, 9000, 2.0)
     chair = VisibleThing(2, "chair", (200.0, 0.0, 240.0, 40.0), ids, 900, 900, 2.0)
-    fits = Found("couch", 0.5, (5.0, 0.0, 100.0, 95.0), 2, 0.9, 2.0)
-    shows = Found("chair", 0.5, (150.0, 0.0, 240.0, 90.0), 2, 0.6, 2.0)
-    neither = Found("chair", 0.5, (300.0, 0.0, 340.0, 90.0), 2, 0.3, 2.0)
+    fits = MeasuredDetection("couch", 0.5, (5.0, 0.0, 100.0, 95.0), 2, 0.9, 2.0)
+    shows = MeasuredDetection("chair", 0.5, (150.0, 0.0, 240.0, 90.0), 2, 0.6, 2.0)
+    neither = MeasuredDetection("chair", 0.5, (300.0, 0.0, 340.0, 90.0), 2, 0.3, 2.0)
     assert views.owners_of([bed, chair], [fits, shows, neither]) == [bed, chair, None]
     assert views.owners_of([], [fits]) == [None]
 
@@ -273,7 +277,7 @@ def test_shares_of_luck_are_found_from_pairs_of_views() -> None:
         lucks[at] = Draws(1, view + 2, ids[at], direction[at], range_m[at]).luck(true, 0)
     text = np.array(["x"] * len(ids))
     zero = np.zeros(len(ids))
-    rows = Rows("thing", text, ids, zero, direction, range_m, zero, zero.astype(int), text, zero, zero, zero)
+    rows = OutcomeTable("thing", text, ids, zero, direction, range_m, zero, zero.astype(int), text, zero, zero, zero)
     fitted = fit_luck(rows, zero, lucks > 0, rng)
     assert fitted.instance == pytest.approx(true.instance, abs=0.1)
     assert fitted.instance + fitted.field == pytest.approx(0.7, abs=0.12)
@@ -294,7 +298,7 @@ def test_too_few_buildings_are_refused_in_a_sentence(capsys: pytest.CaptureFixtu
 
 
 def test_the_model_in_use_is_compared_on_a_split_and_left_as_it_is(
-    flat: tuple[views.Looks, SimulatedBuilding], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    flat: tuple[views.MeasuredViews, SimulatedBuilding], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
     monkeypatch.setattr("surveilnav.benchmark.studies.calibration.run.OUT", tmp_path)
@@ -316,13 +320,15 @@ def test_the_model_in_use_is_compared_on_a_split_and_left_as_it_is(
     assert not (tmp_path / "model.json").exists()
 
 
-def test_what_shows_in_a_view_is_what_simulated_thinks_shows(flat: tuple[views.Looks, SimulatedBuilding]) -> None:
+def test_what_shows_in_a_view_is_what_simulated_thinks_shows(
+    flat: tuple[views.MeasuredViews, SimulatedBuilding],
+) -> None:
     """The haze is fitted to the same rule that it is later drawn by."""
     rows = views.rows_of([flat[0]])
-    n_views = len(flat[0].looks)
+    n_views = len(flat[0].views)
     labels, shown, camera = _shown(rows, n_views)
     assert "" not in labels
-    assert camera.tolist() == [float(look.is_camera) for look in flat[0].looks]
+    assert camera.tolist() == [float(look.is_camera) for look in flat[0].views]
     for view in range(n_views):
         drawn: dict[str, float] = {}
         for kind in ("thing", "other"):

@@ -17,13 +17,13 @@ from surveilnav.benchmark.studies.calibration.chances import (
     left_out,
     page,
 )
-from surveilnav.benchmark.studies.calibration.views import Looks, looks_of, save
-from surveilnav.benchmark.studies.recordings import Tour, record
+from surveilnav.benchmark.studies.calibration.tour import Tour, views_on
+from surveilnav.benchmark.studies.calibration.views import MeasuredViews, measured_views_of, save
 from surveilnav.perception.chances import ChanceTable, features
 from surveilnav.perception.detectors.compact import CompactNetwork
-from surveilnav.perception.detectors.onnx_file import session
-from surveilnav.perception.one_network import OneNetwork
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.truth.backends import Oracle
 from tests.compact_file import write
@@ -42,7 +42,7 @@ def made(n: int, seed: int = 0) -> Judged:
 def test_it_finds_the_terms_that_made_the_data():
     table = fit(made(20_000), "a test")
     bed, chair = table.by_class["bed"], table.by_class["chair"]
-    assert bed.even - chair.even == pytest.approx(-2.0, abs=0.2)
+    assert bed.intercept - chair.intercept == pytest.approx(-2.0, abs=0.2)
     assert table.slope + chair.slope == pytest.approx(1.5, abs=0.15)
     assert (table.size, table.range, table.camera) == pytest.approx((0.6, -0.8, -0.5), abs=0.12)
     rows = made(20_000, seed=1)
@@ -93,9 +93,11 @@ def colours(tmp_path_factory):
     """A flat in flat light as a tiny network sees it, for which what is dark is a chest of drawers."""
     building = SimulatedBuilding(SimulationSettings(building="parametric_flat", seed=1, cameras=1, lighting="flat"))
     path = write(tmp_path_factory.mktemp("compact") / "compact.onnx", blackness=2.0, more={"meanings": OTHERS})
-    backend = OneNetwork("compact", "in a test", CompactNetwork(session(path, Runtime()), 320), "compact@0")
-    recording = record(building, backend, Tour(12, np.radians(90.0), 2.0))
-    return backend, looks_of("flat", recording, building, backend.vocabulary), building
+    backend = SingleNetworkBackend(
+        "compact", "in a test", CompactNetwork(open_session(path, Runtime()), 320), "compact@0"
+    )
+    seen = views_on(building, backend, Tour(12, np.radians(90.0), 2.0))
+    return backend, measured_views_of("flat", seen, building, backend.vocabulary), building
 
 
 def test_views_are_judged_in_the_words_of_another_vocabulary(colours):
@@ -104,9 +106,9 @@ def test_views_are_judged_in_the_words_of_another_vocabulary(colours):
     chests = {id_ for id_, label in truth.items() if label in OTHERS}
     assert {id_ for id_, label in looks.labels.items() if label == "chest of drawers"} == chests != set()
     assert looks.labels.items() >= {(i, label) for i, label in truth.items() if label in ("bed", "tv", "toilet")}
-    assert all(look.presence == [] for look in looks.looks)
+    assert all(look.presence == [] for look in looks.views)
     rows = judged([looks])
-    assert len(rows.right) == sum(len(look.found) for look in looks.looks) > 0
+    assert len(rows.right) == sum(len(look.found) for look in looks.views) > 0
     assert 0 < rows.right.mean() < 1, "some of what it calls a chest of drawers is one"
 
 
@@ -121,7 +123,7 @@ def test_a_table_is_written_for_any_backend_with_a_vocabulary(colours, tmp_path,
     table = msgspec.json.decode((tmp_path / "chances" / "compact.json").read_bytes(), type=ChanceTable)
     assert (asked, "detections of compact@0" in table.source) == (["compact"], True)
     assert "chances --backend compact`" in (tmp_path / "chances_compact.md").read_text()
-    empty = Looks("flat", {}, [msgspec.structs.replace(look, found=[]) for look in looks.looks])
+    empty = MeasuredViews("flat", {}, [msgspec.structs.replace(look, found=[]) for look in looks.views])
     monkeypatch.setattr(chances, "measured", lambda scene, n_views, by: empty)
     assert chances.main(["--backend", "compact"]) == 2
     assert "found nothing" in capsys.readouterr().err
@@ -136,4 +138,4 @@ def test_looks_are_kept_by_the_weights_that_looked(colours, tmp_path, monkeypatc
     (tmp_path / "compact@0").mkdir()
     save(looks, tmp_path / "compact@0" / "flat-s0-all-9.looks")
     kept = run.measured(SceneSpec("flat", 0, "all"), 9, backend)
-    assert (kept.name, kept.labels, len(kept.looks)) == (looks.name, looks.labels, len(looks.looks))
+    assert (kept.name, kept.labels, len(kept.views)) == (looks.name, looks.labels, len(looks.views))

@@ -25,6 +25,8 @@ def row(building: str, arm: str, *, seed: int = 0, **facts: object) -> dict:
         "search_s": 20.0,
         "first_action_s": 1.0,
         "steps": 90,
+        "program": "abc",
+        "models": "all",
     }
     return known | facts
 
@@ -55,7 +57,7 @@ def test_without_a_pair_the_page_says_how_often_it_ends_right():
         row("a", "on", found=True),
         row("a", "on", seed=1, success=False, spl=0.0, found=False, error="out_of_steps"),
     ]
-    said = page([r | {"error": r.get("error"), "program": "abc"} for r in rows], "c")
+    said = page([r | {"error": r.get("error")} for r in rows], "c")
     assert "**1 of 2 searches end right (50 %), SPL 25.0.** Buildings and seeds: 2; cameras: on." in said
     assert "| tv | 2 | 1 | 25.0 |" in said
     assert "| a | 1 | tv | no | out_of_steps | 90 | 10.0 | 5.0 | 20.0 |" in said

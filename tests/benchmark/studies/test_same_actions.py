@@ -93,9 +93,9 @@ def test_with_live_timing_a_search_is_the_recorded_one(monkeypatch):
         assert played(row, building) == alone
     n_views = sum(source.startswith("camera/") for source, _ in views)
     assert n_views > 10
-    row |= {"actions": alone.actions, "arrivals": Arrivals(tuple(views), decided_on).as_row()}
+    row |= {"actions": alone.actions, "arrivals": Arrivals(tuple(views), decided_on).to_row()}
     found = play_and_compare(row, building)
     assert found.whole
     assert found.with_live_timing.whole
     late = Arrivals(tuple(v for v in views if v[0] == "robot/r1"), dict.fromkeys(decided_on, MapsState(0, n_views)))
-    assert not play_and_compare(row | {"arrivals": late.as_row()}, building).with_live_timing.whole
+    assert not play_and_compare(row | {"arrivals": late.to_row()}, building).with_live_timing.whole

@@ -19,7 +19,7 @@ from surveilnav.benchmark.runner.run import Finished
 from surveilnav.benchmark.runner.settings import RunSettings, run_id
 from surveilnav.benchmark.tables.arms import TABLES, Arm, Table
 from surveilnav.benchmark.tables.make import expect_own_runs, make
-from surveilnav.benchmark.tables.page import Line, _over_bytes, page, plot
+from surveilnav.benchmark.tables.page import TableRow, _over_bytes, page, plot
 from surveilnav.errors import ConfigError, SurveilNavError
 from surveilnav.perception.models import CATALOGUE
 from tests.benchmark.runner.test_records import FAILED, RECORD
@@ -68,7 +68,13 @@ def test_a_line_of_several_seeds_is_of_all_their_searches(tmp_path, basis, playe
 
 def test_a_page_says_what_the_records_say():
     without = [msgspec.structs.replace(RECORD, success=False, spl=0.0, reason="out_of_steps"), FAILED]
-    text = page(TABLE, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], without)], 2, MODELS, BASIS)
+    text = page(
+        TABLE,
+        [TableRow.from_records(ARMS[0], [RECORD, FAILED]), TableRow.from_records(ARMS[1], without)],
+        2,
+        MODELS,
+        BASIS,
+    )
     assert "| with | 2 | 50.0 [0.0, 100.0] | 25.0 [0.0, 50.0] | 60.0 | " in text
     assert (
         "| without | 2 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 | -50.0 [-100.0, +0.0] | -25.0 [-50.0, +0.0] |  | "
@@ -89,7 +95,13 @@ def test_real_homes_stand_apart_from_generated_buildings():
     office = msgspec.structs.replace(RECORD, scene="office_3-s0", success=True, spl=0.25)
     failed = [msgspec.structs.replace(r, success=False, spl=0.0, reason="stuck") for r in (home, office)]
     models = defaultdict(list)
-    text = page(TABLE, [Line.of(ARMS[0], [home, office]), Line.of(ARMS[1], [home, failed[1]])], 2, models, BASIS)
+    text = page(
+        TABLE,
+        [TableRow.from_records(ARMS[0], [home, office]), TableRow.from_records(ARMS[1], [home, failed[1]])],
+        2,
+        models,
+        BASIS,
+    )
     part = text.partition("## Real homes and generated buildings")[2].partition("##")[0]
     assert "| with | real homes | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] |  |  |" in part
     assert "| with | generated | 1 | 100.0 [100.0, 100.0] | 25.0 [25.0, 25.0] |  |  |" in part
@@ -126,7 +138,7 @@ def test_levels_of_a_factor_are_compared_with_all_else_the_same():
     }
     table = Table("size", "Size", "About.", tuple(arms.values()), factors=("size", "colour"))
     played = {("big", "red"): lost, ("small", "red"): found, ("small", "blue"): lost, ("small", "green"): found}
-    text = page(table, [Line.of(arms[levels], [r]) for levels, r in played.items()], 1, MODELS, BASIS)
+    text = page(table, [TableRow.from_records(arms[levels], [r]) for levels, r in played.items()], 1, MODELS, BASIS)
     rows = [line for line in text.splitlines() if line.startswith(("| size: ", "| colour: "))]
     assert rows == [
         "| size: big | 1 | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] |  |  |",
@@ -139,11 +151,11 @@ def test_levels_of_a_factor_are_compared_with_all_else_the_same():
 
 
 def test_an_unfinished_arm_says_so():
-    assert "| with | 1 (unfinished) |" in page(TABLE, [Line.of(ARMS[0], [RECORD])], 2, MODELS, BASIS)
+    assert "| with | 1 (unfinished) |" in page(TABLE, [TableRow.from_records(ARMS[0], [RECORD])], 2, MODELS, BASIS)
 
 
 def test_an_arm_that_wasnt_played_is_listed_and_nothing_is_compared_with_another():
-    text = page(TABLE, [Line.of(ARMS[1], [RECORD])], 1, MODELS, BASIS)
+    text = page(TABLE, [TableRow.from_records(ARMS[1], [RECORD])], 1, MODELS, BASIS)
     assert "| with | 0 | |" in text.replace("  ", " ")
     assert "| without | 1 | 100.0 [100.0, 100.0] | 50.0 [50.0, 50.0] | 60.0 |  |  |  | 100.0 | 100.0 | 10 |" in text
     nothing = page(TABLE, [], 1, MODELS, BASIS)
@@ -152,9 +164,9 @@ def test_an_arm_that_wasnt_played_is_listed_and_nothing_is_compared_with_another
 
 
 def test_differences_say_of_how_many_episodes_they_are():
-    lines = [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])]
+    lines = [TableRow.from_records(ARMS[0], [RECORD, FAILED]), TableRow.from_records(ARMS[1], [FAILED])]
     assert "| +0.0 [+0.0, +0.0] (of 1) |" in page(TABLE, lines, 2, MODELS, BASIS)
-    apart = [Line.of(ARMS[0], [RECORD]), Line.of(ARMS[1], [FAILED])]
+    apart = [TableRow.from_records(ARMS[0], [RECORD]), TableRow.from_records(ARMS[1], [FAILED])]
     assert "| without | 1 (unfinished) | 0.0 [0.0, 0.0] | 0.0 [0.0, 0.0] | 60.0 |  |  |  |" in page(
         TABLE, apart, 2, MODELS, BASIS
     )
@@ -162,7 +174,9 @@ def test_differences_say_of_how_many_episodes_they_are():
 
 def test_the_ratio_is_the_first_lines_over_the_others():
     def line(arm, *spl):
-        return Line.of(arm, [msgspec.structs.replace(RECORD, episode_id=str(i), spl=v) for i, v in enumerate(spl)])
+        return TableRow.from_records(
+            arm, [msgspec.structs.replace(RECORD, episode_id=str(i), spl=v) for i, v in enumerate(spl)]
+        )
 
     text = page(TABLE, [line(ARMS[0], 0.6, 0.6), line(ARMS[1], 0.2, 0.3)], 2, MODELS, BASIS)
     assert "| 2.40 [2.00, 3.00] |" in text
@@ -338,7 +352,7 @@ def test_the_plot_is_the_same_twice(over_bytes):
     pictures = io.BytesIO(), io.BytesIO()
     table = dataclasses.replace(TABLE, over_bytes=over_bytes)
     for file in pictures:
-        plot(table, [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])], file)
+        plot(table, [TableRow.from_records(ARMS[0], [RECORD, FAILED]), TableRow.from_records(ARMS[1], [FAILED])], file)
     assert pictures[0].getvalue() == pictures[1].getvalue()
 
 
@@ -348,7 +362,7 @@ def test_the_plot_shows_bytes_if_the_table_asks(monkeypatch):
     monkeypatch.setattr(
         "surveilnav.benchmark.tables.page._over_bytes", lambda lines, axis: shown.append(axis) or real(lines, axis)
     )
-    lines = [Line.of(ARMS[0], [RECORD, FAILED]), Line.of(ARMS[1], [FAILED])]
+    lines = [TableRow.from_records(ARMS[0], [RECORD, FAILED]), TableRow.from_records(ARMS[1], [FAILED])]
     plot(TABLE, lines, io.BytesIO())
     assert not shown
     plot(dataclasses.replace(TABLE, over_bytes=True), lines, io.BytesIO())
@@ -360,7 +374,9 @@ def test_the_plot_shows_bytes_if_the_table_asks(monkeypatch):
 
 def test_bytes_are_listed_by_tier():
     both = msgspec.structs.replace(RECORD, bytes={"jpeg+depth": 31_731_755, "summaries": 700})
-    text = page(TABLE, [Line.of(ARMS[0], [both]), Line.of(ARMS[1], [FAILED])], 1, MODELS, BASIS)
+    text = page(
+        TABLE, [TableRow.from_records(ARMS[0], [both]), TableRow.from_records(ARMS[1], [FAILED])], 1, MODELS, BASIS
+    )
     assert "| path [m] | jpeg+depth [MB] | summaries [MB] | paper: SR / SPL |" in text
     assert "| 4.0 | 31.7 | 0.0007 | 67.4 / 34.5 |" in text
     assert "| 4.0 | 0 | 0 |  |" in text
@@ -375,7 +391,10 @@ def test_an_explained_table_says_which_searches_make_the_difference():
             for i, s in enumerate(spl)
         ]
 
-    lines = [Line.of(ARMS[0], played(0.5, 0.0, 0.4, 0.9, 0.3)), Line.of(ARMS[1], played(0.0, 0.6, 0.7, 0.8, 0.3))]
+    lines = [
+        TableRow.from_records(ARMS[0], played(0.5, 0.0, 0.4, 0.9, 0.3)),
+        TableRow.from_records(ARMS[1], played(0.0, 0.6, 0.7, 0.8, 0.3)),
+    ]
     table = dataclasses.replace(TABLE, explained=True)
     said = page(table, lines, 5, defaultdict(list), BASIS)
     # (0 - 0.5, 0.6 - 0, 0.7 - 0.4, 0.8 - 0.9, 0) / 5 searches

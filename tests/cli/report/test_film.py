@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import re
@@ -12,11 +13,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from surveilnav.cli.report import RunRecord, Step, write_report
+from surveilnav.cli.report import MapMoment, RunRecord, Step, write_report
 from surveilnav.cli.report.film import film_of
 from surveilnav.cli.report.key_moments import key_moments
 from surveilnav.cli.report.small_pictures import small_pictures
 from surveilnav.cli.report.why import reasons
+from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate
 
 
@@ -29,26 +31,57 @@ def test_frames_tell_what_was_seen_weighed_and_believed(record, tmp_path):
     data = data_of((tmp_path / "r.html").read_text(encoding="utf-8"))
     frames = data["frames"]
     assert len(frames) == len(record.trajectory)
-    assert [f["n"] for f in frames] == list(range(len(frames)))
-    assert all(f["v"] for f in frames)
-    assert [i for i, f in enumerate(frames) if "m" in f] == list(range(0, len(frames), 3))
-    assert frames[0]["p"]["c"][0][0] == "frontier"
-    assert frames[-1]["p"]["w"][:3] == ["target", 9.8, 6.2]
-    first, *_ = [b for b in data["beliefs"] if b[1] == 4]
-    assert first == [10, 4, "potted plant", 0.72, "candidate", "camera c2"]
-    last = [b for b in data["beliefs"] if b[1] == 4][-1]
-    assert last[3:] == [0.82, "confirmed", "camera c2, the robot"]
+    assert [f["step"] for f in frames] == list(range(len(frames)))
+    assert all(f["picture"] for f in frames)
+    assert [m["frame"] for m in data["maps"]] == list(range(0, len(frames), 3))
+    assert frames[0]["plan"]["candidates"][0]["kind"] == "frontier"
+    waypoint = frames[21]["plan"]["waypoint"]
+    assert (waypoint["kind"], waypoint["x_m"], waypoint["y_m"]) == ("target", 9.8, 6.2)
+    number = [o["id"] for o in data["objects"]].index(4)
+    first, *_, last = [s for s in data["sightings"] if s[1] == number]
+    assert first == [10, number, "candidate", "potted plant", 0.72, ["camera/c2"]]
+    assert last == [len(frames) - 1, number, "confirmed", "potted plant", 0.82, ["camera/c2", "robot/r1"]]
+    assert [e["what"] for e in data["objects"][number]["history"]] == ["created", "matched", "confirmed"]
+
+
+def test_layers_lie_where_they_belong(record, tmp_path):
+    """One explored cell: its picture is cut to it, and says where in the world it lies."""
+    grid = Grid(0.0, 0.0, 0.5, 20, 20)
+    cells = np.zeros((20, 20), np.uint8)
+    cells[2, 4] = 1  # x 2.0-2.5, y 1.0-1.5
+    values = np.full((20, 20), np.nan, np.float32)
+    values[2:4, 4] = 0.25, 0.75
+    layers = {"0": {"explored": (grid, cells), "value": (grid, values), "frontier": (grid, 0 * cells)}}
+    drawn = film_of(record).data(replace(record, layers=layers))["layers"]["0"]
+    assert drawn.keys() == {"explored", "value"}  # nothing is a frontier
+    assert (drawn["explored"]["grid"], drawn["explored"]["range"]) == ([2.0, 1.0, 0.5, 1, 1], None)
+    assert (drawn["value"]["grid"], drawn["value"]["range"]) == ([2.0, 1.0, 0.5, 2, 1], [0.25, 0.75])
+    png = cv2.imdecode(np.frombuffer(base64.b64decode(drawn["value"]["png"]), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert png.shape == (2, 1, 4)
+    assert png[0, 0, 1] > png[1, 0, 1]  # the north is up, and the higher value is lighter
+
+
+def test_maps_that_are_too_large_are_thinned_and_the_newest_stays(record):
+    rng = np.random.default_rng(0)
+    grid = Grid(0.0, 0.0, 0.05, 200, 200)
+    noise = [rng.integers(0, 2, (200, 200)).astype(np.uint8) for _ in range(3)]
+    moments = [MapMoment(i, "0", grid, MapMoment.pack(noise[i % 3], noise[i % 2])) for i in range(40)]
+    film = film_of(record)
+    maps = film.data(replace(record, map_moments=moments))["maps"]
+    assert 0 < len(maps) < 40
+    assert maps[-1]["frame"] == 39
+    assert sum(len(layer["png"]) for m in maps for layer in m["layers"].values()) <= 350_000
 
 
 def test_key_moments_are_few_and_tell_the_search(record):
-    film = film_of(record, record.objects[:2])
+    film = film_of(record)
     moments = key_moments(film, "potted plant")
     assert 4 <= len(moments) <= 6
     assert moments[0].title == "Step 0: start"
     assert moments[-1].title == "Step 42: end"
     assert any("goes to the confirmed target" in m.title for m in moments)
     assert any("taken for a potted plant by camera c2" in m.title for m in moments)
-    assert all(m.view and m.map for m in moments)
+    assert all(m.view for m in moments)
 
 
 def noisy_run(record: RunRecord, n_steps: int) -> RunRecord:
@@ -85,7 +118,7 @@ def test_a_long_search_stays_small(record, tmp_path, n_steps):
     assert (tmp_path / "r.html").stat().st_size <= 3_000_000
     frames = data_of((tmp_path / "r.html").read_text(encoding="utf-8"))["frames"]
     assert 400 <= len(frames) <= 501
-    assert (frames[0]["n"], frames[-1]["n"]) == (0, n_steps)
+    assert (frames[0]["step"], frames[-1]["step"]) == (0, n_steps)
 
 
 def test_pictures_as_good_as_the_budget_allows(record):
@@ -111,11 +144,11 @@ def test_places_that_are_none_are_left_out(record):
         path_m=[(nan, 1.0), (0.0, 0.0), (1.0, 1.0)],
     )
     odd = replace(record, plans=[plan], trajectory=[Step(nan, 0.0, "0"), *record.trajectory])
-    frame = film_of(odd, []).data(odd)["frames"][0]
-    assert "w" not in frame["p"]
-    assert [c[1] for c in frame["p"]["c"]] == [1.0]
-    assert frame["p"]["p"] == [0.0, 0.0, 1.0, 1.0]
-    assert film_of(replace(record, trajectory=[]), []) is None
+    frame = film_of(odd).data(odd)["frames"][0]
+    assert frame["plan"]["waypoint"] is None
+    assert [c["x_m"] for c in frame["plan"]["candidates"]] == [1.0]
+    assert frame["plan"]["path_m"] == [[0.0, 0.0], [1.0, 1.0]]
+    assert film_of(replace(record, trajectory=[])) is None
 
 
 def test_a_failure_says_what_is_known_of_why(record):
@@ -142,7 +175,7 @@ def test_steps_are_numbered_as_the_planner_counts(record):
         msgspec.structs.replace(p, step=p.seq + (20 if p.seq > 30 else 0)) for p in record.plans if p.seq not in (5, 6)
     ]
     status = msgspec.structs.replace(record.status, step=63)
-    film = film_of(replace(record, plans=plans, status=status), [])
+    film = film_of(replace(record, plans=plans, status=status))
     assert list(film.numbers) == [*range(31), *range(51, 62), 63]
 
 

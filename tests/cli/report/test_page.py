@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -14,9 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from surveilnav.cli.report import DecidingView, Moment, RunRecord, Step, TrafficLine, outcome, write_report
-from surveilnav.cli.report.floor_map import DOUBTED, TARGET
-from surveilnav.geometry import Grid
+from surveilnav.cli.report import DecidingView, RunRecord, Step, TrafficLine, outcome, write_report
 from surveilnav.messages import MissionStatus
 
 
@@ -62,8 +59,7 @@ def written(record: RunRecord, folder: Path) -> tuple[Page, str]:
 def test_it_stands_alone(record, tmp_path):
     page, _ = written(record, tmp_path)
     assert page.loads
-    kinds = tuple(f"data:image/{kind};base64," for kind in ("png", "jpeg", "webp"))
-    assert all(address.startswith(kinds) for address in page.loads)
+    assert all(address.startswith("data:image/webp;base64,") for address in page.loads)
     assert (page.tags.count("script"), page.handlers) == (2, [])  # the film's data and the film
     for address in page.loads:
         assert (
@@ -83,50 +79,14 @@ def test_it_says_what_happened(record, tmp_path):
         "weights found",
         "3 of 4",
         "44 MB",
-        "confirmed",
-        "rejected",
-        "class flipped to vase",
-        "couch 1",
-        "the one it went to",
         "camera c2, view 1: first saw it",
         "potted plant 0.72",
-        "approaching",
         "Run on 2 CPU cores.",
         "2.9 MB",
-        "start",
-        "stop",
+        "Step 0: start",
+        "Step 42: end",
     ):
         assert words in text, words
-
-
-def test_what_is_confirmed_as_something_else_is_not_marked_as_the_target(record, tmp_path):
-    found = next(o for o in record.objects if o.status == "confirmed" and o.label == record.target)
-    other = msgspec.structs.replace(found, id=99, label="vase", reason="seen as a vase")
-    boxes = {}
-    for name, objects in (("target", record.objects), ("both", [*record.objects, other])):
-        (tmp_path / name).mkdir()
-        _, text = written(replace(record, objects=objects), tmp_path / name)
-        html = (tmp_path / name / "report.html").read_text(encoding="utf-8")
-        boxes[name] = (
-            len(re.findall(f'<rect [^>]*stroke="{TARGET}"', html)),
-            len(re.findall(f'stroke="{DOUBTED}"', html)),
-        )
-        assert "vase 0.72" not in text
-    assert boxes["both"] == (boxes["target"][0], boxes["target"][1] + 1)
-
-
-def test_the_camera_that_decided_is_marked(record, tmp_path):
-    _, text = written(record, tmp_path)
-    assert re.findall(r"camera (c\d): (\w[\w ]*?) c\d", text) == [
-        ("c1", "in use"),
-        ("c2", "decided"),
-        ("c3", "in use"),
-        ("c4", "not in use"),
-    ]
-    untold = replace(record, deciding_views=[DecidingView("a", v.jpeg, v.boxes) for v in record.deciding_views])
-    assert "camera c2: decided" in written(untold, tmp_path)[1]  # from the history of the object that was found
-    elsewhere = replace(record, deciding_views=[DecidingView("a", b"", [], "camera/c3", 0)])
-    assert "camera c3: decided" in written(elsewhere, tmp_path)[1]
 
 
 def _status(**changes: object) -> MissionStatus:
@@ -188,7 +148,6 @@ def test_nothing_at_all_still_gives_a_report(record, tmp_path):
     )
     _, text = written(empty, tmp_path)
     assert "surveillance off" in text
-    assert "Nothing was ever taken for a tv." in text
 
 
 def test_odd_data_is_left_out_or_escaped(record, tmp_path):
@@ -218,39 +177,8 @@ def test_odd_data_is_left_out_or_escaped(record, tmp_path):
             DecidingView("", record.deciding_views[0].jpeg, [(0, 0, 9e9, 9e9, evil, math.nan)]),
         ],
         traffic=[TrafficLine(evil, "service", 0, 0, None)],
-        timeline=[Moment(math.nan, evil, evil), Moment(0.0, evil, evil)],
         verdict={evil: evil},
     )
     page, text = written(odd, tmp_path)
     assert (page.tags.count("script"), page.handlers) == (2, [])
     assert "doesn't decode" in text
-
-
-def test_layers_lie_where_they_belong(record, tmp_path):
-    """One explored cell: its picture covers the pixel that the frame gives its place."""
-    grid = Grid(0.0, 0.0, 0.5, 20, 20)
-    cells = np.zeros((20, 20), np.uint8)
-    cells[2, 4] = 1  # x 2.0-2.5, y 1.0-1.5
-    bare = replace(
-        record,
-        layers={"0": {"explored": (grid, cells)}},
-        cameras=[],
-        objects=[],
-        plans=[],
-        deciding_views=[],
-        trajectory=[Step(0.25, 0.25, "0"), Step(9.75, 4.75, "0")],
-    )
-    write_report(bare, tmp_path / "r.html")
-    html = (tmp_path / "r.html").read_text(encoding="utf-8")
-    image = re.search(
-        r'href="data:image/png;base64,([^"]+)" x="([-\d.]+)" y="([-\d.]+)" width="([\d.]+)" height="([\d.]+)"', html
-    )
-    u, v, _ = (
-        float(x) for x in re.search(r'<circle cx="([\d.]+)" cy="([\d.]+)" r="(7)"', html).groups()
-    )  # the start at (0.25, 0.25)
-    picture = cv2.imdecode(np.frombuffer(base64.b64decode(image[1]), np.uint8), cv2.IMREAD_UNCHANGED)
-    x, y, width, height = (float(image[i]) for i in range(2, 6))
-    scale = width / picture.shape[1] / 0.5
-    row, col = np.argwhere(picture[..., 3])[0]
-    centre = x + (col + 0.5) * width / picture.shape[1], y + (row + 0.5) * height / picture.shape[0]
-    assert centre == pytest.approx((u + (2.25 - 0.25) * scale, v - (1.25 - 0.25) * scale), abs=0.5)

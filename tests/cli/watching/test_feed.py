@@ -9,11 +9,13 @@ import pytest
 
 from surveilnav.cli.watching import feed as module
 from surveilnav.cli.watching.feed import Feed
-from surveilnav.client import Client
-from surveilnav.client.events import Told
+from surveilnav.client import Client, ServerEvent
 from surveilnav.errors import GatewayError
-from surveilnav.services.gateway.core.resources import examples
+from surveilnav.rest import Event, Mission, Traffic, examples
 from tests.waiting import until
+
+MISSION = Mission.model_validate(examples.MISSION)
+TRAFFIC = Traffic(offered_bytes=0, delivered_bytes=0, wire_sent_bytes=None, nodes=[], cameras=[], robots=[])
 
 
 class Gateway:
@@ -37,9 +39,7 @@ class Gateway:
         def answer(*_: Any) -> Any:
             if self.away.is_set():
                 raise GatewayError("no_gateway", "away")
-            return (
-                {"cameras": [], "robots": []} if name == "traffic" else [examples.MISSION] if name == "missions" else []
-            )
+            return {"traffic": TRAFFIC, "missions": [MISSION]}.get(name, [])
 
         return answer
 
@@ -51,9 +51,11 @@ def quick(monkeypatch):
 
 
 def test_a_stream_that_is_refused_later_goes_on_where_it_was():
-    gateway = Gateway([Told("7", "reset", {}), GatewayError("no_gateway", "502")], [Told("8", "mission", {})])  # type: ignore[typeddict-item]
+    gateway = Gateway(
+        [ServerEvent("7", "reset", Event()), GatewayError("no_gateway", "502")], [ServerEvent("8", "mission", Event())]
+    )
     feed = Feed(cast("Client", gateway), reads=False)
-    assert [cast("Told", feed.events.get(timeout=10)).id for _ in range(2)] == ["7", "8"]
+    assert [cast("ServerEvent[Event]", feed.events.get(timeout=10)).id for _ in range(2)] == ["7", "8"]
     until(lambda: len(gateway.asked) >= 2)
     assert gateway.asked[:2] == ["", "7"]
     feed.close()
@@ -72,7 +74,7 @@ def test_what_is_known_stays_while_the_gateway_is_away():
     gateway.away.set()
     until(lambda: feed.known.lost)
     since = feed.known.lost
-    assert feed.known.missions == [examples.MISSION]
+    assert feed.known.missions == [MISSION]
     assert feed.known.lost == since
     gateway.away.clear()
     until(lambda: feed.known.lost is None)

@@ -39,7 +39,7 @@ from surveilnav.sensing.packing import (
     unpack_array,
     unpack_embedding,
 )
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.warm_up import warm_up
@@ -168,7 +168,7 @@ class Worker:
 
     def reply(self, source: str, view: int, seq: int) -> InferReply:
         look = np.eye(4, dtype=np.float32)
-        chair = Detected("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, look[0])
+        chair = DetectedObject("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, look[0])
         detections, image = perception_to_wire(ViewPerception("fake", (chair,), look[seq % 4]))
         return InferReply(
             stamp_ns=clock_ns(),
@@ -643,9 +643,9 @@ def test_while_the_disk_is_full_views_wait_where_there_is_room_for_few(scene, tm
     path.mkdir()  # nothing that can be written
     scene.start(store=str(path))
     scene.robot.observe()
-    until(lambda: scene.service._maps.store_blocked)
+    until(lambda: scene.service._log.is_blocked)
     seq = scene.robot.observe(yaw=0.1)
-    until(lambda: scene.service._perception._robots.done.qsize() == 1)
+    until(lambda: scene.service._intake._perception._robots.done.qsize() == 1)
     path.rmdir()
     until(lambda: scene.holds(seq))
     assert scene.revision().revision == 2
@@ -656,7 +656,7 @@ def test_a_store_that_lost_events_does_not_shorten_a_history(scene, tmp_path):
     scene.start(store=str(tmp_path / "f.sqlite"))
     for i in range(4):
         if i == 3:
-            scene.service._maps._journal._store.set_aside("lost")
+            scene.service._log._store.set_aside("lost")
         seq = scene.robot.observe(yaw=0.02 * i)
         until(lambda seq=seq: scene.holds(seq))
     (known,) = scene.client.ask(contract.OBJECTS, floor="0").message.objects
@@ -666,8 +666,8 @@ def test_a_store_that_lost_events_does_not_shorten_a_history(scene, tmp_path):
 
 
 def test_where_a_robot_stands_is_followed_on_the_last_floor_that_there_is_room_for(scene, monkeypatch):
-    monkeypatch.setattr("surveilnav.services.fusion.robot_places._MAX_FLOORS", 1)
+    monkeypatch.setattr("surveilnav.services.fusion.intake.robot_positions._MAX_FLOORS", 1)
     scene.start()
     for x in (1.0, 1.5):
         scene.robot.observe(x=x)
-        until(lambda x=x: (p := scene.service._places.on("0")) and p.x_m == pytest.approx(x))
+        until(lambda x=x: (p := scene.service._intake.places.on("0")) and p.x_m == pytest.approx(x))

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 
-class Told(NamedTuple):
+class ReceivedEvent(NamedTuple):
     id: str
     kind: str
     data: dict
 
 
-def blocks(chunks: Iterator[str]) -> Iterator[Told]:
+def blocks(chunks: Iterator[str]) -> Iterator[ReceivedEvent]:
     """The whole events of a stream: what a cut leaves unfinished isn't one."""
     text = ""
     for chunk in chunks:
@@ -22,7 +22,7 @@ def blocks(chunks: Iterator[str]) -> Iterator[Told]:
             block, text = text.split("\n\n", 1)
             fields = dict(line.split(": ", 1) for line in block.split("\n"))
             if "event" in fields:
-                yield Told(fields["id"], fields["event"], json.loads(fields["data"]))
+                yield ReceivedEvent(fields["id"], fields["event"], json.loads(fields["data"]))
 
 
 def within(budget: int, chunks: Iterator[str]) -> Iterator[str]:

@@ -150,7 +150,11 @@ def test_the_process_serves_and_stops_at_sigterm(router):
 
     try:
         until(answers, "it never served", timeout_s=30)
-        process.send_signal(signal.SIGTERM)
+        with httpx.stream("GET", f"http://127.0.0.1:{port}/api/v1/events") as stream:
+            chunks = stream.iter_text()
+            next(chunks)
+            process.send_signal(signal.SIGTERM)
+            assert "".join(chunks) == "", "an open stream ends, and at the end of an event"
         _, err = process.communicate(timeout=20)
         assert process.returncode == 0, err
         assert "Traceback" not in err

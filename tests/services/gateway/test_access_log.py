@@ -1,4 +1,4 @@
-"""The log of looks: what it holds, that it outlives the process, and that it stays within its bounds."""
+"""The access log: what it holds, that it outlives the process, and that it stays within its bounds."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ NOON = datetime(2026, 1, 31, 12, tzinfo=UTC)
 
 def lines(folder, log=None):
     if log is not None:
-        log.settle()
+        log.flush()
     return [json.loads(line) for file in sorted(folder.glob("*.jsonl")) for line in file.read_text().splitlines()]
 
 
-def test_a_look_is_a_line_and_outlives_the_process(tmp_path):
+def test_an_access_is_a_line_and_outlives_the_process(tmp_path):
     log = AccessLog(tmp_path / "looks")
-    log.note("10.0.0.1", "c1", 3, "latest", NOON)
-    log.note("10.0.0.2", "c2", 0, "tile", NOON + timedelta(seconds=1))
+    log.add("10.0.0.1", "c1", 3, "latest", NOON)
+    log.add("10.0.0.2", "c2", 0, "tile", NOON + timedelta(seconds=1))
     assert lines(tmp_path / "looks", log)[0] == {
         "time": "2026-01-31T12:00:00Z",
         "client": "10.0.0.1",
@@ -31,44 +31,47 @@ def test_a_look_is_a_line_and_outlives_the_process(tmp_path):
         "what": "latest",
     }
     again = AccessLog(tmp_path / "looks")
-    assert [(k.client, k.view, k.what) for k in again.of("c1", NOON)] == [("10.0.0.1", 3, "latest")]
-    again.note("10.0.0.1", "c1", 4, "latest", NOON + timedelta(minutes=1))
-    assert [k.view for k in again.of("c1", NOON)] == [4, 3], "newest first"
+    assert [(k.client, k.view, k.what) for k in again.records_of("c1", NOON)] == [("10.0.0.1", 3, "latest")]
+    again.add("10.0.0.1", "c1", 4, "latest", NOON + timedelta(minutes=1))
+    assert [k.view for k in again.records_of("c1", NOON)] == [4, 3], "newest first"
     assert len(lines(tmp_path / "looks", again)) == 3
 
 
-def test_who_goes_on_looking_is_noted_once_a_minute(monkeypatch):
+def test_a_client_that_keeps_watching_is_recorded_once_a_minute(monkeypatch):
     times_s = [100.0, 101.0, 159.0, 161.0, 162.0, 163.0, 163.0, 163.0]
     monkeypatch.setattr(access_log.time, "monotonic", lambda: times_s.pop(0))
     log = AccessLog()
     for _ in range(5):
-        log.note("10.0.0.1", "c1", 3, "latest", NOON)
-    assert len(log.of("c1", NOON)) == 2
-    log.note("10.0.0.2", "c1", 3, "latest", NOON)
-    log.note("10.0.0.1", "c1", 4, "latest", NOON)
-    log.note("10.0.0.1", "c1", 3, "tile", NOON)
-    assert len(log.of("c1", NOON)) == 5, "another client, view or way of looking is another look"
+        log.add("10.0.0.1", "c1", 3, "latest", NOON)
+    assert len(log.records_of("c1", NOON)) == 2
+    log.add("10.0.0.2", "c1", 3, "latest", NOON)
+    log.add("10.0.0.1", "c1", 4, "latest", NOON)
+    log.add("10.0.0.1", "c1", 3, "tile", NOON)
+    assert len(log.records_of("c1", NOON)) == 5, "another client, view or way of looking is another access"
 
 
 def test_files_are_begun_daily_and_go_when_they_are_too_old(tmp_path):
     log = AccessLog(tmp_path, keep=timedelta(days=3))
     for day in range(8):
-        log.note("10.0.0.1", "c1", day, "latest", NOON + timedelta(days=day))
+        log.add("10.0.0.1", "c1", day, "latest", NOON + timedelta(days=day))
     assert [k["view"] for k in lines(tmp_path, log)] == [3, 4, 5, 6, 7]
-    assert [k.view for k in log.of("c1", NOON + timedelta(days=7))] == [7, 6, 5, 4]
-    assert [k.view for k in AccessLog(tmp_path, keep=timedelta(days=1)).of("c1", NOON + timedelta(days=7))] == [7, 6]
+    assert [k.view for k in log.records_of("c1", NOON + timedelta(days=7))] == [7, 6, 5, 4]
+    assert [k.view for k in AccessLog(tmp_path, keep=timedelta(days=1)).records_of("c1", NOON + timedelta(days=7))] == [
+        7,
+        6,
+    ]
 
 
 def test_old_lines_go_also_where_nobody_looks(tmp_path):
     log = AccessLog(tmp_path, keep=timedelta(days=3))
-    log.note("10.0.0.1", "c1", 0, "latest", NOON)
-    log.settle()
-    log.tidy(NOON + timedelta(days=4))
+    log.add("10.0.0.1", "c1", 0, "latest", NOON)
+    log.flush()
+    log.remove_old_files(NOON + timedelta(days=4))
     assert len(lines(tmp_path)) == 1
-    log.tidy(NOON + timedelta(days=4, seconds=1))
+    log.remove_old_files(NOON + timedelta(days=4, seconds=1))
     assert lines(tmp_path) == []
-    assert log.of("c1", NOON + timedelta(days=4)) == []
-    log.note("10.0.0.1", "c1", 1, "latest", NOON + timedelta(days=5))
+    assert log.records_of("c1", NOON + timedelta(days=4)) == []
+    log.add("10.0.0.1", "c1", 1, "latest", NOON + timedelta(days=5))
     assert [k["view"] for k in lines(tmp_path, log)] == [1]
 
 
@@ -76,8 +79,8 @@ def test_all_files_together_stay_below_their_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(access_log, "_FILE_BYTES", 1000)
     log = AccessLog(tmp_path, max_bytes=5000)
     for i in range(400):
-        log.note("10.0.0.1", "c1", i, "latest", NOON + timedelta(seconds=i))
-    log.settle()
+        log.add("10.0.0.1", "c1", i, "latest", NOON + timedelta(seconds=i))
+    log.flush()
     sizes = [f.stat().st_size for f in tmp_path.iterdir()]
     assert 3000 < sum(sizes) <= 5000
     assert max(sizes) < 1200
@@ -85,25 +88,25 @@ def test_all_files_together_stay_below_their_limit(tmp_path, monkeypatch):
 
 
 def test_memory_is_bounded(monkeypatch):
-    monkeypatch.setattr(access_log, "_MOST_WATCHERS", 50)
+    monkeypatch.setattr(access_log, "_MAX_CLIENTS", 50)
     log = AccessLog()
     for i in range(11_000):
-        log.note("10.0.0.1", "c1", i, "latest", NOON)
-    assert len(log.of("c1", NOON)) == 10_000
-    assert len(log._watched_s) == 50
+        log.add("10.0.0.1", "c1", i, "latest", NOON)
+    assert len(log.records_of("c1", NOON)) == 10_000
+    assert len(log._recorded_s) == 50
 
 
 def test_broken_lines_and_foreign_files_are_left_out(tmp_path):
     first = AccessLog(tmp_path)
-    first.note("10.0.0.1", "c1", 3, "latest", NOON)
-    first.settle()
+    first.add("10.0.0.1", "c1", 3, "latest", NOON)
+    first.flush()
     (file,) = tmp_path.iterdir()
     with file.open("ab") as f:
         f.write(b'{"time":"2026-01-31T12:00:00","client":"","camera":"c1","view":0,"what":""}\n\xff\n{"time":"2026-01')
     (tmp_path / "looks-of-somebody.jsonl").write_text("what is this")
     log = AccessLog(tmp_path)
-    assert len(log.of("c1", NOON)) == 1
-    log.note("10.0.0.1", "c1", 3, "latest", NOON + timedelta(days=1))
+    assert len(log.records_of("c1", NOON)) == 1
+    log.add("10.0.0.1", "c1", 3, "latest", NOON + timedelta(days=1))
     assert (tmp_path / "looks-of-somebody.jsonl").exists()
 
 
@@ -111,7 +114,7 @@ def test_broken_lines_and_foreign_files_are_left_out(tmp_path):
 def test_a_disk_that_cant_be_written_stops_nobody_from_looking(tmp_path, place, capsys):
     (tmp_path / "looks").write_text("")
     log = AccessLog(tmp_path / "looks" if place == "a file is there" else tmp_path / "looks" / "deeper")
-    log.note("10.0.0.1", "c1", 3, "latest", NOON)
-    assert len(log.of("c1", NOON)) == 1
-    log.settle()
+    log.add("10.0.0.1", "c1", 3, "latest", NOON)
+    assert len(log.records_of("c1", NOON)) == 1
+    log.flush()
     assert "can't be written down" in capsys.readouterr().out

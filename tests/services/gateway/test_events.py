@@ -17,9 +17,9 @@ from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Node, clock_ns
 from surveilnav.geometry import Pose, base_pose
-from surveilnav.services.gateway.event_stream import EventStream
-from surveilnav.services.gateway.feed import Feed
-from tests.services.gateway.streams import Told, blocks, within
+from surveilnav.services.gateway.stream_sources import StreamSource
+from surveilnav.services.gateway.streams import EventStream
+from tests.services.gateway.streams import ReceivedEvent, blocks, within
 from tests.waiting import until
 
 URL = "/api/v1/events"
@@ -29,7 +29,7 @@ class Listener:
     """A client on a thread, that stays connected until ``stop``."""
 
     def __init__(self, client: httpx.Client) -> None:
-        self.told: list[Told] = []
+        self.told: list[ReceivedEvent] = []
         self._client = client
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -156,7 +156,7 @@ def test_a_client_cut_off_a_hundred_times_misses_nothing(client, building):
 
     producer = threading.Thread(target=happen, daemon=True)
     producer.start()
-    got: list[Told] = []
+    got: list[ReceivedEvent] = []
     for cut in range(101):
         if cut == 100:
             enough.set()
@@ -193,7 +193,7 @@ def test_a_stream_doesnt_keep_the_gateway_from_ending(router, start_gateway):
             next(chunks)
             stack.close()  # joins the server's thread
             assert "".join(chunks) == ""
-        assert gateway.events.streams == 0
+        assert gateway.events.n_streams == 0
 
 
 def test_who_never_reads_is_dropped(router, start_gateway, monkeypatch):
@@ -205,12 +205,12 @@ def test_who_never_reads_is_dropped(router, start_gateway, monkeypatch):
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         deaf.connect((host, int(port)))
         deaf.sendall(f"GET {URL} HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
-        until(lambda: gateway.events.streams == 1, "no stream")
+        until(lambda: gateway.events.n_streams == 1, "no stream")
 
         def dropped() -> bool:
             for _ in range(50):
                 gateway.events.publish("mission", json.dumps({"id": "x", "what": "y" * 2000}))
-            return gateway.events.streams == 0
+            return gateway.events.n_streams == 0
 
         until(dropped, "a client that never reads is kept", timeout_s=20)
         assert httpx.get(f"{url}/healthz").status_code == 200
@@ -221,7 +221,7 @@ _init = EventStream.__init__
 
 def test_a_quiet_stream_says_where_it_is(client, monkeypatch):
     """What an id alone on a line does: the client comes back with it, and proxies see that the stream lives."""
-    monkeypatch.setattr(Feed, "beat_s", 0.0)
+    monkeypatch.setattr(StreamSource, "beat_s", 0.0)
     with client.stream("GET", URL) as answer:
         lines = answer.iter_lines()
         until(lambda: next(lines) == "", "no first event")
@@ -239,7 +239,7 @@ def test_any_last_event_id_is_answered(client, last_id):
 
 
 def test_more_streams_than_fit_are_refused(client, monkeypatch):
-    monkeypatch.setattr("surveilnav.services.gateway.feed._MAX_STREAMS", 0)
+    monkeypatch.setattr("surveilnav.services.gateway.stream_sources._MAX_STREAMS", 0)
     answer = client.get(URL)
     assert (answer.status_code, answer.headers["retry-after"]) == (503, "10")
     assert answer.json()["type"].endswith(":too_many_streams")

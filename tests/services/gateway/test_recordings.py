@@ -13,7 +13,7 @@ from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.services.gateway.core.problems import Problem
-from surveilnav.services.gateway.core.ranges import part_of
+from surveilnav.services.gateway.core.selection import byte_range
 from tests.waiting import until
 
 IDS = [f"2026112{day}T143519250Z_m{day}" for day in (7, 6, 5)]
@@ -191,7 +191,7 @@ def test_recorders_say_what_is_wrong(client, files):
 @given(st.integers(0, 100), st.one_of(st.text(max_size=20), st.from_regex(r"bytes=\d{0,3}-\d{0,3}", fullmatch=True)))
 def test_a_range_lies_in_the_file_or_is_refused(total, header):
     try:
-        part = part_of(header, total)
+        part = byte_range(header, total)
     except Problem:
         return
     assert part is None or 0 <= part[0] < part[1] <= total

@@ -66,8 +66,8 @@ def test_it_says_where_it_is_and_goes_elsewhere(client: httpx.Client, player: Fa
     assert (found["mission"], found["at_s"], found["duration_s"], found["stale"]) == ("m1", 3.0, 60.0, False)
     assert found["began"].startswith("2001-09-09")
     with Client(str(client.base_url)) as gateway:
-        assert gateway.change_replay(at_s=12.5)["at_s"] == 12.5
-        until(lambda: gateway.replay()["jumps"] == 1)
+        assert gateway.change_replay(at_s=12.5).at_s == 12.5
+        until(lambda: gateway.replay().jumps == 1)
     (control,) = player.controls
     assert (control.at_s, control.speed, control.playing) == (12.5, None, None)
 

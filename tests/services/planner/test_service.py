@@ -18,14 +18,13 @@ import pytest
 from surveilnav.bus import Answer, Refused, Unanswered
 from surveilnav.contract import (
     CAMERA_SUMMARY,
-    MAP_LAYER,
+    FLOOR_MAPS,
     MAP_REVISION,
     MISSION_CANCEL,
     MISSION_GOAL,
     MISSION_PAUSE,
     MISSION_PLAN,
     MISSION_STATUS,
-    OBJECTS,
     PERCEPTION_LOAD,
     PERCEPTION_TEXT,
     ROBOT_COMMAND,
@@ -36,12 +35,12 @@ from surveilnav.messages import (
     FINISHED_STATES,
     CameraSummary,
     CommandReply,
-    LayerHeader,
+    FloorMapsHeader,
+    LayerPart,
     MissionCancel,
     MissionGoal,
     MissionPause,
     ModelIds,
-    ObjectList,
     Revision,
     RobotStatus,
     Stair,
@@ -84,8 +83,7 @@ class Fakes:
         self.revisions = {floor: self.fusion_node.publisher(MAP_REVISION, floor=floor) for floor in worlds}
         for floor in worlds:
             self.fusion_node.serve(MAP_REVISION, lambda _, floor=floor: Answer(self.revision(floor)), floor=floor)
-            self.fusion_node.serve(MAP_LAYER, self.layer, floor=floor)
-            self.fusion_node.serve(OBJECTS, self.objects, floor=floor)
+            self.fusion_node.serve(FLOOR_MAPS, self.floor_maps, floor=floor)
         self.tell()
 
     @property
@@ -177,29 +175,32 @@ class Fakes:
         (self.world.x, self.world.y), self.world.yaw, self.world.seq = stair.to_m[:2], yaw, seq + 1
         self.world.look()
 
-    def layer(self, request):
-        world = self.worlds[request.ids["floor"]]
+    def floor_maps(self, request):
+        assert request.parameters["target"] == "chair"
+        floor = request.ids["floor"]
+        world = self.worlds[floor]
         with self.lock:
-            maps = world.maps()
-        layer = request.ids["layer"]
-        array = getattr(maps, layer)
-        assert (request.parameters.get("target") == "chair") == (layer == "value")
-        header = LayerHeader(
+            maps, objects = world.maps(), world.objects()
+        arrays = {name: np.asarray(getattr(maps, name)) for name in ("occupancy", "explored", "frontier", "value")}
+        packed = [pack_array(array) for array in arrays.values()]
+        header = FloorMapsHeader(
             stamp_ns=1,
-            floor=request.ids["floor"],
-            layer=layer,
+            floor=floor,
+            target="chair",
+            epoch="e",
             revision=maps.revision,
+            since=-1,
             grid=maps.grid,
-            dtype="float32" if layer == "value" else "uint8",
-            shape=array.shape,
+            layers=[
+                LayerPart(name, str(array.dtype), array.shape, len(data))
+                for (name, array), data in zip(arrays.items(), packed, strict=True)
+            ],
+            objects=objects,
+            object_ids=[o.id for o in objects],
+            robots=self.revision(floor).robots,
+            pending_views=self.pending,
         )
-        return Answer(header, pack_array(np.asarray(array)))
-
-    def objects(self, request):
-        world = self.worlds[request.ids["floor"]]
-        with self.lock:
-            objects = world.objects()
-        return Answer(ObjectList(stamp_ns=1, floor=request.ids["floor"], revision=world.seq, objects=objects))
+        return Answer(header, b"".join(packed))
 
 
 @pytest.fixture
@@ -791,7 +792,7 @@ def test_stairs_that_cannot_be_are_dropped(two_floors, planner, client):
 )
 def test_hostile_summaries_are_dropped_and_counted(planner, cameras, labels, says):
     service = planner()
-    summaries = service._missions._around.summaries
+    summaries = service._missions._context.summaries
     cameras("1", "c1-1", labels, said=says)
     cameras("1", "c1-9", {"chair": 0.25})
     until(lambda: summaries.by_floor() == {"1": {"chair": 0.25}}, summaries.by_floor)
@@ -803,7 +804,7 @@ def test_hostile_summaries_are_dropped_and_counted(planner, cameras, labels, say
 
 
 def test_a_floor_is_what_its_cameras_last_said(planner, cameras, monkeypatch):
-    summaries = planner()._missions._around.summaries
+    summaries = planner()._missions._context.summaries
     cameras("0", "c0-1", {"tv": 0.5})
     cameras("0", "c0-2", {"tv": 0.7, "bed": 0.2})
     cameras("1", "c1-1", {})

@@ -1,4 +1,4 @@
-"""Which models there are: names, kinds, files, hashes, licences. The data lie in ``catalogue.json``."""
+"""The models that SurveilNav knows by name: kinds, files, hashes, licences. The data are in ``catalogue.json``."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import msgspec
 from surveilnav.errors import PerceptionError
 
 DATA = Path(__file__).parent / "catalogue.json"
-#: Where built-in models lie.
+#: The folder of the built-in models.
 BUILT_IN = Path(__file__).parents[1] / "data"
 
 
 class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A file of a model.
 
-    ``bytes``, ``sha256``: of its content, None: unknown until the first pull. ``optional``: the model runs without.
+    ``bytes`` and ``sha256`` are of its content; None: unknown until the first pull. ``optional``: the model runs without it.
     """
 
     name: str
@@ -30,15 +30,15 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """An entry of the catalogue.
 
     Attributes:
-        family: who reads it; of a transformers folder, the ``model_type`` of its config.json or a near relative.
+        family: which loader it needs; of a transformers folder, the ``model_type`` in its config.json or a close relative.
         vocabulary: "coco": the 80 classes; "own": those in its file; "open": any text; "": it knows no classes.
         repo, revision: on the Hugging Face hub.
         url: of the one file, where it isn't on the hub.
-        setting: the environment variable that names a custom file. Such a model has no public address.
-        built_in: it lies in this package's data, in a folder of its name, with a card beside it (``card``).
+        setting: the environment variable that names a custom file, for a model without a public address.
+        built_in: it is in this package's data, in a folder of its name, with a card beside it (``card.py``).
         about_mb: its size in MB, where that of no file is known exactly.
-        note: what a stranger should know.
-        confirmed: what of this entry was seen on public pages. Nothing else was.
+        note: what a user should know.
+        confirmed: which parts of this entry were seen on public pages; the others are unconfirmed.
     """
 
     name: str = ""
@@ -63,22 +63,22 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     @property
     def path(self) -> str:
-        """What it is called in a folder of models."""
+        """Its file or folder within a folder of models."""
         return self.name if self.is_folder else self.files[0].name
 
     @property
     def built_in_path(self) -> Path:
-        """Where its file lies in this package, if it is ``built_in``."""
+        """Where its file is in this package, if it is ``built_in``."""
         return BUILT_IN / self.name / self.path
 
     @property
     def source(self) -> str:
-        """Where it comes from, in a word; empty: it has no public address."""
+        """Where it comes from: repository and revision, or URL; "" if it has no public address."""
         return f"{self.repo}@{self.revision}" if self.repo else self.url
 
     @property
     def size_bytes(self) -> int:
-        """How large it is, in bytes: exactly, or about, or 0 where nobody knows. Small files don't count."""
+        """Its size in bytes: exact, or approximate, or 0 where it isn't known. Files without a known size aren't counted."""
         return sum(file.bytes or 0 for file in self.files) or self.about_mb * 1_000_000
 
     def address(self, file: File, revision: str, endpoint: str) -> str:

@@ -8,14 +8,14 @@ import msgspec
 
 from surveilnav.config import cache_dir, hub_endpoint, offline
 from surveilnav.errors import PerceptionError
-from surveilnav.perception.models import check, lock
+from surveilnav.perception.models import check, hashes
 from surveilnav.perception.models.catalogue import File, Model, model_called
-from surveilnav.perception.models.transfer import OnProgress, Wanted, transfer
-from surveilnav.stored import locked
+from surveilnav.perception.models.transfer import Download, OnProgress, transfer
+from surveilnav.storage import file_lock
 
 
-def cache() -> Path:
-    """The folder that models are pulled into."""
+def pull_folder() -> Path:
+    """The folder that models are pulled into if no other is named: in the cache."""
     return cache_dir() / "models"
 
 
@@ -25,12 +25,12 @@ def pull(name: str, *, to: Path | None = None, on_progress: OnProgress | None = 
     Args:
         name: of the catalogue.
         to: a folder of models to pull into; the cache if None.
-        on_progress: is told of each file's bytes.
+        on_progress: is called while a file is downloaded.
 
     Raises:
-        PerceptionError: offline, no such model, no public address, or what comes isn't the model.
+        PerceptionError: offline, no such model, no public address, or what is received isn't the model.
     """
-    model, folder = model_called(name), to or cache()
+    model, folder = model_called(name), to or pull_folder()
     path = folder / model.path
     if not model.source:
         raise PerceptionError(f"{name} has no public address. {model.note}")
@@ -42,7 +42,7 @@ def pull(name: str, *, to: Path | None = None, on_progress: OnProgress | None = 
             f"Pull it on a machine with a network, and point SURVEILNAV_MODELS_DIR at a folder with {model.path} in it."
         )
     try:
-        with locked(folder / f".{name}.lock"):  # another process may want the same
+        with file_lock(folder / f".{name}.lock"):  # another process may want the same
             _fetch(model, folder, on_progress)
     except OSError as error:
         raise PerceptionError(
@@ -53,26 +53,28 @@ def pull(name: str, *, to: Path | None = None, on_progress: OnProgress | None = 
 
 
 def _fetch(model: Model, folder: Path, on_progress: OnProgress | None) -> None:
-    """Fetches the files that aren't there. What each proves to be goes into the lock at once."""
+    """Downloads the files that aren't there. The hash of each goes into the lock file at once."""
     for file in model.files:
         path = folder / model.path / file.name if model.is_folder else folder / file.name
         if path.is_file():
             continue
-        before = lock.of(model, folder)
-        revision = before.revision or model.revision  # all files of one commit
-        wanted = Wanted(model.address(file, revision, hub_endpoint()), path, file.bytes, lock.expected(file, before))
+        entry = hashes.lock_entry(model, folder)
+        revision = entry.revision or model.revision  # all files of one commit
+        address = model.address(file, revision, hub_endpoint())
+        download = Download(address, path, file.bytes, hashes.expected_sha256(file, entry))
         try:
-            found, said = transfer(wanted, on_progress)
+            sha256, remote = transfer(download, on_progress)
         except FileNotFoundError as error:
             _expect_optional(model, file, error)
             continue
-        hashes = before.sha256 | {file.name: found}
-        after = msgspec.structs.replace(before, revision=before.revision or said.commit, sha256=hashes)
-        lock.write(model, folder, after)
+        entry = msgspec.structs.replace(
+            entry, revision=entry.revision or remote.commit, sha256=entry.sha256 | {file.name: sha256}
+        )
+        hashes.write_lock_entry(model, folder, entry)
 
 
 def _expect_optional(model: Model, file: File, error: FileNotFoundError) -> None:
-    """PerceptionError: the model can't do without the file that its source lacks."""
+    """PerceptionError: the source lacks a file that the model needs."""
     if not file.optional:
         raise PerceptionError(
             f"{error.filename} doesn't exist (404), but {model.name} needs {file.name}. Its source has changed, or "

@@ -1,4 +1,7 @@
-"""One file from an address: resumed where it broke off, checked, and only then given its name."""
+"""Downloads one file: resumes an interrupted transfer, checks the content, and only then gives the file its name.
+
+Why this isn't huggingface_hub or pooch: docs/understand/adr/0011.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,19 @@ from pathlib import Path
 import httpx
 
 from surveilnav.errors import PerceptionError
-from surveilnav.perception.models import digest
+from surveilnav.perception.models import hashes
 
-#: Is told bytes so far, bytes in all (None: unknown), and the file's name.
+#: Is called with the bytes so far, the bytes in all (None: unknown), and the file's name.
 OnProgress = Callable[[int, int | None, str], None]
 
 _TIMEOUT = httpx.Timeout(60.0, connect=5.0)
-_ATTEMPTS = 5  # of one transfer, as long as each gets further
+_ATTEMPTS = 5  # connections of one transfer, as long as each brings some bytes
 _ROOM_BYTES = 1_000_000  # left free on the disk
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """What to fetch. ``n_bytes``, ``sha256``: what it must be, None where nobody knows yet."""
+class Download:
+    """A file to download, and where to. ``n_bytes`` and ``sha256`` are what it must have; None where that isn't known yet."""
 
     url: str
     path: Path
@@ -34,91 +37,93 @@ class Wanted:
 
     @property
     def part(self) -> Path:
-        """Where it lies until it is whole."""
+        """The file that has what was received so far."""
         return self.path.with_name(self.path.name + ".part")
 
     @property
-    def note(self) -> Path:
-        """Which version of the file the part is of: the server's ETag."""
+    def etag_file(self) -> Path:
+        """The file that says of which version the part is: the server's ETag."""
         return self.path.with_name(self.path.name + ".part.etag")
 
     def begun_bytes(self) -> int:
-        """How much of it is there, in bytes."""
+        """How many bytes were received so far."""
         return self.part.stat().st_size if self.part.is_file() else 0
 
-    def forget(self) -> None:
-        """Removes what was begun."""
+    def discard(self) -> None:
+        """Removes what was received so far."""
         self.part.unlink(missing_ok=True)
-        self.note.unlink(missing_ok=True)
+        self.etag_file.unlink(missing_ok=True)
 
 
 @dataclass(slots=True)
-class Said:
-    """What a server said of a file. ``commit``: of the hub's repository; ``sha256``: the hub's own word."""
+class RemoteFile:
+    """What a server's headers say of a file. ``commit``: of the hub's repository; ``sha256``: as the hub names it."""
 
     total_bytes: int | None = None
     commit: str = ""
     sha256: str | None = None
 
 
-def transfer(wanted: Wanted, on_progress: OnProgress | None = None) -> tuple[str, Said]:
-    """Fetches a file; returns its sha256 and what the server said.
+def transfer(download: Download, on_progress: OnProgress | None = None) -> tuple[str, RemoteFile]:
+    """Downloads a file; returns its sha256 and what the server said of it.
 
-    A transfer that breaks off leaves ``.part``, and the next one goes on from there if the file is still the same.
+    An interrupted transfer leaves ``.part``, and the next one resumes it if the server still has the same file.
 
     Raises:
-        PerceptionError: it can't be had, there is no room for it, or it is another file than expected.
+        PerceptionError: it can't be downloaded, there is no room for it, or it is another file than expected.
         FileNotFoundError: the server has no such file.
     """
-    said = Said(wanted.n_bytes)
+    remote = RemoteFile(download.n_bytes)
     try:
-        if wanted.n_bytes is None or wanted.begun_bytes() != wanted.n_bytes:
-            said = _receive_all(wanted, on_progress)
-        return _accept(wanted, said), said
+        if download.n_bytes is None or download.begun_bytes() != download.n_bytes:
+            remote = _receive_all(download, on_progress)
+        return _accept(download, remote), remote
     except FileNotFoundError:
         raise
     except OSError as error:
-        raise _cannot_write(wanted, error) from error
+        raise _cannot_write(download, error) from error
 
 
-def _receive_all(wanted: Wanted, on_progress: OnProgress | None) -> Said:
-    """Receives until the end, over as many connections as get further."""
+def _receive_all(download: Download, on_progress: OnProgress | None) -> RemoteFile:
+    """Receives the file to its end. A connection that breaks is followed by another as long as each brings some bytes."""
     for attempt in range(_ATTEMPTS):
-        before = wanted.begun_bytes()
+        before = download.begun_bytes()
         try:
-            return _receive(wanted, on_progress)
+            return _receive(download, on_progress)
         except (httpx.HTTPError, httpx.InvalidURL) as error:
-            broke_off = isinstance(error, httpx.TransportError) and wanted.begun_bytes() > before
+            broke_off = isinstance(error, httpx.TransportError) and download.begun_bytes() > before
             if not broke_off or attempt == _ATTEMPTS - 1:
-                raise _not_had(wanted, error) from error
+                raise _not_had(download, error) from error
     raise AssertionError("the last attempt returns or raises")
 
 
-def _receive(wanted: Wanted, on_progress: OnProgress | None) -> Said:
-    """Receives what is missing, over one connection."""
-    begin = wanted.begun_bytes()
-    with httpx.stream("GET", wanted.url, headers=_headers(wanted), timeout=_TIMEOUT, follow_redirects=True) as answer:
-        said = _said(answer)
+def _receive(download: Download, on_progress: OnProgress | None) -> RemoteFile:
+    """Receives the missing bytes over one connection."""
+    begin = download.begun_bytes()
+    with httpx.stream(
+        "GET", download.url, headers=_headers(download), timeout=_TIMEOUT, follow_redirects=True
+    ) as answer:
+        remote = _remote_file(answer)
         if answer.status_code == 404:
-            raise FileNotFoundError(errno.ENOENT, "the server has no such file", wanted.url)
-        if answer.status_code == 416:  # nothing is left to send, or the file is another by now
-            if said.total_bytes != begin:
-                wanted.forget()
+            raise FileNotFoundError(errno.ENOENT, "the server has no such file", download.url)
+        if answer.status_code == 416:  # nothing is left to send, or the server has another file by now
+            if remote.total_bytes != begin:
+                download.discard()
                 raise httpx.ReadError("the file has changed since the transfer began")
-            return said
+            return remote
         answer.raise_for_status()
         if answer.status_code != 206 or not _goes_on_at(answer, begin):
-            wanted.forget()
-        _write(wanted, answer, said, on_progress)
-    return said
+            download.discard()
+        _write(download, answer, remote, on_progress)
+    return remote
 
 
-def _headers(wanted: Wanted) -> dict[str, str]:
-    """Asks for the rest of what was begun, if it is of the same version. Never compressed: sizes must be the file's."""
+def _headers(download: Download) -> dict[str, str]:
+    """Headers that ask for the missing bytes of the same version, never compressed: sizes must be the file's."""
     headers = {"Accept-Encoding": "identity"}
-    begin = wanted.begun_bytes()
-    tag = wanted.note.read_text().strip() if wanted.note.is_file() else ""
-    if begin and (tag or wanted.sha256):
+    begin = download.begun_bytes()
+    tag = download.etag_file.read_text().strip() if download.etag_file.is_file() else ""
+    if begin and (tag or download.sha256):
         headers["Range"] = f"bytes={begin}-"
         if tag:
             headers["If-Range"] = tag
@@ -130,93 +135,93 @@ def _goes_on_at(answer: httpx.Response, begin: int) -> bool:
     return match is not None and int(match[1]) == begin
 
 
-def _said(answer: httpx.Response) -> Said:
-    """Reads the headers of an answer and of the redirects to it."""
-    said = Said()
+def _remote_file(answer: httpx.Response) -> RemoteFile:
+    """What the headers of an answer, and of the redirects to it, say of the file."""
+    remote = RemoteFile()
     for each in (*answer.history, answer):
-        said.commit = said.commit or each.headers.get("x-repo-commit", "")
+        remote.commit = remote.commit or each.headers.get("x-repo-commit", "")
         linked = each.headers.get("x-linked-etag", "").strip('W/"')
-        said.sha256 = said.sha256 or (linked if re.fullmatch(r"[0-9a-f]{64}", linked) else None)
+        remote.sha256 = remote.sha256 or (linked if re.fullmatch(r"[0-9a-f]{64}", linked) else None)
     total = re.search(r"/(\d+)$", answer.headers.get("content-range", ""))
     plain = answer.status_code == 200 and "content-encoding" not in answer.headers
     length = total[1] if total else answer.headers.get("content-length", "") if plain else ""
-    said.total_bytes = int(length) if length.isdigit() else None
-    return said
+    remote.total_bytes = int(length) if length.isdigit() else None
+    return remote
 
 
-def _write(wanted: Wanted, answer: httpx.Response, said: Said, on_progress: OnProgress | None) -> None:
-    """Appends an answer's content to the part. PerceptionError: there is no room for it."""
-    wanted.path.parent.mkdir(parents=True, exist_ok=True)
-    done = wanted.begun_bytes()
-    total = wanted.n_bytes or said.total_bytes
-    _expect_room(wanted, (total or done) - done)
+def _write(download: Download, answer: httpx.Response, remote: RemoteFile, on_progress: OnProgress | None) -> None:
+    """Appends the content of an answer to the part. PerceptionError: there is no room for it."""
+    download.path.parent.mkdir(parents=True, exist_ok=True)
+    done = download.begun_bytes()
+    total = download.n_bytes or remote.total_bytes
+    _expect_room(download, (total or done) - done)
     tag = answer.headers.get("etag", "")
-    if tag and not tag.startswith("W/"):  # a weak one can't vouch for bytes
-        wanted.note.write_text(tag)
-    with wanted.part.open("ab") as out:
+    if tag and not tag.startswith("W/"):  # a weak ETag doesn't promise the same bytes
+        download.etag_file.write_text(tag)
+    with download.part.open("ab") as out:
         for chunk in answer.iter_bytes():
             out.write(chunk)
             done += len(chunk)
-            if wanted.n_bytes is not None and done > wanted.n_bytes:
+            if download.n_bytes is not None and done > download.n_bytes:
                 break
             if on_progress is not None:
-                on_progress(done, total, wanted.path.name)
+                on_progress(done, total, download.path.name)
 
 
-def _accept(wanted: Wanted, said: Said) -> str:
-    """Gives the part its name if it is what it should be; returns its sha256."""
-    found_bytes, expected_bytes = wanted.begun_bytes(), wanted.n_bytes or said.total_bytes
-    with wanted.part.open("rb") as file:
+def _accept(download: Download, remote: RemoteFile) -> str:
+    """Checks the part, gives it the file's name, and returns its sha256. PerceptionError: it is another file than expected."""
+    found_bytes, expected_bytes = download.begun_bytes(), download.n_bytes or remote.total_bytes
+    with download.part.open("rb") as file:
         found = hashlib.file_digest(file, "sha256").hexdigest()
-    expected = wanted.sha256 or said.sha256
+    expected = download.sha256 or remote.sha256
     if expected is None and expected_bytes is None:
-        wanted.forget()
+        download.discard()
         raise PerceptionError(
-            f"{wanted.url} doesn't say how long the file is, so half of it would look like all of it. Not used. "
+            f"{download.url} doesn't say how long the file is, so half of it would look like all of it. Not used. "
             "Get the file elsewhere, and put it into SURVEILNAV_MODELS_DIR."
         )
     if found_bytes != (expected_bytes or found_bytes) or found != (expected or found):
-        wanted.forget()
+        download.discard()
         raise PerceptionError(
-            f"{wanted.url} holds another file than expected: {found_bytes:,} bytes with sha256 {found[:12]}, not "
+            f"{download.url} holds another file than expected: {found_bytes:,} bytes with sha256 {found[:12]}, not "
             f"{f'{expected_bytes:,}' if expected_bytes else 'that many'} with {(expected or found)[:12]}. Not used. "
             "Try again; if it stays so, get the file elsewhere and put it into SURVEILNAV_MODELS_DIR."
         )
-    wanted.part.replace(wanted.path)
-    digest.remember(wanted.path, found)
-    wanted.note.unlink(missing_ok=True)
+    download.part.replace(download.path)
+    hashes.remember(download.path, found)
+    download.etag_file.unlink(missing_ok=True)
     return found
 
 
-def _expect_room(wanted: Wanted, missing_bytes: int) -> None:
-    free_bytes = shutil.disk_usage(wanted.path.parent).free
+def _expect_room(download: Download, missing_bytes: int) -> None:
+    free_bytes = shutil.disk_usage(download.path.parent).free
     if missing_bytes + _ROOM_BYTES > free_bytes:
         raise PerceptionError(
-            f"no room for {wanted.path.name}: {missing_bytes / 1e6:,.0f} MB are to come, {wanted.path.parent} has "
+            f"no room for {download.path.name}: {missing_bytes / 1e6:,.0f} MB are to come, {download.path.parent} has "
             f"{free_bytes / 1e6:,.0f} MB left. Make room, or set SURVEILNAV_CACHE_DIR to a larger disk."
         )
 
 
-def _cannot_write(wanted: Wanted, error: OSError) -> PerceptionError:
+def _cannot_write(download: Download, error: OSError) -> PerceptionError:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return PerceptionError(
-            f"no room for {wanted.path.name} in {wanted.path.parent}. Make room, or set SURVEILNAV_CACHE_DIR to "
+            f"no room for {download.path.name} in {download.path.parent}. Make room, or set SURVEILNAV_CACHE_DIR to "
             "a larger disk; the next pull goes on from what is there."
         )
     return PerceptionError(
-        f"{wanted.path.name} can't be written into {wanted.path.parent} ({error.strerror}). Set SURVEILNAV_CACHE_DIR "
+        f"{download.path.name} can't be written into {download.path.parent} ({error.strerror}). Set SURVEILNAV_CACHE_DIR "
         "to a folder you can write, or point SURVEILNAV_MODELS_DIR at a folder that has it."
     )
 
 
-def _not_had(wanted: Wanted, error: httpx.HTTPError | httpx.InvalidURL) -> PerceptionError:
-    begun = wanted.begun_bytes()
+def _not_had(download: Download, error: httpx.HTTPError | httpx.InvalidURL) -> PerceptionError:
+    begun = download.begun_bytes()
     why = f"{type(error).__name__}: {error}"
     if isinstance(error, httpx.HTTPStatusError):
         why = f"HTTP {error.response.status_code}"
     kept = f" {begun / 1e6:,.1f} MB are kept: the next pull goes on from there." if begun else ""
     return PerceptionError(
-        f"{wanted.path.name} isn't on this machine and can't be downloaded from {wanted.url} "
+        f"{download.path.name} isn't on this machine and can't be downloaded from {download.url} "
         f"({why}).{kept} "
         "Or put it into a folder and point SURVEILNAV_MODELS_DIR at that."
     )

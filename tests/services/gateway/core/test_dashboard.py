@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from prometheus_client import generate_latest
 
-from surveilnav.services.gateway.core.metrics import Heard
-from surveilnav.services.gateway.core.resources.traffic import Traffic
+from surveilnav.rest import Traffic
+from surveilnav.services.gateway.core.metrics import BuildingMetrics
 
 ROOT = Path(__file__).parents[4]
 DASHBOARD = json.loads((ROOT / "docs/operate/grafana/surveilnav.json").read_text(encoding="utf-8"))
@@ -18,7 +18,7 @@ EXPRESSIONS = [(p["title"], t["expr"], t["legendFormat"]) for p in DASHBOARD["pa
 ALERTS = re.findall(r"\| `(.*surveilnav_.*)` \|", (ROOT / "docs/operate/prometheus.md").read_text(encoding="utf-8"))
 
 
-NOTHING = Heard(
+NOTHING = BuildingMetrics(
     cameras=[],
     floors=[],
     robots=[],

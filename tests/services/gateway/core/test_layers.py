@@ -1,4 +1,4 @@
-"""Pictures of layers: orientation, colours and sizes."""
+"""Pictures of layers (orientation, colours and sizes), and clouds of few points, spread evenly."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from surveilnav.geometry import Grid
 from surveilnav.sensing.layers import GRID_LAYERS
-from surveilnav.services.gateway.core.layers import COLOURS, as_array, colour_values, render, transform
+from surveilnav.services.gateway.core.layers import COLOURS, as_array, colour_values, render, thinned_cloud, transform
 
 
 def decode(png: bytes) -> np.ndarray:
@@ -78,3 +78,31 @@ def test_an_array_is_what_fusion_sent_and_lies_where_the_grid_does(layer):
         x_m, y_m, one = np.array(transform(grid)) @ (col, row, 1)
         assert one == 1
         np.testing.assert_allclose((x_m, y_m), grid.centres_of((row, col)))
+
+
+# --- clouds -------------------------------------------------------------------------------------------------------
+
+CLOUD = np.random.default_rng(0).random((5000, 6), np.float32) * np.array([8, 6, 2.5, 1, 1, 1], np.float32)
+
+
+@pytest.mark.parametrize("most", [1, 50, 1000, 4999])
+def test_few_points_of_the_cloud_itself_whatever_their_order(most):
+    few = thinned_cloud(CLOUD, most)
+    assert most / 8 < len(few) <= most
+    rows = {row.tobytes() for row in CLOUD}
+    assert all(row.tobytes() in rows for row in few)
+    shuffled = np.random.default_rng(1).permutation(CLOUD)
+    assert np.array_equal(thinned_cloud(shuffled, most), few)
+
+
+def test_they_are_spread_evenly():
+    crowded = np.concatenate([CLOUD[:500], np.full((50_000, 6), 0.5, np.float32) + CLOUD[:1] * 1e-6])
+    few = thinned_cloud(crowded, 600)
+    assert len(few) > 400, "a crowd of points takes the room of one"
+
+
+def test_what_fits_is_whole_and_what_is_no_place_is_left_out():
+    odd = CLOUD[:4].copy()
+    odd[0, 0], odd[1, 2], odd[2, 4] = np.nan, 1e30, np.inf
+    assert np.array_equal(thinned_cloud(odd, 10), CLOUD[3:4])
+    assert thinned_cloud(np.zeros((0, 6), np.float32), 10).shape == (0, 6)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,17 +12,16 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from surveilnav.histogram import EDGES_MS, Histogram
 from surveilnav.messages import WorkerLoad
+from surveilnav.rest import Camera, Floor, Mission, NodeTraffic, Service, SourceTraffic, Traffic
 from surveilnav.services.gateway.core import metrics
-from surveilnav.services.gateway.core.metrics import Heard, seconds_buckets
-from surveilnav.services.gateway.core.resources import Camera, Floor, Mission, Service
-from surveilnav.services.gateway.core.resources.traffic import NodeTraffic, SourceTraffic, Traffic
+from surveilnav.services.gateway.core.metrics import BuildingMetrics, seconds_buckets
 
 COUNTS = {"offered_bytes": 5, "delivered_bytes": 4, "frame_bytes": 3, "frames": 1, "viewer_bytes": 2, "by_stream": {}}
 
 
 def camera(id: str, **facts) -> Camera:
     known = {
-        "camera": id,
+        "id": id,
         "floor": "0",
         "position_m": (0, 0, 0),
         "mounting_offset_m": 2.0,
@@ -40,7 +41,7 @@ def source(id: str, wire: int | None = 6) -> SourceTraffic:
     return SourceTraffic(id=id, node=f"camera/{id}", wire_sent_bytes=wire, stale=False, **COUNTS)
 
 
-def heard(**facts) -> Heard:
+def metrics_of(**facts) -> BuildingMetrics:
     known = {
         "cameras": [],
         "floors": [],
@@ -56,10 +57,10 @@ def heard(**facts) -> Heard:
     cameras = facts.pop("sources", [])
     nodes = facts.pop("nodes", [])
     traffic = Traffic(offered_bytes=0, delivered_bytes=0, wire_sent_bytes=None, nodes=nodes, cameras=cameras, robots=[])
-    return Heard(**(known | {"traffic": traffic} | facts))
+    return BuildingMetrics(**(known | {"traffic": traffic} | facts))
 
 
-def samples(of: Heard) -> dict[tuple[str, ...], float]:
+def samples(of: BuildingMetrics) -> dict[tuple[str, ...], float]:
     """Value by name and labels, as a scraper reads them."""
     families = text_string_to_metric_families(generate_latest(of).decode())
     found = [s for family in families for s in family.samples]
@@ -71,7 +72,7 @@ def samples(of: Heard) -> dict[tuple[str, ...], float]:
 def test_a_camera_has_its_three_numbers_and_its_views():
     floor = Floor(
         id="0",
-        floor_z_m=0.0,
+        z_m=0.0,
         revision=1,
         robots=[],
         cameras=["c1"],
@@ -80,7 +81,7 @@ def test_a_camera_has_its_three_numbers_and_its_views():
         pending_views=4,
         invoked=[{"camera": "c1", "views_processed": 7, "views": 13}],
     )
-    told = samples(heard(cameras=[camera("c1"), camera("c2", stale=True)], sources=[source("c1")], floors=[floor]))
+    told = samples(metrics_of(cameras=[camera("c1"), camera("c2", stale=True)], sources=[source("c1")], floors=[floor]))
     assert told["camera_offered_bytes_total", "c1"] == 5
     assert told["camera_delivered_bytes_total", "c1"] == 4
     assert told["camera_wire_bytes_total", "c1"] == 6
@@ -90,46 +91,46 @@ def test_a_camera_has_its_three_numbers_and_its_views():
 
 
 def test_what_nobody_knows_has_no_sample():
-    told = samples(heard(cameras=[camera("c1")], sources=[source("c1", wire=None)]))
+    told = samples(metrics_of(cameras=[camera("c1")], sources=[source("c1", wire=None)]))
     assert ("camera_wire_bytes_total", "c1") not in told
 
 
 def test_only_cameras_that_announced_themselves_and_not_too_many_have_labels(monkeypatch):
-    monkeypatch.setattr(metrics, "MOST", 3)
+    monkeypatch.setattr(metrics, "MAX_THINGS", 3)
     cameras = [camera(f"c{i}") for i in range(9)]
-    told = samples(heard(cameras=cameras, sources=[source(f"c{i}") for i in range(9)] + [source("stranger")]))
+    told = samples(metrics_of(cameras=cameras, sources=[source(f"c{i}") for i in range(9)] + [source("stranger")]))
     assert {key[1] for key in told if key[0].startswith("camera_")} == {"c0", "c1", "c2"}
 
 
 def test_stale_nodes_missions_and_restarts():
     common = {"offered_messages": 1, "delivered_messages": 1, "simulation_bytes": 0, "wire_received_bytes": None}
     node = NodeTraffic(
-        node="f1",
+        id="f1",
         kind="fusion",
         offered_bytes=1,
         delivered_bytes=2,
         wire_sent_bytes=3,
         rejected={"a": 2, "b": 3},
         stale=True,
-        last_seen=1_700_000_000_000_000_000,
+        last_seen=datetime.fromtimestamp(1_700_000_000, UTC),
         **common,
     )
     missions = [
-        Mission(mission=str(i), target="tv", robot="r", state=s, stale=False, found=s == "done")
+        Mission(id=str(i), target="tv", robot="r", state=s, stale=False, found=s == "done")
         for i, s in enumerate(["done", "done", "failed", "active"])
     ]
     process = Service.model_validate(
         {
-            "name": "fusion",
+            "id": "fusion",
             "running": True,
             "restarts": 4,
-            "restarted_ns": 0,
+            "restarted": None,
             "why": "",
             "given_up": True,
             "stale": False,
         }
     )
-    told = samples(heard(nodes=[node], missions=missions, processes=[process]))
+    told = samples(metrics_of(nodes=[node], missions=missions, processes=[process]))
     assert told["node_stale", "fusion", "f1"] == 1
     assert told["node_last_seen_seconds", "fusion", "f1"] == 1_700_000_000
     assert told["node_rejected_total", "fusion", "f1"] == 5
@@ -155,7 +156,7 @@ def test_counts_that_are_none_are_left_out(counts):
     load = WorkerLoad(
         stamp_ns=1, worker="w", backend="b", why="", queued=2, capacity=8, latency_ms=1.0, times={"x": counts}
     )
-    told = samples(heard(workers={"w": (load, False)}))
+    told = samples(metrics_of(workers={"w": (load, False)}))
     assert told["perception_queue", "w"] == 2
     assert not [key for key in told if key[0].startswith("perception_seconds")]
 
@@ -171,7 +172,7 @@ def test_times_of_a_worker():
         latency_ms=1.0,
         times={f"stage{i}": [0] * 20 + [3] + [0] * (len(EDGES_MS) - 20) for i in range(50)},
     )
-    told = samples(heard(workers={"w": (load, True)}))
+    told = samples(metrics_of(workers={"w": (load, True)}))
     assert told["perception_seconds_bucket", "0.008", "stage0", "w"] == 3
     assert told["perception_seconds_bucket", "0.004", "stage0", "w"] == 0
     assert (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from datetime import datetime
 from typing import NamedTuple
 
 import pytest
@@ -11,21 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Pose
-from surveilnav.messages import MissionStatus, RobotStatus
-from surveilnav.services.gateway.core.cursors import page_after
+from surveilnav.messages import MissionStatus, ObjectEvent, ObjectRecord, RobotStatus
+from surveilnav.services.gateway.core.missions import mission_from_status
 from surveilnav.services.gateway.core.problems import Problem, invalid, refusal
 from surveilnav.services.gateway.core.resources import (
     NEEDED,
-    Camera,
-    Mission,
-    MissionPlan,
-    NewMission,
-    Object,
-    Readiness,
-    Robot,
-    examples,
+    object_from_record,
+    readiness_from_nodes,
+    robot_from_status,
+    utc,
 )
-from surveilnav.services.gateway.core.resources.base import utc
+from surveilnav.services.gateway.core.selection import page_after
 
 
 def status(**changes: object) -> MissionStatus:
@@ -51,7 +46,7 @@ def test_any_stamp_is_a_time_or_null(stamp_ns):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_isnt_finite_is_null(value):
-    mission = Mission.from_status(status(path_m=value, distance_remaining_m=value), 1, True)
+    mission = mission_from_status(status(path_m=value, distance_remaining_m=value), 1, True)
     assert (mission.path_m, mission.distance_remaining_m) == (None, None)
 
 
@@ -66,7 +61,7 @@ def test_what_isnt_finite_is_null(value):
     ],
 )
 def test_a_finished_mission_is_never_stale(state, planner, stale):
-    assert Mission.from_status(status(state=state), 1, planner).stale is stale
+    assert mission_from_status(status(state=state), 1, planner).stale is stale
 
 
 @pytest.mark.parametrize(
@@ -80,7 +75,7 @@ def test_a_finished_mission_is_never_stale(state, planner, stale):
     ],
 )
 def test_a_verdict_counts_where_a_mission_ended_by_its_stop(state, found, judged, said):
-    assert Mission.from_status(status(state=state, found=found), 1, True, judged).judged is said
+    assert mission_from_status(status(state=state, found=found), 1, True, judged).judged is said
 
 
 def test_a_robot_says_what_it_cant_reach():
@@ -94,15 +89,43 @@ def test_a_robot_says_what_it_cant_reach():
         T_world_base=Pose((0, 0, 0), (0, 0, 0, 1)),
         notes=[note],
     )
-    assert Robot.from_status(told, None, 1, False).notes == [note]
+    assert robot_from_status(told, None, 1, False).notes == [note]
+
+
+def test_an_objects_times_are_those_of_its_messages_stamps():
+    event = ObjectEvent(2_000_000_000, "camera/c1", 3, 1, "couch", math.nan, "created")
+    record = ObjectRecord(
+        id=1,
+        floor="0",
+        label="couch",
+        status="candidate",
+        confidence=0.5,
+        confidence_robot=0.0,
+        confidence_surveillance=0.5,
+        label_robot="",
+        label_surveillance="couch",
+        n_detections=1,
+        n_points=1,
+        center_m=(1.0, math.inf, 0.0),
+        size_m=(1.0, 1.0, 1.0),
+        first_seen_ns=1_000_000_000,
+        last_seen_ns=3_000_000_000,
+        sources=["camera/c1"],
+        reason="",
+        history=[event],
+    )
+    found = object_from_record(record)
+    times = found.first_seen, found.history[0].time, found.last_seen
+    assert [time and time.timestamp() for time in times] == [1.0, 2.0, 3.0]
+    assert (found.history[0].score, found.center_m) == (None, (1.0, None, 0.0))
 
 
 def test_readiness_names_what_is_missing_and_how_to_start_it():
     everything = {kind: {"x"} for kind, _ in NEEDED}
-    assert Readiness.of(1, everything).ready
-    assert Readiness.of(0, everything).missing == ["router"]
+    assert readiness_from_nodes(1, everything).ready
+    assert readiness_from_nodes(0, everything).missing == ["router"]
     for kind, command in NEEDED:
-        readiness = Readiness.of(1, everything | {kind: set()})
+        readiness = readiness_from_nodes(1, everything | {kind: set()})
         assert readiness.missing == [kind]
         assert command in readiness.checks[kind]
 
@@ -158,36 +181,8 @@ S = 1_000_000_000
     ],
 )
 def test_times_of_a_mission(facts, elapsed, remaining):
-    mission = Mission.from_status(status(**facts), 1, True)
+    mission = mission_from_status(status(**facts), 1, True)
     assert (mission.elapsed_s, mission.time_remaining_s) == (elapsed, remaining)
-
-
-@pytest.mark.parametrize(
-    ("model", "example"),
-    [
-        (NewMission, examples.NEW_MISSION),
-        (Mission, examples.MISSION),
-        (MissionPlan, examples.PLAN),
-        (Object, examples.OBJECT),
-        (Robot, examples.ROBOT),
-        (Camera, examples.CAMERA),
-    ],
-)
-def test_examples_are_what_resources_look_like(model, example):
-    assert set(example) == set(model.model_fields)
-    renamed = {model.model_fields[k].validation_alias or k: stamped(v) for k, v in example.items()}
-    made = model.model_validate(renamed | ({"stale": False} if "stale" in example else {}), from_attributes=True)
-    assert made.model_dump(mode="json", exclude={"history"}) == {k: v for k, v in example.items() if k != "history"}
-    assert model.model_json_schema()["example"] == example
-
-
-def stamped(value):
-    """Resources are made from stamps [ns], and show times."""
-    if isinstance(value, str) and value.endswith("Z"):
-        return int(datetime.fromisoformat(value).timestamp()) * 1_000_000_000
-    if isinstance(value, list) and value and isinstance(value[0], dict) and "time" in value[0]:
-        return [{("stamp_ns" if k == "time" else k): stamped(v) for k, v in e.items()} for e in value]
-    return value
 
 
 class Row(NamedTuple):
@@ -195,7 +190,7 @@ class Row(NamedTuple):
     id: str
 
 
-def place(row):
+def sort_key(row):
     return -row.started_ns, row.id
 
 
@@ -203,16 +198,16 @@ def place(row):
     st.lists(st.tuples(st.integers(0, 5), st.integers(0, 99)), unique=True, max_size=30), st.integers(1, 7), st.data()
 )
 def test_pages_by_cursor_have_all_that_was_there_whatever_came_meanwhile(found, limit, data):
-    rows = sorted((Row(s, f"m{i}") for s, i in found), key=place)
+    rows = sorted((Row(s, f"m{i}") for s, i in found), key=sort_key)
     got, cursor, first = [], None, True
     while first or cursor:
-        page, cursor = page_after(rows, place, cursor, 0, limit)
+        page, cursor = page_after(rows, sort_key, cursor, 0, limit)
         assert len(page) <= limit
         got += page
         first = False
         newer = Row(10 + len(rows), f"n{len(rows)}")
         gone = data.draw(st.sampled_from(rows)) if rows and data.draw(st.booleans()) else None
-        rows = sorted([newer, *(r for r in rows if r in got or r is not gone)], key=place)
+        rows = sorted([newer, *(r for r in rows if r in got or r is not gone)], key=sort_key)
     old = [r for r in rows if r.id.startswith("m")]
     assert len(set(got)) == len(got)
     assert [r for r in got if r in old] == old
@@ -221,5 +216,5 @@ def test_pages_by_cursor_have_all_that_was_there_whatever_came_meanwhile(found, 
 @pytest.mark.parametrize("cursor", ["", "x", "1", "1.", "-1.m", "1.m*", "9" * 21 + ".m", "1.m\n"])
 def test_what_is_no_cursor_is_refused(cursor):
     with pytest.raises(Problem) as refused:
-        page_after([], place, cursor, 0, 10)
+        page_after([], sort_key, cursor, 0, 10)
     assert refused.value.status == 422

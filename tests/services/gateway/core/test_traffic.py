@@ -72,7 +72,7 @@ def test_a_robots_three_numbers_leave_out_its_orders():
 
 def test_nodes_and_totals_leave_out_the_simulators_truth():
     sums = sum_traffic(REPORTS)
-    nodes = {n.node: n for n in sums.nodes}
+    nodes = {n.id: n for n in sums.nodes}
     assert (nodes["c1"].offered_bytes, nodes["c1"].simulation_bytes) == (1130, 7777)
     assert sums.offered_bytes == 1130 + 5 + 40 + 530
     assert sums.delivered_bytes == 5 + 1490 + 130 + 20 + 40

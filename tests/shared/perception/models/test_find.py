@@ -11,7 +11,7 @@ import pytest
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
-from surveilnav.perception.models import digest
+from surveilnav.perception.models import hashes
 
 WEIGHTS = "model__safetensors"
 OLD_TORCH = b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19."  # how torch.save began before 1.6
@@ -221,7 +221,7 @@ def test_an_id_names_the_weights(machine, tmp_path, folder_at):
     (other / "model.safetensors").write_bytes((other / "model.safetensors").read_bytes() + b"!")
     ids = [models.model_id(str(path), path) for path in (one, same, other)]
     assert ids[0] == ids[1] != ids[2]
-    assert ids[0] == f"mine@{digest.sha256(one / 'model.safetensors')[:8]}"
+    assert ids[0] == f"mine@{hashes.sha256(one / 'model.safetensors')[:8]}"
     assert models.model_id("clip-vit-b32", one).startswith("clip-vit-b32@")
 
 
@@ -239,11 +239,11 @@ def test_hashes_are_remembered_over_starts_until_the_file_changes(machine, tmp_p
     path = tmp_path / "x.onnx"
     path.write_bytes(b"one")
     before = models.model_id("x", path)
-    monkeypatch.setattr(digest, "_known", {})  # another process
-    plain = digest.hashlib.file_digest
-    monkeypatch.setattr(digest.hashlib, "file_digest", None)
+    monkeypatch.setattr(hashes, "_known", {})  # another process
+    plain = hashes.hashlib.file_digest
+    monkeypatch.setattr(hashes.hashlib, "file_digest", None)
     assert models.model_id("x", path) == before
-    monkeypatch.setattr(digest.hashlib, "file_digest", plain)
+    monkeypatch.setattr(hashes.hashlib, "file_digest", plain)
     path.write_bytes(b"other")
     assert models.model_id("x", path) != before
 
@@ -251,9 +251,9 @@ def test_hashes_are_remembered_over_starts_until_the_file_changes(machine, tmp_p
 def test_processes_keep_each_others_hashes(machine, tmp_path, monkeypatch):
     for name in ("x.onnx", "y.onnx"):
         (tmp_path / name).write_bytes(name.encode())
-    digest.sha256(tmp_path / "x.onnx")
-    monkeypatch.setattr(digest, "_known", {"began before x was hashed": (0, 0, "")})  # another process
-    digest.sha256(tmp_path / "y.onnx")
+    hashes.sha256(tmp_path / "x.onnx")
+    monkeypatch.setattr(hashes, "_known", {"began before x was hashed": (0, 0, "")})  # another process
+    hashes.sha256(tmp_path / "y.onnx")
     assert {str(tmp_path / "x.onnx"), str(tmp_path / "y.onnx")} <= set(
         json.loads((machine / "digests.json").read_text())
     )
@@ -262,7 +262,7 @@ def test_processes_keep_each_others_hashes(machine, tmp_path, monkeypatch):
 def test_damaged_memory_of_hashes_costs_nothing_but_time(machine, tmp_path, monkeypatch):
     machine.mkdir(parents=True)
     (machine / "digests.json").write_text("[")
-    monkeypatch.setattr(digest, "_known", {})
+    monkeypatch.setattr(hashes, "_known", {})
     (tmp_path / "x.onnx").write_bytes(b"one")
     assert models.model_id("x", tmp_path / "x.onnx")
     assert json.loads((machine / "digests.json").read_text())
@@ -274,7 +274,7 @@ def test_a_change_that_keeps_size_and_time_is_seen_by_a_look_anew(given, tmp_pat
     good = given / "yolox_nano.onnx"
     good.write_bytes(b"x" * 10)
     model = models.CATALOGUE["yolox-nano"]
-    monkeypatch.setitem(models.CATALOGUE, "yolox-nano", _with_hash(model, digest.sha256(good)))
+    monkeypatch.setitem(models.CATALOGUE, "yolox-nano", _with_hash(model, hashes.sha256(good)))
     times = good.stat()
     good.write_bytes(b"y" * 10)
     os.utime(good, ns=(times.st_atime_ns, times.st_mtime_ns))

@@ -14,7 +14,7 @@ import pytest
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
-from surveilnav.perception.models import digest, lock, transfer
+from surveilnav.perception.models import hashes, transfer
 from surveilnav.perception.models.catalogue import File, Model
 
 DATA = bytes(range(256)) * 20
@@ -35,21 +35,26 @@ def test_who_wants_the_same_at_the_same_time_waits(one_file):
 
 
 def test_models_pulled_at_once_keep_each_others_hashes(machine, monkeypatch):
-    read = lock.read
+    read_lock = hashes.read_lock
 
     def read_slowly(folder):
-        seen = read(folder)
+        seen = read_lock(folder)
         time.sleep(0.02)
         return seen
 
-    monkeypatch.setattr(lock, "read", read_slowly)
+    monkeypatch.setattr(hashes, "read_lock", read_slowly)
     pulled = [
         Model(name=f"m{i}", kind="detector", family="yolox", licence="none", files=(File("m.onnx"),), url=f"x{i}")
         for i in range(8)
     ]
     with ThreadPoolExecutor(8) as pool:
-        list(pool.map(lambda model: lock.write(model, machine, lock.Locked(model.source, "", {"m": "0"})), pulled))
-    assert set(read(machine)) == {model.name for model in pulled}
+        list(
+            pool.map(
+                lambda model: hashes.write_lock_entry(model, machine, hashes.LockEntry(model.source, "", {"m": "0"})),
+                pulled,
+            )
+        )
+    assert set(read_lock(machine)) == {model.name for model in pulled}
 
 
 def test_progress_is_told(one_file):
@@ -281,5 +286,5 @@ def test_a_cache_that_cannot_be_written_is_named(machine, one_file):
 
 def test_what_was_fetched_is_not_hashed_twice(one_file, monkeypatch):
     path = models.pull("fake")
-    monkeypatch.setattr(digest.hashlib, "file_digest", None)
-    assert digest.sha256(path)
+    monkeypatch.setattr(hashes.hashlib, "file_digest", None)
+    assert hashes.sha256(path)

@@ -1,1 +1,0 @@
-"""Which way of making objects of detections errs least."""

@@ -1,0 +1,178 @@
+"""The joint maps of the building and what they have processed, shared by all threads of the service."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from dataclasses import dataclass
+from typing import Any
+
+from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.objects.map_object import ObjectChange
+from surveilnav.services.fusion.core.snapshot import freeze, thaw
+from surveilnav.services.fusion.core.views.validation import ViewError
+from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
+
+#: A copy of the maps and of what they have processed, as plain values (``BuildingMaps.freeze``).
+State = dict[str, Any]
+
+#: Faults that make it unknown on which floor a view was taken.
+_PLACE_UNKNOWN = {"bad_pose", "pose_jump", "time_backwards", "out_of_map"}
+
+
+@dataclass(frozen=True, slots=True)
+class LastObservation:
+    """The newest observation of a robot that was processed (integrated or refused), and on which floor it was made."""
+
+    floor: str
+    seq: int
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a view.
+
+    Attributes:
+        floor: the floor that it was integrated into, or refused on; "" if unknown.
+        integrated: whether the maps changed.
+        fault: why it was refused; "" if it wasn't.
+        changes: events of objects.
+        n_missed: number of observations of the same robot that are missing before this one.
+    """
+
+    floor: str = ""
+    integrated: bool = False
+    fault: str = ""
+    changes: tuple[ObjectChange, ...] = ()
+    n_missed: int = 0
+
+
+class ProcessedViews:
+    """Which observations and views were processed, that is, integrated or refused for good.
+
+    Attributes:
+        robots: the newest processed observation of each robot.
+        views: indices of the processed views of each camera. Nobody needs to wait for these any more.
+        digests: hashes of the cameras' pictures that the maps hold.
+        faults: for views whose newest picture was refused, why it was.
+    """
+
+    def __init__(self) -> None:
+        self.robots: dict[str, LastObservation] = {}
+        self.views: dict[str, set[int]] = {}
+        self.digests: dict[ViewKey, bytes] = {}
+        self.faults: dict[ViewKey, str] = {}
+
+    def contains(self, key: ViewKey, digest: bytes) -> bool:
+        """Whether the maps hold exactly this picture of a camera. Safe from any thread."""
+        return bool(digest) and key[0].startswith("camera/") and self.digests.get(key) == digest
+
+    def views_of(self, camera: str) -> set[int]:
+        """The processed views of a camera."""
+        return self.views.get(camera, set())
+
+    def repeats_fault(self, perceived: PerceivedView) -> bool:
+        """Whether a camera's view has the same fault as its previous picture."""
+        key, fault = perceived.key, perceived.fault
+        return bool(fault) and key[0].startswith("camera/") and self.faults.get(key) == _fault_message(perceived, fault)
+
+    def record(self, perceived: PerceivedView, outcome: Outcome) -> None:
+        """Records a view as processed."""
+        kind, _, name = perceived.key[0].partition("/")
+        header = perceived.header
+        if kind == "robot":
+            last = self.robots.get(name)
+            floor = outcome.floor or (last.floor if last else header.floor)
+            self.robots[name] = LastObservation(floor, header.seq, header.stamp_ns)
+        else:
+            self.views.setdefault(name, set()).add(perceived.key[1])
+            if outcome.integrated and perceived.digest:
+                self.digests[perceived.key] = perceived.digest
+        self.faults.pop(perceived.key, None)
+        if outcome.fault:
+            self.faults[perceived.key] = _fault_message(perceived, outcome.fault)
+
+    def state(self) -> State:
+        """Everything as plain values, for ``from_state``."""
+        return {
+            "robots": {name: [r.floor, r.seq, r.stamp_ns] for name, r in self.robots.items()},
+            "views": {name: sorted(views) for name, views in self.views.items()},
+            "digests": [[*key, digest] for key, digest in self.digests.items()],
+            "faults": [[*key, why] for key, why in self.faults.items()],
+        }
+
+    @classmethod
+    def from_state(cls, state: State) -> ProcessedViews:
+        """The processed views that ``state`` describes."""
+        processed = cls()
+        processed.robots = {name: LastObservation(*fields) for name, fields in state["robots"].items()}
+        processed.views = {name: set(views) for name, views in state["views"].items()}
+        processed.digests = {(source, view): digest for source, view, digest in state["digests"]}
+        processed.faults = {(source, view): why for source, view, why in state["faults"]}
+        return processed
+
+
+class BuildingMaps:
+    """The joint maps and what they have processed. One thread writes (``integrate``, ``restore``); all may read.
+
+    Attributes:
+        joint: the joint maps. Whoever reads or changes them holds ``lock``.
+        processed: which views they have processed.
+        number: number of the newest of these views in the log of views; 0 without a log.
+        epoch: changes when revisions start anew, as after a restart. Revisions of different epochs can't be compared.
+    """
+
+    def __init__(self, config: FusionConfig) -> None:
+        self.joint = JointMap(config)
+        self.processed = ProcessedViews()
+        self.number = 0
+        self.epoch = _new_epoch()
+        self.lock = threading.Lock()
+
+    def integrate(self, perceived: PerceivedView, number: int = 0) -> Outcome:
+        """Integrates a view or refuses it, and records it as processed. ``number``: the view's number in the log."""
+        with self.lock:
+            self.number = number
+            outcome = self._integrate(perceived)
+            self.processed.record(perceived, outcome)
+        return outcome
+
+    def _integrate(self, perceived: PerceivedView) -> Outcome:
+        if perceived.view is None:
+            return Outcome(fault=perceived.fault)
+        source, missed = perceived.key[0], self.joint.validator.missed
+        missed_before = missed.get(source, 0)
+        try:
+            result = self.joint.accept(perceived.view, perceived.perception)
+        except ViewError as error:
+            unknown = error.name in _PLACE_UNKNOWN
+            floor = "" if unknown else self.joint.floor_at(perceived.view.floor_z_m)
+            return Outcome(floor, fault=str(error))
+        n_missed = missed.get(source, 0) - missed_before
+        if result is None:
+            return Outcome(n_missed=n_missed)
+        return Outcome(result.floor, True, "", result.changes, n_missed)
+
+    def freeze(self) -> State:
+        """A copy of everything. The maps may change afterwards. Safe from any thread."""
+        with self.lock:
+            return {"number": self.number, "maps": freeze(self.joint), "processed": self.processed.state()}
+
+    def restore(self, state: State) -> None:
+        """Replaces everything by a copy that ``freeze`` made. SnapshotError: it can't be restored."""
+        joint = thaw(state["maps"], self.joint.config)
+        processed = ProcessedViews.from_state(state["processed"])
+        with self.lock:
+            self.joint, self.processed, self.number = joint, processed, state["number"]
+            self.epoch = _new_epoch()
+
+
+def _new_epoch() -> str:
+    return secrets.token_hex(6)
+
+
+def _fault_message(perceived: PerceivedView, fault: str) -> str:
+    source, view = perceived.key
+    which = perceived.header.seq if source.startswith("robot/") else view
+    return f"view {which} of {source} was refused: {fault}"

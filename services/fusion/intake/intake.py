@@ -1,0 +1,100 @@
+"""View intake: subscribes to robots and cameras, and has perception look at every new picture."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+from surveilnav.bus import Node, Received
+from surveilnav.messages import FrameHeader
+from surveilnav.services.fusion.building_maps import BuildingMaps
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.intake.perception import PerceptionClient
+from surveilnav.services.fusion.intake.pictures import PictureCache
+from surveilnav.services.fusion.intake.ranking import ViewRanking
+from surveilnav.services.fusion.intake.robot_positions import RobotPositions
+from surveilnav.services.fusion.intake.sources import InvokedCamera, Sources
+from surveilnav.services.fusion.intake.texts import TextEncoder
+from surveilnav.services.fusion.intake.words import SearchedWords
+from surveilnav.services.fusion.intake.workers import Workers
+from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
+
+_WORDS_PERIOD_S = 0.2  # between two checks of what missions search for
+
+
+class ViewIntake:
+    """Takes frames from the bus and returns them as perceived views.
+
+    Attributes:
+        positions: the positions that robots report.
+        texts: embeds texts with the model that embeds the views.
+    """
+
+    def __init__(self, node: Node, settings: FusionSettings, maps: BuildingMaps) -> None:
+        self._views_per_step = settings.camera_views_per_step
+        self._words = SearchedWords(node, settings.prompts)
+        self._sources = Sources(node, settings, maps, self._words)
+        self._pictures = PictureCache(settings.picture_cache_mb << 20)
+        self._workers = Workers(node)
+        self.positions = RobotPositions()
+        self.texts = TextEncoder(self._workers)
+        ranking = ViewRanking(maps, self.positions)
+        self._perception = PerceptionClient(node, settings, self._workers, maps, self._words, ranking)
+        self._faulty: dict[ViewKey, PerceivedView] = {}
+        self._perceived_for: tuple[frozenset[str], str] = frozenset(), ""  # words and embedding model of the last check
+        self._words_s = 0.0
+
+    @property
+    def cameras(self) -> Mapping[str, InvokedCamera]:
+        """The cameras that are invoked now, by name."""
+        return self._sources.cameras
+
+    @property
+    def problem(self) -> str:
+        """Why perception doesn't answer at the moment; "" while it does."""
+        return self._perception.problem
+
+    def poll(self) -> bool:
+        """Invokes cameras (eq. 1), receives the newest frame of every view, and hands it to perception.
+
+        Returns:
+            Whether any frame has arrived.
+        """
+        frames, dropped = self._sources.poll()
+        for source in dropped:
+            self._perception.withdraw(source)
+            self._pictures.drop_source(source)
+        self._perceive_again_for_new_words()
+        for frame in frames:
+            self._submit(frame)
+        return bool(frames)
+
+    def pop_perceived(self) -> list[PerceivedView]:
+        """Views that are ready for the maps: those of robots first, then a few of cameras, so that no robot waits for many."""
+        faulty, self._faulty = list(self._faulty.values()), {}
+        return faulty + (self._perception.pop_robots() or self._perception.pop_cameras(self._views_per_step))
+
+    def _submit(self, frame: Received[FrameHeader]) -> None:
+        header = frame.message
+        if fault := self._sources.wrong_intrinsics(header):
+            key = header.source, header.view
+            self._faulty[key] = PerceivedView(key, header, fault=fault)
+            return
+        self.positions.record(header)
+        self._pictures.put(frame)
+        self._perception.submit(frame)
+
+    def _perceive_again_for_new_words(self) -> None:
+        """Has perception look at the cached pictures of cameras again, if there is a reason to.
+
+        That is so when a mission searches for a word that wasn't looked for in them, and when another model embeds views.
+        """
+        now_s = time.monotonic()
+        if now_s - self._words_s < _WORDS_PERIOD_S:
+            return
+        self._words_s = now_s
+        words, embedder = frozenset(self._perception.words()), self._workers.embedder
+        former_words, former_embedder = self._perceived_for
+        if words - former_words or embedder != former_embedder:
+            self._perception.resubmit(self._pictures.frames())
+        self._perceived_for = words, embedder

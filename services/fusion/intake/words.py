@@ -1,0 +1,53 @@
+"""The words that detectors with an open vocabulary look for: the targets of open missions, and a standing list."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from surveilnav.bus import Node
+from surveilnav.contract import MISSION_STATUS
+from surveilnav.errors import TargetError
+from surveilnav.messages import FINISHED_STATES
+from surveilnav.words import MAX_WORDS, validate_word
+
+
+class SearchedWords:
+    """Follows the missions on the bus, and says which words their targets are."""
+
+    def __init__(self, node: Node, standing: Sequence[str]) -> None:
+        """``standing``: words that are always looked for."""
+        self._node, self._standing = node, standing
+        node.alive("planner")  # the first call starts to follow presence
+        self._missions = node.table(MISSION_STATUS)
+
+    def current(self) -> tuple[str, ...]:
+        """The words to look for now, sorted and unique: at most ``MAX_WORDS``, and those of missions take precedence.
+
+        A mission counts only while a planner is on the bus to continue it.
+        """
+        searched = _valid_words(self._targets())
+        words = list(dict.fromkeys((*sorted(searched), *sorted(_valid_words(self._standing)))))
+        if len(words) > MAX_WORDS:
+            self._node.warn_seldom("too many words are searched for at once", left_out=len(words) - MAX_WORDS)
+        return tuple(sorted(words[:MAX_WORDS]))
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no mission is open."""
+        return not self._targets()
+
+    def _targets(self) -> list[str]:
+        """The targets of open missions."""
+        rows = self._missions.rows() if self._node.alive("planner") else []
+        return [row.message.target for row in rows if row.message.state not in FINISHED_STATES]
+
+
+def _valid_words(names: Iterable[str]) -> set[str]:
+    """The names that are valid words. The planner refuses others, so others on the bus come from attackers or bugs."""
+    words = set()
+    for name in names:
+        try:
+            words.add(validate_word(name))
+        except TargetError:
+            continue
+    return words

@@ -1,0 +1,56 @@
+"""Requests to other services over the bus. What can't be had becomes a ``Problem``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from surveilnav.bus import Node, Received, Refused, Unanswered
+from surveilnav.contract import Stream
+from surveilnav.services.gateway.core.problems import Problem, refusal
+
+#: Services that can be started by ``python -m surveilnav.services.{name}``.
+_STARTABLE = ("planner", "fusion", "perception", "recorder")
+
+
+def request(node: Node, owner: str, stream: Stream, message: Any = None, **options: Any) -> Received[Any]:
+    """Sends a request and returns the answer. Blocks for as long as the contract lets an answer take.
+
+    Args:
+        node: the gateway's.
+        owner: who is asked, as problems name it.
+        stream: of the contract.
+        message: the request's; None if it has none.
+        options: as for ``Node.ask``.
+
+    Raises:
+        Problem: the owner refuses, isn't there (503), or doesn't answer in time (504).
+    """
+    try:
+        return node.ask(stream, message, **options)
+    except Refused as error:
+        raise refusal(error.name, str(error)) from error
+    except Unanswered as error:
+        if error.timed_out:
+            raise Problem(504, "timeout", f"{owner} didn't answer in time; try again") from error
+        raise absent(owner) from error
+
+
+def request_existing(node: Node, what: str, id: str, owner: str, stream: Stream, **options: Any) -> Received[Any]:
+    """The answer about something that may not exist: ``what`` with that ``id``, which an ``owner`` keeps.
+
+    Raises:
+        Problem: as ``request``; 404 if an owner is there, but refuses or none of its kind keeps that id.
+    """
+    try:
+        return request(node, owner, stream, **options)
+    except Problem as problem:
+        if problem.status == 409 or (problem.name == "absent" and node.alive(owner)):
+            detail = f"no {what} {id!r}" + (f": {problem.detail}" if problem.status == 409 else "")
+            raise Problem(404, "not_found", detail) from problem
+        raise
+
+
+def absent(owner: str) -> Problem:
+    """503: nobody of that kind is there; the detail says how to start one."""
+    hint = f"; start one with `python -m surveilnav.services.{owner}`" if owner in _STARTABLE else ""
+    return Problem(503, "absent", f"no {owner} is there{hint}")

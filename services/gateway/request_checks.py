@@ -1,0 +1,71 @@
+"""Checks of a request's headers before anything else is read: its host, its origin, and the length of its body."""
+
+from __future__ import annotations
+
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from surveilnav.services.gateway.core.hosts import foreign_host, foreign_origin
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.responses import problem_response
+
+MAX_BODY_BYTES = 64 * 1024
+#: Methods that change nothing, and whose answers a page of another site can't read.
+_SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+
+
+class RequestChecks:
+    """ASGI middleware that answers a request with a problem if a check fails.
+
+    ``allowed`` are the names that the gateway answers under (None: under any).
+    """
+
+    def __init__(self, app: ASGIApp, allowed: frozenset[str] | None) -> None:
+        self._app, self._allowed = app, allowed
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        problem = self._problem(scope["method"], Headers(scope=scope)) if scope["type"] == "http" else None
+        if problem:
+            await problem_response(Request(scope), problem)(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
+
+    def _problem(self, method: str, headers: Headers) -> Problem | None:
+        return self._check_host(headers) or self._check_origin(method, headers) or _check_body(headers)
+
+    def _check_host(self, headers: Headers) -> Problem | None:
+        """421: the request is for another host."""
+        host = foreign_host(headers.getlist("host"), self._allowed)
+        if host is None:
+            return None
+        names = ", ".join(sorted(self._allowed or ()))
+        return Problem(
+            421,
+            "foreign_host",
+            f"this gateway answers as {names}, and was asked for as {host[:200]!r}. If people shall reach it by that name, add "
+            "it to SURVEILNAV_GATEWAY__ALLOWED_HOSTS",
+        )
+
+    def _check_origin(self, method: str, headers: Headers) -> Problem | None:
+        """403: a page of another site has somebody's browser change something here."""
+        if method in _SAFE_METHODS:
+            return None
+        origin = foreign_origin(headers.getlist("origin"), self._allowed)
+        if origin is None:
+            return None
+        return Problem(
+            403,
+            "foreign_page",
+            f"a page of {origin[:200]!r} asked for this. If it is yours, add its name to SURVEILNAV_GATEWAY__ALLOWED_HOSTS",
+        )
+
+
+def _check_body(headers: Headers) -> Problem | None:
+    """413 for a body that is too long, 411 for one without a length."""
+    length = headers.get("content-length", "0")
+    if "transfer-encoding" in headers:
+        return Problem(411, "length_required", "send the body with a Content-Length")
+    if not (length.isascii() and length.isdigit()) or int(length) > MAX_BODY_BYTES:
+        return Problem(413, "too_large", f"a request body has at most {MAX_BODY_BYTES} bytes")
+    return None

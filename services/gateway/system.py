@@ -1,0 +1,63 @@
+"""The addresses of the system as a whole: building, emergency stop, traffic, services, metrics, health and readiness."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Response
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+
+from surveilnav.rest import ROOT, Building, Items, Readiness, RobotHalt, Service, Traffic
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.responses import Limit, Offset, Responses, page_of
+from surveilnav.services.gateway.service import Gateway
+
+_METRICS: Responses = {
+    200: {"description": "the text format of Prometheus", "content": {"text/plain": {"schema": {"type": "string"}}}}
+}
+
+
+def router(gateway: Gateway) -> APIRouter:
+    """The building, the emergency stop, traffic, services, health and readiness."""
+    router = APIRouter()
+
+    @router.get(f"{ROOT}/buildings", tags=["building"])
+    def buildings(limit: Limit = 100, offset: Offset = 0) -> Items[Building]:
+        """The buildings that this gateway serves: one."""
+        return page_of([gateway.building()], limit, offset)
+
+    @router.post(f"{ROOT}/robots/stop", tags=["building"])
+    def stop(reason: Annotated[str, Body(embed=True, max_length=200)] = "") -> Items[RobotHalt]:
+        """EMERGENCY STOP: every robot stops at once, whoever drives it, and refuses to move until it is released. All
+        missions are paused."""
+        return page_of(gateway.stop_robots(reason))
+
+    @router.get(f"{ROOT}/traffic", tags=["building"])
+    def traffic() -> Traffic:
+        """Bytes offered, delivered and on the wire."""
+        return gateway.traffic()
+
+    @router.get(f"{ROOT}/services", tags=["health"])
+    def services(limit: Limit = 100, offset: Offset = 0) -> Items[Service]:
+        """Processes that `surveilnav up` keeps running, and how often each was started again. Docker Compose reports its own."""
+        return page_of(gateway.services(), limit, offset)
+
+    @router.get("/metrics", tags=["health"], response_class=Response, responses=_METRICS)
+    def metrics() -> Response:
+        """All that is counted, for Prometheus."""
+        return Response(generate_latest(gateway.metrics()), media_type=CONTENT_TYPE_LATEST)
+
+    @router.get("/healthz", tags=["health"])
+    def healthz() -> dict[str, str]:
+        """This process lives. Whether a mission could run is /readyz."""
+        return {"status": "ok"}
+
+    @router.get("/readyz", tags=["health"])
+    def readyz() -> Readiness:
+        """Whether a mission could run now: 200, or 503 with what is missing."""
+        readiness = gateway.readiness()
+        if not readiness.ready:
+            raise Problem(503, "not_ready", f"missing: {', '.join(readiness.missing)}", **readiness.model_dump())
+        return readiness
+
+    return router

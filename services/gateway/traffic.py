@@ -1,0 +1,57 @@
+"""Traffic on the bus: of every node, and what missions cost."""
+
+from __future__ import annotations
+
+import threading
+
+from surveilnav.rest import MissionTraffic, Traffic
+from surveilnav.services.gateway.core.mission_traffic import ByteCounts, MissionUsages
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.traffic import ReportAge, sum_traffic
+from surveilnav.services.gateway.state import BuildingState
+
+
+def present_traffic(state: BuildingState) -> Traffic:
+    """What every node counted, summed by node, camera and robot."""
+    rows = {f"{r.message.kind}/{r.message.node}": r for r in state.traffic.rows()}
+    received = {name: ReportAge(row.received_ns, state.traffic.is_old(row)) for name, row in rows.items()}
+    return sum_traffic((row.message for row in rows.values()), received)
+
+
+class MissionTrafficMeter:
+    """Counts what cameras and robots send while missions run, at every ``update``. Thread-safe."""
+
+    def __init__(self, state: BuildingState) -> None:
+        self._state = state
+        self._usages = MissionUsages()
+        self._lock = threading.Lock()
+
+    def clear(self) -> None:
+        """Begins anew: a replay was taken to another moment."""
+        with self._lock:
+            self._usages = MissionUsages()
+
+    def update(self) -> None:
+        """Adds what cameras and robots sent since the last update."""
+        counts = ByteCounts.from_traffic(present_traffic(self._state))
+        statuses = [row.message for row in self._state.missions.newest("mission").values()]
+        with self._lock:
+            self._usages.update(statuses, counts)
+
+    def all(self) -> dict[str, MissionTraffic]:
+        """The traffic of the missions that were seen running, by mission."""
+        found = {}
+        for id, row in self._state.missions.newest("mission").items():
+            with self._lock:
+                usage = self._usages.get(id)
+                if usage is not None:
+                    found[id] = usage.resource(row.message, row.received_ns)
+        return found
+
+    def one(self, id: str) -> MissionTraffic:
+        """The traffic of one mission; 404 if this gateway didn't see it run."""
+        if (found := self.all().get(id)) is None:
+            raise Problem(
+                404, "no_traffic", f"mission {id} wasn't seen running: it waits, or ended before the gateway came"
+            )
+        return found

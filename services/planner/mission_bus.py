@@ -1,0 +1,193 @@
+"""What a mission asks the other services: where the robot is, the maps that contain its newest view, and to move."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+from surveilnav.bus import Node, Refused, Table, Unanswered, clock_ns
+from surveilnav.contract import MAP_REVISION, ROBOT_COMMAND, ROBOT_STATUS
+from surveilnav.errors import WireError
+from surveilnav.messages import Command, CommandReply, Revision, RobotStatus, Stair
+from surveilnav.messages.robot import ActionName
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.core import FloorMaps
+from surveilnav.services.planner.floor_maps import FloorMapsClient
+
+_POLL_S = 0.004
+_ASK_AGAIN_S = 2.0
+_MAX_STAIRS = 64
+_FARTHEST_M = 10_000.0
+
+
+class MissionFailedError(Exception):
+    """The mission can't go on. ``name`` is one of the contract's failure names."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
+class MissionCancelledError(Exception):
+    """Somebody cancelled the mission, or the service ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class MissionBus:
+    """The bus as one mission uses it.
+
+    Every wait ends: with what it waits for, with ``MissionCancelledError``, or with ``MissionFailedError`` when its time is
+    over. ``report_waiting`` is called with the reason why the robot stands still.
+    """
+
+    node: Node
+    settings: PlannerSettings
+    revisions: Table[Revision]
+    maps: FloorMapsClient
+    robot: str
+    report_waiting: Callable[[str], None]
+    cancelled: Callable[[], bool]
+
+    def robot_status(self) -> RobotStatus:
+        """The robot's status now. MissionFailedError: no valid one arrived for ``robot_timeout_s``."""
+        began_s = time.monotonic()
+        while True:
+            try:
+                timeout_s = self.settings.ask_timeout_s
+                status: RobotStatus = self.node.ask(ROBOT_STATUS, robot=self.robot, timeout_s=timeout_s).message
+                if not (fault := _fault_of(status)):
+                    return status
+                self.node.reject(ROBOT_STATUS.name, f"robot {self.robot}: {fault}")
+                error: Exception = WireError(fault)
+            except (Unanswered, Refused) as unanswered:
+                error = unanswered
+            self._wait_for_robot(began_s, error)
+
+    def stairs(self, status: RobotStatus) -> tuple[Stair, ...]:
+        """The stairs in the robot's status; invalid ones are left out and counted."""
+        kept = tuple(s for s in status.stairs[:_MAX_STAIRS] if _is_stair(s))
+        if len(kept) < len(status.stairs):
+            dropped = len(status.stairs) - len(kept)
+            self.node.reject("stairs", f"robot {self.robot} speaks of {dropped} that can't be, or of too many")
+        return kept
+
+    def maps_with(self, seq: int) -> FloorMaps:
+        """The maps of the robot's floor, as soon as they contain its observation ``seq``. Nothing waits for cameras' views.
+
+        Raises:
+            MissionFailedError: perception_down, fusion_down or robot_lost, after ``maps_timeout_s``.
+        """
+        began_s = time.monotonic()
+        while True:
+            revision = self._revision_with(seq, began_s)
+            try:
+                return self.maps.maps_at(revision, self.robot)
+            except (Unanswered, Refused, WireError) as error:
+                name, why = self._missing_service(revision, str(error))
+                if isinstance(error, Refused) and error.name == "perception_down":
+                    name, why = error.name, str(error)
+                self._wait_or_fail(began_s, self.settings.maps_timeout_s, name, why)
+
+    def move(self, action: str, seq: int, mission: str, to_floor: str | None = None) -> int:
+        """Has the robot carry out one action after observation ``seq``; returns its newest sequence number.
+
+        A command whose answer was lost isn't repeated blindly: the robot's sequence number tells whether it was carried out.
+
+        Raises:
+            Refused: the robot can't carry it out.
+            MissionFailedError: it didn't answer for ``robot_timeout_s``.
+        """
+        began_s = time.monotonic()
+        deadline_ms = round(self.settings.command_deadline_s * 1000)
+        while True:
+            command = Command(
+                stamp_ns=clock_ns(),
+                action=cast("ActionName", action),
+                seq_expected=seq,
+                deadline_ms=deadline_ms,
+                to_floor=to_floor,
+                mission=mission,
+            )
+            try:
+                reply: CommandReply = self.node.ask(
+                    ROBOT_COMMAND, command, robot=self.robot, timeout_s=self.settings.ask_timeout_s
+                ).message
+                return reply.seq  # refused by its number: it stands elsewhere than we thought, look again there
+            except Unanswered as error:
+                self._wait_for_robot(began_s, error)
+                newest = self.robot_status().seq
+                if newest != seq:
+                    return newest
+
+    def _revision_with(self, seq: int, began_s: float) -> Revision:
+        """The newest revision of the floor whose maps contain observation ``seq``; waits for it."""
+        asked_s = time.monotonic()
+        while True:
+            rows = [row.message for row in self.revisions.rows()]
+            if holding := [r for r in rows if r.robots.get(self.robot) == seq]:
+                return max(holding, key=lambda r: r.stamp_ns)
+            now_s = time.monotonic()
+            if now_s - asked_s > _ASK_AGAIN_S:  # a put may have been lost with the router
+                asked_s = now_s
+                for received in self.node.ask_all(MAP_REVISION, timeout_s=self.settings.ask_timeout_s):
+                    if received.message.robots.get(self.robot) == seq:
+                        return cast("Revision", received.message)
+            newest = max(rows, key=lambda r: r.stamp_ns, default=None)
+            name, why = self._missing_service(
+                newest, f"the maps don't hold observation {seq} of robot {self.robot} yet"
+            )
+            self._wait_or_fail(began_s, self.settings.maps_timeout_s, name, why)
+
+    def _missing_service(self, revision: Revision | None, otherwise: str) -> tuple[str, str]:
+        """Which service is holding up the maps. Returns the failure name for the mission and a message for people."""
+        if self.robot not in self.node.alive("robot"):
+            return "robot_lost", f"robot {self.robot} has left the bus"
+        if not self.node.alive("fusion"):
+            return "fusion_down", "fusion is down"
+        if not self.node.alive("perception"):
+            return "perception_down", "perception is down"
+        if revision is not None and not revision.perception_ok:
+            return "perception_down", f"perception is down: {revision.message}"
+        return "fusion_down", otherwise
+
+    def _wait_for_robot(self, began_s: float, error: Exception) -> None:
+        self._wait_or_fail(
+            began_s, self.settings.robot_timeout_s, "robot_lost", f"robot {self.robot} is silent: {error}"
+        )
+
+    def _wait_or_fail(self, began_s: float, limit_s: float, name: str, why: str) -> None:
+        """Waits a moment. MissionFailedError: ``limit_s`` have passed since ``began_s``."""
+        waited_s = time.monotonic() - began_s
+        if waited_s > limit_s:
+            raise MissionFailedError(name, f"{why}; waited {limit_s:g} s")
+        if waited_s > self.settings.late_s:
+            self.report_waiting(f"holding still: {why}")
+        self._pause(_POLL_S)
+
+    def check_cancelled(self) -> None:
+        """MissionCancelledError: somebody cancelled the mission, or the service ends."""
+        if self.cancelled() or self.node.stopping.is_set():
+            raise MissionCancelledError
+
+    def _pause(self, seconds: float) -> None:
+        self.check_cancelled()
+        time.sleep(seconds)
+
+
+def _fault_of(status: RobotStatus) -> str:
+    """What is invalid in a robot's status; "" if nothing is."""
+    if not math.isfinite(status.pitch_rad):
+        return f"expected its camera's pitch in radians, got {status.pitch_rad}"
+    if not 0.0 <= status.path_m < math.inf:
+        return f"expected the length of its way in metres, 0 or more, got {status.path_m}"
+    return ""
+
+
+def _is_stair(stair: Stair) -> bool:
+    """Whether a stair joins two floors at finite places, over a length that can be walked."""
+    places = all(math.isfinite(v) and abs(v) < _FARTHEST_M for v in (*stair.at_m, *stair.to_m))
+    floors = bool(stair.floor) and bool(stair.to_floor) and stair.floor != stair.to_floor
+    return places and floors and 0.0 < stair.length_m < _FARTHEST_M

@@ -1,0 +1,161 @@
+"""All missions of a building: which there are, which robot has which, and which are resumed after a restart."""
+
+from __future__ import annotations
+
+import threading
+
+from surveilnav.bus import Node
+from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
+from surveilnav.errors import MissionError
+from surveilnav.messages import MissionGoal
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.mission_runner import MissionContext, MissionRunner, new_mission
+from surveilnav.services.planner.store import Store, StoreError
+from surveilnav.services.planner.summaries import Summaries
+from surveilnav.services.planner.targets import resolve_target
+
+
+class MissionRegistry:
+    """One mission per robot at a time, several robots at once. Safe to use from any thread."""
+
+    def __init__(self, node: Node, settings: PlannerSettings) -> None:
+        self._node, self._settings = node, settings
+        self._lock = threading.Lock()
+        self._missions: dict[str, MissionRunner] = {}
+        self._robots = node.table(ROBOT_STATUS)
+        self._store = Store(settings.store, node)
+        self._context = MissionContext(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
+        self._resumed = self._resume()
+
+    def all(self) -> list[MissionRunner]:
+        """All missions, in the order in which they were accepted."""
+        with self._lock:
+            return list(self._missions.values())
+
+    def get(self, id: str) -> MissionRunner | None:
+        """The mission of that id; None if it isn't known."""
+        with self._lock:
+            return self._missions.get(id)
+
+    def retry_saving(self) -> None:
+        """Retries what the store couldn't do: be read when the planner started, or written since."""
+        with self._lock:
+            self._resumed = self._resumed or self._resume()
+        for mission in self.all():
+            mission.retry_saving()
+
+    def accept(self, goal: MissionGoal) -> MissionRunner:
+        """Starts a mission, or returns the one that the same goal started before.
+
+        Raises:
+            MissionError: it can't be accepted; the message says what would be.
+        """
+        if not 1 <= goal.max_steps <= self._settings.max_steps:
+            raise MissionError("bad_goal", f"max_steps must be 1 to {self._settings.max_steps}, got {goal.max_steps}")
+        target = resolve_target(self._node, goal.target)
+        with self._lock:
+            if not self._resumed:  # a robot may have a mission already
+                raise MissionError("store_failed", "the store of missions can't be read yet: send the goal again later")
+            if known := self._missions.get(goal.mission):
+                if known.matches(goal, target):
+                    return known  # the same goal sent again
+                raise MissionError("mission_exists", f"mission {known.id!r} exists already for {known.status.target!r}")
+            mission = self._begin(goal, target)
+        self._node.log.info("mission accepted", mission=mission.id, target=target, robot=mission.robot)
+        return mission
+
+    def _begin(self, goal: MissionGoal, target: str) -> MissionRunner:
+        robot, why = self._robot_for(goal)
+        mission = MissionRunner(self._context, new_mission(goal, target, robot, why))
+        try:
+            mission.save()  # before it is acknowledged: what was accepted exists, come what may
+        except StoreError as error:
+            raise MissionError("store_failed", str(error)) from error
+        self._missions[mission.id] = mission
+        self._forget_oldest()
+        mission.announce()
+        return mission
+
+    def _robot_for(self, goal: MissionGoal) -> tuple[str, str]:
+        """The robot for a goal and "", or "" and why the mission waits for one. MissionError: neither is possible."""
+        try:
+            return self._free_robot(goal.robot), ""
+        except MissionError as error:
+            if not goal.queue or error.name == "unknown_robot":
+                raise
+            waiting = sum(m.is_queued for m in self._missions.values())
+            if waiting >= self._settings.max_queued:
+                raise MissionError("queue_full", f"{waiting} missions wait for a robot already: cancel one") from error
+            return "", f"waits: {str(error).partition(':')[0]}"  # the rest of the message suggests queueing
+
+    def assign_robots(self) -> None:
+        """Starts queued missions for which a robot is free now, in the order in which they were accepted."""
+        with self._lock:
+            for mission in [m for m in self._missions.values() if m.is_queued]:
+                try:
+                    mission.assign(self._free_robot(mission.wanted_robot))
+                except (MissionError, StoreError):
+                    continue
+
+    def is_halted(self, robot: str) -> bool:
+        """Whether a robot is halted, by its latest status."""
+        return any(row.message.robot == robot and row.message.state == "halted" for row in self._robots.rows())
+
+    def _resume(self) -> bool:
+        """Resumes the unfinished missions of the store and loads the finished ones; False if the store can't be read.
+
+        A robot has one mission at a time: the one accepted last goes on, other open ones of the same robot end.
+        """
+        try:
+            saved = self._store.load()
+        except StoreError as error:
+            self._node.warn_seldom("store_failed: no mission is resumed yet", error=str(error))
+            return False
+        self._missions = {s.status.mission: MissionRunner(self._context, s) for s in saved}
+        last = {m.robot: m for m in self._missions.values() if not m.finished and m.robot}
+        for mission in list(self._missions.values()):
+            if mission.finished:
+                continue
+            if mission.robot and mission is not last[mission.robot]:
+                mission.supersede(last[mission.robot].id)
+                continue
+            self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
+            mission.announce()
+        self._forget_oldest()
+        return True
+
+    def _free_robot(self, wanted: str) -> str:
+        """The robot asked for, or any that is here and has no mission."""
+        here = sorted(self._node.alive("robot") & {row.message.robot for row in self._robots.rows()})
+        busy = {m.robot: m.id for m in self._missions.values() if not m.finished and m.robot}
+        if wanted:
+            if wanted not in here:
+                known = ", ".join(here) or "none"
+                raise MissionError("unknown_robot", f"no robot {wanted!r} is on the bus; here are: {known}")
+            if wanted in busy:
+                raise MissionError(
+                    "robot_busy", f"robot {wanted!r} is on mission {busy[wanted]!r}: cancel that or wait for its end"
+                )
+            if self.is_halted(wanted):
+                raise MissionError("robot_halted", f"robot {wanted!r} is halted: release it first")
+            return wanted
+        free = [robot for robot in here if robot not in busy and not self.is_halted(robot)]
+        if not here:
+            raise MissionError("no_free_robot", "no robot is on the bus: start a robot node and send the goal again")
+        if not free:
+            held = ", ".join(f"{robot} on {busy[robot]}" if robot in busy else f"{robot} halted" for robot in here)
+            raise MissionError(
+                "no_free_robot",
+                f"no robot is free ({held}): cancel a mission, release a robot, wait, or queue the goal",
+            )
+        return free[0]
+
+    def _forget_oldest(self) -> None:
+        finished = [id for id, m in self._missions.items() if m.finished]
+        oldest = finished[: max(0, len(finished) - self._settings.finished_missions_kept)]
+        for id in oldest:
+            del self._missions[id]
+        try:
+            self._store.delete(oldest)
+        except StoreError as error:
+            self._node.warn_seldom("store_failed: old missions stay in it", error=str(error))

@@ -1,0 +1,453 @@
+"""One mission: the loop observe, decide, act of one robot, on a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import msgspec
+
+from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
+from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
+from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.core import Decision, FloorMaps, MissionState, RobotView, step
+from surveilnav.services.planner.floor_maps import FloorMapsClient
+from surveilnav.services.planner.mission_bus import MissionBus, MissionCancelledError, MissionFailedError
+from surveilnav.services.planner.pausing import Pause, PausedError
+from surveilnav.services.planner.store import PendingAction, SavedMission, Store, StoreError
+from surveilnav.services.planner.summaries import Summaries
+from surveilnav.words import canonical
+
+#: How often in a row a robot may refuse a stair; the core gives the stair up long before.
+_MAX_REFUSALS = 5
+_PAUSE_CHECK_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class MissionContext:
+    """What all missions share: the bus, the settings, the latest messages of fusion and the cameras, and the store."""
+
+    node: Node
+    settings: PlannerSettings
+    revisions: Table[Revision]
+    summaries: Summaries
+    store: Store
+
+
+def new_mission(goal: MissionGoal, target: str, robot: str, message: str = "") -> SavedMission:
+    """A mission before its first step. ``robot`` "": it waits for the goal's robot, or for any; ``message`` says why."""
+    now_ns = clock_ns()
+    asked = _as_asked(goal) if canonical(goal.target) != target else ""
+    return SavedMission(
+        status=MissionStatus(
+            stamp_ns=now_ns,
+            mission=goal.mission,
+            target=target,
+            robot=robot,
+            state="queued",
+            phase="queued",
+            step=0,
+            max_steps=goal.max_steps,
+            path_m=0.0,
+            started_ns=now_ns,
+            message=message,
+            asked=asked,
+        ),
+        wanted_robot=goal.robot,
+    )
+
+
+def _as_asked(goal: MissionGoal) -> str:
+    """The target as the user typed it, on one line."""
+    return " ".join(goal.target.split())
+
+
+class MissionRunner:
+    """Runs one mission, a new one or one that the store kept.
+
+    Attributes:
+        status, plan: the latest ones.
+        robot: the robot's id; "" while the mission waits for one.
+        unsaved: whether the store lacks the latest state.
+    """
+
+    def __init__(self, context: MissionContext, saved: SavedMission) -> None:
+        self._node, self._settings, self._store = context.node, context.settings, context.store
+        self._summaries = context.summaries
+        self.status, self.plan, self.robot = saved.status, saved.plan, saved.status.robot
+        self._state = self._load_state(saved)
+        self._pending, self._cancel, self._pause = saved.pending, saved.cancel, Pause(saved.paused)
+        self.wanted_robot = saved.wanted_robot
+        self._robot_path_m = saved.robot_path_m
+        self._path_before_m = self.status.path_m - saved.robot_path_m
+        self._refusals = 0
+        self._ended = threading.Event()
+        self.unsaved = False
+        self._saving = (
+            threading.Lock()
+        )  # cancelling writes from another thread; an older state must not be written last
+        self._bus = MissionBus(
+            self._node,
+            self._settings,
+            context.revisions,
+            FloorMapsClient(self._node, self.status.target, self._settings.ask_timeout_s),
+            self.robot,
+            self._report_waiting,
+            self._check_interrupted,
+        )
+        # summaries received before the mission count too: its choices of floor are based on them
+        heard = sum(self._summaries.received_bytes().values()) - self._summaries.fresh_bytes()
+        self._summary_bytes_before = heard - self.status.floor_choice_bytes
+        self._statuses: Publisher | None = None
+        self._plans: Publisher | None = None
+        self._thread = threading.Thread(target=self._run, name=f"mission-{self.id}", daemon=True)
+        self._starting = threading.Lock()  # a queued mission may be cancelled while it is being started
+
+    @property
+    def id(self) -> str:
+        return self.status.mission
+
+    @property
+    def finished(self) -> bool:
+        return self.status.state in FINISHED_STATES
+
+    def matches(self, goal: MissionGoal, target: str) -> bool:
+        """Whether a goal is the one of this mission, sent again.
+
+        ``target``: the goal's target in perception's present vocabulary, which may have changed since.
+        """
+        said = {self.status.target, self.status.asked} - {""}
+        return self.status.max_steps == goal.max_steps and not said.isdisjoint({target, _as_asked(goal)})
+
+    @property
+    def is_queued(self) -> bool:
+        """Whether it has no robot yet."""
+        return not self.robot and not self.finished
+
+    def save(self) -> None:
+        """Writes the mission to the store. Raises StoreError."""
+        with self._saving:
+            memory = "" if self.finished else self._state.to_json().decode()
+            saved = SavedMission(
+                status=self.status,
+                plan=self.plan,
+                pending=self._pending,
+                robot_path_m=self._robot_path_m,
+                cancel=self._cancel,
+                paused=self._pause.reason,
+                wanted_robot=self.wanted_robot,
+                memory=memory,
+            )
+            under_way = not self.finished and self._pending is not None and self._cancel is None
+            self._store.save(saved, finished=self.finished, sync=not under_way)
+
+    def announce(self) -> None:
+        """Publishes the mission. If it has a robot, it starts, or goes on where the store says that it was."""
+        self._statuses = self._node.publisher(MISSION_STATUS, mission=self.id)
+        self._plans = self._node.publisher(MISSION_PLAN, mission=self.id)
+        self._publish_status()
+        if self.robot:
+            self._thread.start()
+
+    def assign(self, robot: str) -> None:
+        """Starts a queued mission with a robot. StoreError: that can't be written, and the mission stays queued."""
+        with self._starting:
+            if not self.is_queued:
+                return
+            waiting = self.status
+            self._update_status(robot=robot, message="")
+            try:
+                self.save()
+            except StoreError:
+                self.status = waiting
+                raise
+            self.robot, self._bus = robot, replace(self._bus, robot=robot)
+            self._publish_status()
+            self._thread.start()
+
+    def supersede(self, by: str) -> None:
+        """Ends a mission that can't be resumed because its robot was given a later one."""
+        self._end("failed", error="superseded", message=f"robot {self.robot} was given mission {by!r} meanwhile")
+        self._ended.set()
+
+    def retry_saving(self) -> None:
+        """Tries again to write the end of a mission that the store couldn't take, so that it isn't resumed after a restart."""
+        if self.unsaved and self.finished:  # an open one is written with its next decision
+            self._save_or_warn()
+
+    def cancel(self, reason: str, wait_s: float) -> None:
+        """Cancels the mission and stops the robot; waits for that, at most ``wait_s``."""
+        with self._starting:
+            self._cancel = reason or "cancelled"
+            if self.is_queued:
+                self._end("cancelled", message=self._cancel)
+                self._close()
+                self._ended.set()
+        self._save_or_warn()
+        self._ended.wait(wait_s)
+
+    def pause(self, reason: str) -> None:
+        """Pauses the mission once the current action is done; then its state is "paused"."""
+        self._pause.begin(reason)
+        self._save_or_warn()
+
+    def resume(self) -> None:
+        """Resumes a paused mission."""
+        self._pause.end()
+        self._save_or_warn()
+
+    def wait_until(self, *, paused: bool, at_most_s: float) -> None:
+        """Waits until the mission is paused, or isn't, or has ended; at most ``at_most_s``."""
+        until_s = time.monotonic() + at_most_s
+        while (self.status.state == "paused") != paused and not self.finished and time.monotonic() < until_s:
+            time.sleep(0.01)
+
+    # --- the loop -------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            self._publish_status(
+                state="active", phase="waiting", message="waiting for the robot's first view in the maps"
+            )
+            self._search_with_pauses()
+        except MissionCancelledError:
+            if self._node.stopping.is_set():
+                return  # the session is closing; the robot's command deadline stops it
+            self._stop_robot()
+            self._end("cancelled", message=self._cancel or "")
+        except MissionFailedError as lost:
+            self._stop_robot()
+            self._end("failed", error=lost.name, message=str(lost))
+        except Exception as error:  # a bug must end this mission alone, and visibly
+            if self._node.stopping.is_set():
+                return  # the session was closed meanwhile
+            self._node.log.exception("mission failed", mission=self.id)
+            self._stop_robot()
+            self._end("failed", error="internal", message=f"{type(error).__name__} in the planner; see its log")
+        finally:
+            self._ended.set()
+            if not self._node.stopping.is_set():
+                self._close()
+
+    def _close(self) -> None:
+        for publisher in (self._statuses, self._plans):
+            if publisher is not None:
+                publisher.close()
+
+    def _search(self) -> None:
+        """Repeats until the mission ends: maps that contain observation n, a decision, an action, observation n + 1.
+
+        A resumed mission starts with the action that it decided on last. The robot's sequence number tells whether that
+        was carried out already.
+        """
+        while True:
+            self._bus.check_cancelled()
+            if self._pending is None:
+                status = self._bus.robot_status()
+                maps = self._bus.maps_with(status.seq)
+                self._pending = self._decide(status, maps)
+            self._bus.check_cancelled()
+            if self._carry_out(self._pending):
+                return
+            self._pending = None
+
+    def _search_with_pauses(self) -> None:
+        """Searches; after a pause the search goes on with the decision that it interrupted."""
+        while True:
+            try:
+                return self._search()
+            except PausedError:
+                self._wait_while_paused()
+
+    def _check_interrupted(self) -> bool:
+        """Whether the mission was cancelled. PausedError: it is paused."""
+        if self._cancel is None:
+            self._pause.check()
+        return self._cancel is not None
+
+    def _wait_while_paused(self) -> None:
+        """Waits until the mission is resumed. MissionCancelledError: it was cancelled, or the service ends."""
+        self._publish_status(state="paused", phase="paused", message=self._pause.reason or "")
+        while self._pause.reason is not None:
+            if self._cancel is not None or self._node.stopping.is_set():
+                raise MissionCancelledError
+            self._pause.wait(_PAUSE_CHECK_S)
+        self._publish_status(state="active", phase="waiting", message="going on")
+
+    def _decide(self, status: RobotStatus, maps: FloorMaps) -> PendingAction:
+        """Decides on the next action, and writes it to the store before the robot hears of it."""
+        robot = self._robot_view(status)
+        self._state, decision = step(
+            self._state, maps, robot, self._settings.core, summaries=self._summaries.by_floor()
+        )
+        facts = {
+            "step": self._state.step,
+            "path_m": self._path_before_m + robot.path_m,
+            "floor": status.floor,
+            "object_id": decision.object_id,
+            "floor_choice_bytes": self._floor_choice_bytes(),
+        }
+        if not decision.finished:
+            facts |= {
+                "state": "confirming" if decision.phase == "confirming" else "active",
+                "phase": decision.phase,
+                "distance_remaining_m": decision.distance_m,
+                "message": decision.message,
+            }
+        self._update_status(**facts)
+        self.plan = self._plan(decision, status, maps)
+        self._pending = PendingAction.from_decision(decision, status.seq)
+        self._save_or_warn()
+        self._publish(self._plans, self.plan)
+        if not decision.finished:
+            self._publish(self._statuses, self.status)
+        return self._pending
+
+    def _robot_view(self, status: RobotStatus) -> RobotView:
+        """The robot as the core sees it. A stair that it refused doesn't count as its last action."""
+        robot = RobotView.from_status(status, self.id, self._bus.stairs(status))
+        if robot.path_m < self._robot_path_m:  # the robot was restarted, and counts from zero
+            self._path_before_m += self._robot_path_m
+        self._robot_path_m = robot.path_m
+        return replace(robot, last_action=None, collided=False) if self._refusals else robot
+
+    def _carry_out(self, pending: PendingAction) -> bool:
+        """Carries out a decision; True if that ended the mission."""
+        if pending.finished:
+            if self._conclude(pending):
+                return True
+            self._state.reopen()  # the robot had moved on: the decision was for another observation
+            return False
+        self._act(pending)
+        return False
+
+    def _act(self, pending: PendingAction) -> None:
+        action = str(pending.action)
+        try:
+            self._bus.move(action, pending.seq, self.id, pending.to_floor)
+        except Refused as refused:
+            if refused.name == "halted":  # releasing the robot isn't enough: a person must resume the mission
+                self.pause(f"robot {self.robot} is halted: release it, then resume this mission")
+                raise PausedError from refused
+            self._refusals += 1  # the core counts this against the stair and decides again
+            if action != "take_stairs" or self._refusals > _MAX_REFUSALS:
+                raise MissionFailedError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
+            self._report_waiting(f"robot {self.robot} refused {action}: {refused}")
+            return
+        self._refusals = 0
+
+    def _conclude(self, pending: PendingAction) -> bool:
+        """Ends the mission as decided; False if the robot refused the stop because it is at another observation."""
+        if not pending.found:
+            self._stop_robot()
+            self._end("failed", error=pending.error, message=pending.message)
+            return True
+        try:
+            if self._bus.move("stop", pending.seq, self.id) != pending.seq + 1:
+                return False
+        except Refused as refused:
+            raise MissionFailedError("stuck", f"robot {self.robot} refused to stop: {refused}") from refused
+        self._end("done", found=True, message=pending.message)
+        return True
+
+    def _stop_robot(self) -> None:
+        """Asks the robot once to stop. If that fails, the deadline of its last command stops it."""
+        world = MissionBus(
+            self._node,
+            self._settings.model_copy(update={"robot_timeout_s": 1e-3}),
+            self._bus.revisions,
+            self._bus.maps,
+            self.robot,
+            lambda _: None,
+            lambda: False,
+        )
+        try:
+            world.move("stop", world.robot_status().seq, self.id)
+        except (MissionFailedError, Refused, MissionCancelledError) as error:
+            self._node.log.warning("couldn't stop the robot", robot=self.robot, error=str(error))
+
+    # --- the store -----------------------------------------------------------------------------------------------
+
+    def _load_state(self, saved: SavedMission) -> MissionState:
+        """The core's state from the store; if it can't be read, a fresh one that continues the count of steps."""
+        status = saved.status
+        fresh = MissionState(status.target, max_steps=status.max_steps, step=status.step)
+        if not saved.memory:
+            return fresh
+        try:
+            return MissionState.from_json(saved.memory.encode())
+        except msgspec.MsgspecError as error:
+            self._node.log.error("memory_unreadable: the mission begins anew", mission=status.mission, error=str(error))
+            return fresh
+
+    def _save_or_warn(self) -> None:
+        """Writes the mission to the store. If that fails the mission goes on, but may not survive a restart of the planner."""
+        try:
+            self.save()
+            self.unsaved = False
+        except StoreError as error:
+            self.unsaved = True
+            self._node.warn_seldom("store_failed: this mission may not survive a restart", error=str(error))
+
+    # --- status and plan ------------------------------------------------------------------------------------------------
+
+    def _floor_choice_bytes(self) -> int:
+        return sum(self._summaries.received_bytes().values()) - self._summary_bytes_before
+
+    def _report_waiting(self, why: str) -> None:
+        if self.status.message != why:
+            self._publish_status(phase="waiting", message=why)
+
+    def _update_status(self, **changes: Any) -> None:
+        self.status = msgspec.structs.replace(self.status, stamp_ns=clock_ns(), **changes)
+
+    def _publish_status(self, **changes: Any) -> None:
+        self._update_status(**changes)
+        self._publish(self._statuses, self.status)
+
+    def _publish(self, publisher: Publisher | None, message: MissionStatus | Plan) -> None:
+        if publisher is not None:
+            publisher.put(message)
+
+    def _end(self, state: str, *, error: str = "", message: str = "", found: bool = False) -> None:
+        self._update_status(
+            state=state,
+            phase="finished",
+            error=error,
+            message=message,
+            found=found,
+            finished_ns=clock_ns(),
+            distance_remaining_m=None,
+            floor_choice_bytes=self._floor_choice_bytes(),
+        )
+        self._save_or_warn()
+        self._publish(self._statuses, self.status)
+        self._node.log.info(
+            "mission ended",
+            mission=self.id,
+            state=state,
+            error=error,
+            message=message,
+            floor_choice_bytes=self.status.floor_choice_bytes,
+            summary_bytes_by_floor=self._summaries.received_bytes(),
+        )
+
+    def _plan(self, decision: Decision, status: RobotStatus, maps: FloorMaps) -> Plan:
+        return Plan(
+            stamp_ns=clock_ns(),
+            mission=self.id,
+            robot=self.robot,
+            floor=status.floor,
+            step=self._state.step,
+            seq=status.seq,
+            action=decision.action or "",
+            waypoint=decision.waypoint,
+            path_m=[(round(x, 3), round(y, 3)) for x, y in decision.path],
+            candidates=list(decision.candidates),
+            why=decision.message,
+            revision=maps.revision,
+            pending_views=maps.pending_views,
+        )

@@ -1,0 +1,61 @@
+"""The resources of the REST interface, each defined once: the gateway answers with them, its OpenAPI document describes
+them, and the client returns them.
+
+Lengths are metres, angles radians, times UTC, positions in the world frame. A ``Resource`` has ``last_seen`` (when the
+gateway last heard of it) and ``stale`` (its owner is gone, or it is older than the contract allows). Numbers that aren't
+finite are null: remote data can hold anything. These models need pydantic and nothing else.
+"""
+
+from surveilnav.rest.base import ID_PATTERN, ROOT, GrowingItems, Items, Resource
+from surveilnav.rest.building import Building, Floor, FloorCamera, Layer, Object, ObjectEvent
+from surveilnav.rest.cameras import AccessRecord, Camera, CameraCone, CameraView, PictureKeeper
+from surveilnav.rest.missions import FINISHED_STATES, Mission, MissionPlan, MissionTraffic, NewMission, Place
+from surveilnav.rest.recordings import Recorder, Recording, Replay, ReplayChange
+from surveilnav.rest.robots import Robot, RobotHalt, StageTimes, Target, Worker
+from surveilnav.rest.streams import LIVE_RESOURCES, Event, LiveState, StreamData, Tile, TileState
+from surveilnav.rest.system import NodeTraffic, Readiness, Service, SourceTraffic, Traffic
+
+__all__ = [
+    "FINISHED_STATES",
+    "ID_PATTERN",
+    "LIVE_RESOURCES",
+    "ROOT",
+    "AccessRecord",
+    "Building",
+    "Camera",
+    "CameraCone",
+    "CameraView",
+    "Event",
+    "Floor",
+    "FloorCamera",
+    "GrowingItems",
+    "Items",
+    "Layer",
+    "LiveState",
+    "Mission",
+    "MissionPlan",
+    "MissionTraffic",
+    "NewMission",
+    "NodeTraffic",
+    "Object",
+    "ObjectEvent",
+    "PictureKeeper",
+    "Place",
+    "Readiness",
+    "Recorder",
+    "Recording",
+    "Replay",
+    "ReplayChange",
+    "Resource",
+    "Robot",
+    "RobotHalt",
+    "Service",
+    "SourceTraffic",
+    "StageTimes",
+    "StreamData",
+    "Target",
+    "Tile",
+    "TileState",
+    "Traffic",
+    "Worker",
+]

@@ -1,0 +1,77 @@
+"""The system itself: whether a mission could run, processes that are kept running, and traffic on the bus."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from pydantic import BaseModel, Field
+
+from surveilnav.rest.base import Resource, Text
+
+
+class Readiness(BaseModel):
+    """Whether a mission could run now."""
+
+    ready: bool
+    missing: list[str]
+    checks: dict[str, str] = Field(description="per part: who is there, or what is missing and how to start it")
+
+
+class Service(Resource):
+    """A process that `surveilnav up` keeps running."""
+
+    id: str
+    running: bool = Field(description="false: it has ended, and waits for its next start or was given up")
+    restarts: int = Field(description="how often it was started again")
+    restarted: datetime | None = Field(description="when it was last started again")
+    why: Text = Field(description="how it had ended: a signal or an exit code")
+    given_up: bool = Field(description="it ended too often in a row, and isn't started any more")
+
+
+class NodeTraffic(Resource):
+    """Bytes and messages of a node since it started. ``wire_*``: the kernel's count on its own sockets."""
+
+    id: str
+    kind: str
+    offered_bytes: int
+    delivered_bytes: int
+    offered_messages: int
+    delivered_messages: int
+    wire_sent_bytes: int | None
+    wire_received_bytes: int | None
+    simulation_bytes: int = Field(description="ground truth for simulated perception: no traffic of a real building")
+    rejected: dict[str, int] = Field(description="what it dropped because it couldn't be read, by reason")
+
+
+class SourceTraffic(Resource):
+    """Bytes under the keys of a camera or robot: offered by it, delivered to all others."""
+
+    id: str
+    node: str
+    offered_bytes: int
+    delivered_bytes: int
+    wire_sent_bytes: int | None
+    frame_bytes: int
+    frames: int
+    viewer_bytes: int = Field(description="thumbnails for people, counted in offered_bytes too")
+    by_stream: dict[str, int] = Field(description="offered bytes by stream of the contract")
+
+
+class Traffic(BaseModel):
+    """Bytes offered, delivered and on the wire: in all, and by node, camera and robot.
+
+    ``wire_sent_bytes`` is the sum over the nodes whose kernel counts it.
+    """
+
+    offered_bytes: int
+    delivered_bytes: int
+    wire_sent_bytes: int | None
+    nodes: list[NodeTraffic]
+    cameras: list[SourceTraffic]
+    robots: list[SourceTraffic]
+
+    def by_source(self) -> dict[str, BaseModel]:
+        """The same in parts that change independently: "total" (without its lists), "camera/..." and "robot/..."."""
+        total = self.model_copy(update={"nodes": [], "cameras": [], "robots": []})
+        cameras = {f"camera/{s.id}": s for s in self.cameras}
+        return {"total": total, **cameras, **{f"robot/{s.id}": s for s in self.robots}}

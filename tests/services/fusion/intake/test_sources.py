@@ -1,0 +1,226 @@
+"""Who is listened to, and which frames are let in: a node of a few lines instead of the bus."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+import structlog
+
+from surveilnav import contract
+from surveilnav.geometry import Pinhole, Pose
+from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader
+from surveilnav.messages.view import PayloadPart
+from surveilnav.services.fusion.building_maps import BuildingMaps
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.fusion.intake import sources as module
+from surveilnav.services.fusion.intake.sources import Sources
+
+CAMERA = Pinhole.from_hfov(160, 120, 1.4)
+
+
+class FakeTable:
+    def __init__(self) -> None:
+        self.said: dict[str, SimpleNamespace] = {}
+
+    def rows(self, max_age_s=None):
+        return list(self.said.values())
+
+
+class FakeSlot:
+    def __init__(self) -> None:
+        self.frame, self.closed = None, False
+
+    def poll(self):
+        frame, self.frame = self.frame, None
+        return frame
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class FakeNode:
+    """What the sources need of a node."""
+
+    def __init__(self) -> None:
+        self.infos, self.statuses, self.living = FakeTable(), FakeTable(), set()
+        self.slots: dict[tuple[object, ...], FakeSlot] = {}
+        self.slots_opened: list[FakeSlot] = []
+        self.rejected: list[str] = []
+        self.log = structlog.wrap_logger(None, processors=[self._drop])
+
+    def _drop(self, *_):
+        raise structlog.DropEvent
+
+    def table(self, stream):
+        return self.infos if stream is contract.CAMERA_INFO else self.statuses
+
+    def latest(self, stream, **ids):
+        slot = self.slots[tuple(ids.values())] = FakeSlot()
+        self.slots_opened.append(slot)
+        return slot
+
+    def alive(self, kind):
+        return set(self.living)
+
+    def key(self, stream, **ids):
+        return ""
+
+    def reject(self, where, why):
+        self.rejected.append(where)
+
+    def robots(self, *names: str) -> None:
+        """Only they have said something lately."""
+        self.statuses.said = {name: SimpleNamespace(ids={"robot": name}) for name in names}
+
+    def camera(self, name: str, views=(0,), z_m=1.8) -> None:
+        pose = Pose((0.0, 0.0, z_m), (0.0, 0.0, 0.0, 1.0))
+        message = CameraInfo(
+            stamp_ns=1,
+            camera=name,
+            floor="0",
+            position_m=(0.0, 0.0, z_m),
+            mounting_offset_m=1.8,
+            intrinsics=CAMERA,
+            views=[CameraViewInfo(view, pose) for view in views],
+        )
+        self.infos.said[name] = SimpleNamespace(ids={"camera": name}, message=message)
+
+
+def header(source="robot/r", **more) -> FrameHeader:
+    fields = {"stamp_ns": 1, "view": 0, "seq": 1} | more
+    return FrameHeader(
+        source=source,
+        floor="0",
+        T_world_camera=Pose((1.0, 2.0, 0.9), (0.0, 0.0, 0.0, 1.0)),
+        camera=CAMERA,
+        mounting_offset_m=0.9,
+        depth_range_m=(0.1, 10.0),
+        image=PayloadPart("jpeg", 1),
+        depth=PayloadPart("depth-invq-zstd", 1),
+        **fields,
+    )
+
+
+class Followed:
+    """Sources that follow the robot r on floor 0."""
+
+    def __init__(self, **settings) -> None:
+        self.node = FakeNode()
+        self.node.robots("r")
+        self.maps, self.words = BuildingMaps(FusionConfig()), SimpleNamespace(is_idle=True)
+        self.sources = Sources(self.node, FusionSettings(**settings), self.maps, self.words)
+        self.look()
+        self.says()
+        self.look()
+
+    def look(self):
+        self.sources._refreshed_s = -1e9
+        return self.sources.poll()
+
+    def says(self, **fields) -> None:
+        self.node.slots["r",].frame = SimpleNamespace(message=header(**fields))
+
+
+@pytest.fixture
+def followed():
+    return Followed()
+
+
+@pytest.mark.parametrize("how", ["deleted", "renamed"])
+def test_a_camera_that_says_nothing_of_itself_any_more_lingers(followed, how):
+    followed.node.camera("c")
+    followed.look()
+    camera = followed.sources.cameras["c"]
+    if how == "deleted":
+        followed.node.infos.said.clear()
+    else:
+        followed.node.infos.said["c"].ids = {"camera": "other"}
+    assert followed.look()[1] == []
+    assert followed.sources.cameras == {"c": camera}
+
+
+def test_a_lingering_camera_unheard_of_is_not_listened_to(followed, monkeypatch):
+    monkeypatch.setattr(module, "_MAX_CAMERAS", 0)
+    followed.node.camera("c")
+    followed.look()
+    monkeypatch.setattr(module, "_MAX_CAMERAS", 5)
+    followed.node.infos.said.clear()
+    followed.look()
+    assert followed.sources.cameras == {}
+
+
+@pytest.mark.parametrize(
+    "fields", [{"seq": 2**53}, {"seq": 2**64 - 1}, {"seq": -1}, {"stamp_ns": 2**62}, {"stamp_ns": -1}]
+)
+def test_a_number_that_nobody_can_hold_is_counted_by_name_and_let_in_nowhere(followed, fields):
+    followed.says(**{"seq": 2} | fields)
+    assert followed.look()[0] == []
+    assert followed.node.rejected == ["frame.bad_number"]
+    followed.says(seq=2**53 - 1, stamp_ns=2**62 - 1)
+    assert len(followed.look()[0]) == 1
+
+
+@pytest.mark.parametrize("view", [2**63, 64, -1])
+def test_a_camera_with_a_view_that_nobody_can_number_is_not_listened_to(followed, view):
+    followed.node.camera("c", [0, view])
+    followed.look()
+    assert followed.sources.cameras == {}
+    assert followed.node.rejected == ["camera_info"]
+
+
+def test_a_view_named_twice_is_listened_to_once(followed):
+    slots = len(followed.node.slots_opened)
+    followed.node.camera("c", [1, 0, 1, 1])
+    followed.look()
+    assert sorted(followed.sources.cameras["c"].slots) == [0, 1]
+    assert len(followed.node.slots_opened) == slots + 2
+
+
+def test_a_robot_that_is_silent_and_gone_makes_room(followed, monkeypatch):
+    monkeypatch.setattr(module, "_MAX_ROBOTS", 1)
+    node, slot = followed.node, followed.node.slots["r",]
+    node.living = {"r"}
+    node.robots("s")
+    followed.look()
+    assert ("s",) not in node.slots  # r is silent, and yet there
+    node.living = {"s"}
+    node.robots("r", "s")
+    followed.look()
+    assert ("s",) not in node.slots  # r is not silent
+    node.robots("s")
+    followed.look()
+    assert ("s",) in node.slots
+    assert slot.closed
+
+
+@pytest.mark.parametrize(
+    ("ahead", "heard"), [(0, [["near"]] * 3), (2, [["near", "up1", "up2"], ["near", "up2", "up3"], ["near"]])]
+)
+def test_while_nobody_searches_a_few_other_cameras_are_looked_through_once(ahead, heard):
+    f = Followed(prefetch_cameras=ahead)
+    f.node.camera("near")
+    for name in ("up1", "up2", "up3"):
+        f.node.camera(name, views=(0, 1), z_m=4.8)
+    told = []
+    for held in ({}, {"up1": {0, 1}, "up2": {0}}, {"up1": {0, 1}, "up2": {0, 1}, "up3": {0, 1}}):
+        f.maps.processed.views = held
+        f.look()
+        told.append(sorted(f.sources.cameras))
+    assert told == heard
+
+
+def test_a_search_ends_looking_ahead_and_silent_cameras_are_passed_over():
+    f = Followed(prefetch_cameras=1)
+    for name in ("up1", "up2"):
+        f.node.camera(name, z_m=4.8)
+    f.look()
+    assert list(f.sources.cameras) == ["up1"]
+    f.sources.cameras["up1"].is_silent = True
+    for _ in range(2):
+        f.look()
+        assert list(f.sources.cameras) == ["up2"]
+    f.words.is_idle = False
+    f.look()
+    assert not f.sources.cameras
